@@ -27,7 +27,8 @@ from typing import Annotated
 import typer
 import typer.core
 
-from fmu_src import __version__, content, doctor, models, system
+from fmu_src import __version__, content, doctor, models, native_fmu, system
+from fmu_src.binaries import PLATFORMS
 from fmu_src.models import Model
 from fmu_src.species import SPECIES
 from fmu_src.variable import Variable
@@ -79,6 +80,29 @@ def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_to
             script = stage / f"{name}.py"
             _write_text(script, _SCRIPT.format(model=model, name=name, guid=content.guid(digest)))
             archive = _pack(script, stage, execution_tool, model.documents)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(target, archive)
+    except OSError as error:
+        raise _unwritable(target, error) from None
+    return target
+
+
+def build_native(
+    network: Network,
+    out: str | os.PathLike[str] = "dist",
+    settings: Settings | None = None,
+    starts: Mapping[str, float | str] | None = None,
+    fmi: int = 2,
+    platforms: Sequence[str] = (),
+) -> Path:
+    """Build ``<out>/<network.name>.fmu`` that needs no Python on its host, and return its path.
+
+    fmi : 2 or 3, the version of the standard. platforms : of :data:`fmu_src.binaries.PLATFORMS`; default this one's.
+    Raises ValueError as :func:`build`, where the network cannot be recorded, and where nothing can compile it.
+    """
+    target = Path(out) / f"{network.name}.fmu"
+    archive = _archive(native_fmu.files(network, settings or Settings(), starts or {}, fmi, platforms))
+    try:
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, archive)
     except OSError as error:
@@ -272,6 +296,12 @@ def main(
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help='Another start value, such as "CA.phi0=0 kPa*s".'),
     ] = None,
+    native: Annotated[bool, typer.Option("--native", help="An FMU that needs no Python on its host.")] = False,
+    fmi: Annotated[int, typer.Option(metavar="2|3", help="With --native: version of the standard.")] = 2,
+    platforms: Annotated[
+        str,
+        typer.Option(metavar="|".join(PLATFORMS), help="With --native: for which, by commas; default this machine."),
+    ] = "",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -283,7 +313,12 @@ def main(
         check_destinations(out / f"{arteries.name}.fmu", given=[network], folders=True)
         arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
         starts = _start_values(models.arteries_model(arteries, Settings()).table, change or [])
-        target = build(arteries, out, execution_tool=execution_tool, starts=starts)
+        if native:
+            target = build_native(arteries, out, None, starts, fmi, [p for p in platforms.split(",") if p])
+        else:
+            if fmi != 2 or platforms:
+                raise InputError("--fmi and --platforms: for FMUs that need no Python; add --native.")
+            target = build(arteries, out, execution_tool=execution_tool, starts=starts)
     _report(target, as_json, quiet)
 
 

@@ -1,12 +1,12 @@
-"""Pulse waves in viscoelastic arteries: all that a script needs, imported when it is asked for.
+"""Pulse waves in viscoelastic arteries: the public names for scripts, imported on first use.
 
 >>> import arterial_fmu as af
 >>> sheep = af.load("sheep")
 >>> af.simulate_periodic(sheep)["CA.P"].max()  # Pa
 >>> af.build(sheep, "dist")  # dist/sheep.fmu
 
-The packages behind it are here, too, and the same modules as under their plain names: ``arterial_fmu.solver`` is
-``solver``; so are fitting, discrepancy and fmu_src. The command line is in this package, which none of them imports.
+The packages behind it are the same modules as under their plain names: ``arterial_fmu.solver`` is ``solver``; likewise
+fitting, discrepancy and fmu_src. The command line is in this package, which none of them imports.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from .packages import PACKAGES, AsOwn, check_own, own
 
-if TYPE_CHECKING:  # "as" tells checkers that it is public
+if TYPE_CHECKING:  # "as" marks a name as public for type checkers
     from build_fmu import build as build
     from build_fmu import build_system as build_system
     from discrepancy import discover as discover
@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # "as" tells checkers that it is public
     from fmu_src.run import run_fmu as run_fmu
     from solver import *  # noqa: F403
 
-# where the names are that scripts use most; all further ones are those of solver
+# modules of the names that scripts use most; all other names are those of solver
 _HOMES = {
     "load": "solver",
     "simulate": "solver",

@@ -42,7 +42,7 @@ def everything(
 
 
 def _stub() -> None:
-    """Stands for a command that is not imported yet."""
+    """Placeholder for a command that is not yet imported."""
 
 
 for _name, _command in COMMANDS.items():
@@ -50,7 +50,7 @@ for _name, _command in COMMANDS.items():
 
 
 def main() -> None:
-    """The console script. An FMU may end the process that runs it: ``run`` has one of its own."""
+    """The console script. An FMU may end the process that runs it, so ``run`` has its own process."""
     if is_apart():
         end_with_parent()
     elif sys.argv[1:2] == ["run"]:

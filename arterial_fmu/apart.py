@@ -1,4 +1,4 @@
-"""A command in a process of its own, so that its death can be told."""
+"""A command in its own process, so that its death can be reported."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ def is_apart() -> bool:
 
 
 def end_with_parent() -> None:
-    """Take the end of the process that started this one for Ctrl-C, even one that could not tell; on Linux."""
+    """Treat the end of the parent process as Ctrl-C, even if it was killed; on Linux."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 def run_apart(words: Sequence[str]) -> int:
-    """Run ``arterial-fmu WORDS`` in a process of its own; its exit code, after a sentence if it died.
+    """Run ``arterial-fmu WORDS`` in its own process; return its exit code, after a sentence if it died.
 
-    It has a session of its own, so that Ctrl-C reaches it once: from here. Whatever ends this process is Ctrl-C to it.
+    The process has its own session, so that it receives Ctrl-C once, from here. Any end of this process is Ctrl-C to
+    it.
     """
     line = [sys.executable, "-m", "arterial_fmu", *words]
     process = subprocess.Popen(line, env={**os.environ, _APART: "1"}, start_new_session=True)
@@ -40,7 +41,7 @@ def run_apart(words: Sequence[str]) -> int:
         process.send_signal(signal.SIGINT)
 
     for number in _ENDING:
-        if signal.getsignal(number) != signal.SIG_IGN:  # as nohup has it
+        if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
             signal.signal(number, pass_on)
     code = process.wait()
     if came and code in (128 + signal.SIGINT, -signal.SIGINT):

@@ -1,4 +1,4 @@
-"""Every command by name: where its function is, and what it does. Nothing is imported before it is asked for."""
+"""Every command by name, with its function and its sentence for --help; imports happen on first use."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .packages import check_own
 
 @dataclass(frozen=True)
 class Command:
-    """A command: its function, or its command line of several, as "module:name", and a sentence for --help."""
+    """A command: its function, or its group of sub-commands, as "module:name", and a sentence for --help."""
 
     where: str
     does: str
@@ -22,28 +22,30 @@ class Command:
 
 COMMANDS: Mapping[str, Command] = {
     "solve": Command("solver.__main__:main", "Simulate a network of arteries."),
-    "list": Command("solver.commands:list_networks", "The networks that come along."),
+    "list": Command("solver.commands:list_networks", "List the included networks."),
     "import": Command("solver.commands:importers", "Make a network file of another format."),
     "export": Command("solver.commands:export_csv", "Write a network as a table with one row per vessel."),
-    "build": Command("build_fmu:app", "Build FMUs of arteries and of what they are coupled to."),
+    "build": Command("build_fmu:app", "Build FMUs of arteries, hearts, bodies and whole systems."),
     "run": Command("fmu_src.run:main", "Run an FMU from its start to a stop time."),
-    "doctor": Command("fmu_src.doctor:main", "Say whether an FMU runs here and what is missing."),
+    "doctor": Command("fmu_src.doctor:main", "Check whether an FMU runs here, and list what is missing."),
     "virtual": Command("fitting.__main__:virtual_command", "Make a cohort of virtual animals: synthetic records."),
     "fit": Command("fitting.__main__:fit_command", "Fit the wall of one site from its pressure and radius."),
     "cohort": Command("fitting.__main__:cohort_command", "Fit many subjects at many sites, and test claims."),
     "first": Command("fitting.first.command:first_command", "Make a first model from a recording."),
     "calibrate": Command(
-        "fitting.calibrate_command:calibrate_command", "Find parameters of a network from records of it."
+        "fitting.calibrate_command:calibrate_command", "Fit parameters of a network to records of it."
     ),
-    "check": Command("fitting.__main__:check_command", "Compare an FMU that has a parameter set with a record."),
-    "discover": Command("discrepancy.__main__:discover_command", "Find, name and add what a model lacks."),
-    "isolability": Command("discrepancy.__main__:isolability_command", "What sensors could tell apart, beforehand."),
-    "study": Command("arterial_fmu.study.command:main", "Vary parameters: which of them matter where."),
+    "check": Command("fitting.__main__:check_command", "Compare an FMU, run with a parameter set, with a record."),
+    "discover": Command("discrepancy.__main__:discover_command", "Find, name and add the physics that a model lacks."),
+    "isolability": Command(
+        "discrepancy.__main__:isolability_command", "Predict which effects sensors can distinguish."
+    ),
+    "study": Command("arterial_fmu.study.command:main", "Vary parameters, and show which of them matter where."),
 }
 
 
 def load(name: str) -> Any:
-    """The command itself, as typer runs it."""
+    """The command object of typer."""
     from solver.console import sentences
     from solver.options import one_command
 

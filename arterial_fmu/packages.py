@@ -1,6 +1,7 @@
-"""The packages behind ``arterial_fmu``: whether Python finds those of this project, and ``arterial_fmu.solver`` itself.
+"""The packages behind ``arterial_fmu``: check that Python finds those of this project, and provide
+``arterial_fmu.solver``.
 
-They have plain names, which a file of a user may have, too; Python takes the one that it finds first.
+They have plain names, which a user's file may also have; Python imports the one that it finds first.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Any
 _HOME = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver", "fmu_src", "fitting", "discrepancy")
 _PARENT = __name__.partition(".")[0]
-# what each of them imports, or runs in a process of its own
+# the packages that each of them imports, or runs in another process
 NEEDS: dict[str, tuple[str, ...]] = {
     "solver": (),
     "fmu_src": ("solver",),
@@ -50,7 +51,7 @@ def own(module: str) -> Any:
 
 
 class AsOwn(MetaPathFinder, Loader):
-    """Finds ``arterial_fmu.solver.network`` as the module ``solver.network``: one object, whatever it is called."""
+    """Find ``arterial_fmu.solver.network`` as the module ``solver.network``: one object under both names."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
@@ -64,12 +65,12 @@ class AsOwn(MetaPathFinder, Loader):
         return ModuleSpec(fullname, self, loader_state=plain) if find_spec(plain) else None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
-        """The module under its plain name; keep what it knows of its origin, which the import is about to replace."""
+        """The module under its plain name; keep its spec and loader, which the import is about to replace."""
         module: ModuleType = import_module(spec.loader_state)
         spec.loader_state = module.__spec__
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """It has run already: give it back its own origin."""
+        """The module has already run: restore its own spec and loader."""
         assert module.__spec__ is not None
         module.__spec__ = module.__spec__.loader_state

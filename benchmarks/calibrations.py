@@ -1,13 +1,13 @@
-"""How often a calibration from afar finds the truth: synthetic tubes with a Windkessel, all starts off by a factor.
+"""Success rate of calibrations from distant starts: synthetic tubes with a Windkessel, all starts off by a factor.
 
     python benchmarks/calibrations.py [--tubes N] [--first N] [--factor X] [--starts N] [--json FILE]
 
-Each tube is a draw of its own, by its number: length 20 to 50 cm, radius 8 to 12 mm, E 0.2 to 1 MPa, a viscosity of
+Each tube is an independent draw, by its number: length 20 to 50 cm, radius 8 to 12 mm, E 0.2 to 1 MPa, a viscosity of
 5 to 20 ms, beats of 0.5 to 1 s; a Windkessel whose R2 C is 0.3 to 5 s, with half to one and a half of the tube's
 impedance before it, and the resistance that makes a mean pressure of 9 to 14 kPa. Recorded are inlet.Q and P at both
-ends, 15 beats with white noise of 1 % of each channel's pulse. Five numbers without prior, E, phi0, R1, C and R2, begin
-above or below the truth by the factor. Counted are intervals of 95 % that hold the truth, ends far from it, failures,
-and the CPU time of each calibration.
+ends, 15 beats with white noise of 1 % of each channel's pulse. Five parameters without prior, E, phi0, R1, C and R2,
+start above or below the truth by the factor. The benchmark counts 95 % intervals that contain the truth, ends far from
+it, and failures, and measures the CPU time of each calibration.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ FREE = tuple(f"all.{key}:none" for key in ("E", "phi0", "outlet.R1", "outlet.C",
 NUMBERS = ("A.E", "A.phi0", "A.outlet.R1", "A.outlet.C", "A.outlet.R2")
 CHANNELS = ("Ao.P", "Pe.P")
 BEATS, SAMPLES, NOISE = 15, 200, 0.01
-FAR = 2.0  # χ²/dof of an end that is not the truth: the noise alone makes less
+FAR = 2.0  # χ²/dof of an end far from the truth; the noise alone gives less
 RHO = 1060.0  # kg/m³
 
 
@@ -54,7 +54,8 @@ class Made:
 
 @dataclass(frozen=True)
 class Row:
-    """What became of one: how many of five intervals hold the truth; why it failed, if it did; what starts did."""
+    """The result of one tube: the number of five intervals with the truth, the reason of a failure, the other
+    starts."""
 
     seed: int
     RC: float
@@ -110,7 +111,7 @@ def judge(seed: int, factor: float, starts: int) -> Row:
 
 
 def show(rows: Sequence[Row], console: Console) -> None:
-    """The counts, then what was not as it should be."""
+    """The counts, then the failures."""
     ended = [row for row in rows if not row.failed]
     seconds = [row.seconds for row in rows]
     far = [row for row in ended if row.chi2 > FAR]

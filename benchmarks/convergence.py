@@ -1,11 +1,10 @@
-"""How far the published networks are from their own converged beats, and what a beat costs: two tables.
+"""Errors of the published networks against their own converged beats, and the cost of a beat: two tables.
 
     python benchmarks/convergence.py [--rows FILE] [--small] [NETWORKS ...]
 
 Every network at default settings, with finer and coarser steps and elements, against a fine solution of the same
 solver. P and Q in the middle of every vessel, periodic beats; rms of the difference over the pulse of the fine one, its
-median and largest over the vessels. CPU time of one thread. FILE keeps what was measured, so that a run can be
-continued.
+median and largest over the vessels. CPU time of one thread. FILE stores the measurements, so that a run can be resumed.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ def errors(result: Waveforms, fine: Waveforms) -> dict[str, list[float]]:
 
 
 def measured(network: Network, fine: Waveforms, step: float, length: float) -> dict[str, Any]:
-    """One row; without errors where the solution broke down."""
+    """One row; without errors if the simulation failed."""
     settings, row = settings_of(network, step, length), {"network": network.name, "step": step, "length": length}
     try:
         paid = cost(network, settings) if step >= 1 and length >= 1 else {}
@@ -81,7 +80,7 @@ def shown(errors: list[float]) -> str:
 
 
 def tables(rows: list[dict[str, Any]]) -> None:
-    """Errors by step and element; and what it costs."""
+    """Errors by step and element, and the cost."""
     steps = [f"{step:g} ms, {5 * length:g} cm" for step, length in FACTORS]
     table = Table("network", "", *map(right, steps), title="rms over pulse: median and largest of the vessels")
     for name in dict.fromkeys(row["network"] for row in rows):
@@ -104,7 +103,7 @@ def main(
     ),
     small: Small = False,
 ) -> None:
-    """Measure what is not yet in the rows, and print."""
+    """Measure the missing rows, and print."""
     found = json.loads(rows.read_text()) if rows.is_file() else []
     done = {(row["network"], row["step"], row["length"]) for row in found}
     rows.parent.mkdir(parents=True, exist_ok=True)

@@ -1,11 +1,11 @@
-"""Two elastic laws weighed by their evidence: how often the right one is decided, and what the intervals cover.
+"""Selection between two elastic laws by evidence: rate of correct selections, and coverage of the intervals.
 
     python benchmarks/elastic_laws.py [--seeds 100] [--dB 40 --dB 30] [--json FILE]
 
 Virtual recordings (synthetic) as in benchmarks/wall_fits.py: 15 beats at 200 Hz, 11 kPa mean, 4 kPa pulse, white noise
-on P and R. The walls are Kelvin–Voigt (φ_NL = 0), of either law; so an interval of φ_NL without 0 is a false one. Each
-recording is fitted with `regression` alone, which was the default, and with both laws weighed. Coverage of 95 %
-intervals, in %; of 100 recordings, 95 % of the time 90 to 99 are covered.
+on P and R. The walls are Kelvin–Voigt (φ_NL = 0), of either law, so an interval of φ_NL without 0 is a false positive.
+Each recording is fitted with `regression` alone and with the selection between both laws. Coverage of 95 % intervals,
+in %; of 100 recordings, 90 to 99 are covered in 95 % of cases.
 """
 
 from __future__ import annotations

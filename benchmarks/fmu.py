@@ -2,8 +2,8 @@
 
     python benchmarks/fmu.py [--json FILE] [--small]
 
-CPU time of one thread in a fresh process, the best of several beats of the half-sine; what is compared runs in turns in
-one process. Nothing here is asserted: see the tests.
+CPU time of one thread in a new process, the best of several beats of the half-sine; compared variants run alternately
+in one process. Nothing here is asserted: see the tests.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ROUNDS = 4
 
 
 def rows(rounds: int) -> list[Row]:
-    """What a host pays: at the start, per step, for what it reads, off the grid, for a saved state."""
+    """The cost for a host: start, step, reading of outputs, steps off the grid, saved states."""
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
         fmu = build(load("sheep"), folder)

@@ -1,4 +1,4 @@
-"""What benchmarks/fmu.py measures of an FMU of the sheep network, in a process of its own; JSON on standard output."""
+"""The measurements of benchmarks/fmu.py on an FMU of the sheep network, in a new process; JSON on standard output."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Random calls into FMUs, in several processes: how many were made, refused, and how each process ended.
+"""Random calls into FMUs, in several processes: numbers of calls and rejections, and the end of each process.
 
     python -m benchmarks.fuzz [--calls 100000] [--jobs 2] [--seed 1]
 
-What is called and what is checked: tests/fuzz_machine.py. The exit code is 1 where a process did not end well; the last
-call of each is in build/fuzz/<seed>/calls.
+tests/fuzz_machine.py defines the calls and the checks. The exit code is 1 if a process ended abnormally; the last call
+of each is in build/fuzz/<seed>/calls.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def main(
 ) -> None:
     """Make the calls and print how the processes ended."""
     folder = ROOT / "build" / "fuzz"
-    # on a coarse grid: what is tried is the FMU, not the solver
+    # on a coarse grid, because the FMU is under test, not the solver
     fmus = [build(load(name), folder, Settings(dt=2e-3, element_length=0.1)) for name in ("sheep", "sheep_nonlinear")]
     fmus += [build_model(heart_model("human"), folder), build_model(body_model("human"), folder)]
     made = refused = died = processes = 0

@@ -1,13 +1,13 @@
-"""The honest bank of hidden effects: how well find and name do on records of an independent generator.
+"""The bank of hidden effects: success rates of find and name on records from an independent generator.
 
     python benchmarks/hidden_effects.py run    --kind bench --tuning --jobs 2
     python benchmarks/hidden_effects.py run    --kind network --group walls --tuning
     python benchmarks/hidden_effects.py report --tuning [--write]
 
-The records come from ``tests/truth``, which shares no numerical code with the solver; what they hide is known to the
-report only. The plan, the sizes and the seeds are fixed in ``tests/truth/plan.py``, the thresholds in
-``discrepancy/thresholds.py``; the reported seed is not run while they are tuned. One JSON line a record, appended as it
-finishes: a killed run goes on where it was.
+The records come from ``tests/truth``, which shares no numerical code with the solver; only the report knows the hidden
+effects. ``tests/truth/plan.py`` fixes the plan, the sizes and the seeds, ``discrepancy/thresholds.py`` the thresholds;
+the reported seed is not run while they are tuned. Each record appends one JSON line when it finishes, so a killed run
+can be resumed.
 """
 
 from __future__ import annotations
@@ -55,6 +55,9 @@ class Name(StrEnum):
     offcentre = "offcentre"
     outside_walls = "outside_walls"
     own = "own"
+    elastic = "elastic"
+    pairs = "pairs"
+    three = "three"
 
 
 GroupOption = Annotated[Name, typer.Option(help="Which group of records; see tests/truth/plan.py.")]
@@ -79,16 +82,18 @@ def run(
     out: Out = None,
     mixed: Annotated[bool, typer.Option("--mixed", help="Keep records that other sources have judged.")] = False,
     nulls: Annotated[bool, typer.Option("--nulls", help="Only records that hide nothing: cheap false alarms.")] = False,
+    least: Annotated[float, typer.Option(min=0.0, help="Only records whose effects all have this d' or more.")] = 0.0,
     scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that does it, tcp://…:8786.")] = None,
 ) -> None:
-    """Judge the records of the plan that are not yet in the file."""
+    """Diagnose the records of the plan that are not yet in the file."""
     seed = _seed(group, tuning)
     if kind.value not in GROUPS[group].records:
         raise SystemExit(f"group {group.value} has no {kind.value} records; give --kind network.")
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that its processes end with it
     try:
         path = out or _path(kind.value, group.value, seed)
-        Bank(path, kind.value, seed, sources_hash(), group.value).run(limit, jobs, mixed, nulls, scheduler=scheduler)
+        bank = Bank(path, kind.value, seed, sources_hash(), group.value)
+        bank.run(limit, jobs, mixed, nulls, scheduler=scheduler, least=least)
     except ValueError as error:
         raise SystemExit(str(error)) from None
     except KeyboardInterrupt:
@@ -104,7 +109,7 @@ def report(
     write: Annotated[bool, typer.Option("--write", help="Put the tables into docs/hidden-effects.md.")] = False,
     failures: Annotated[bool, typer.Option("--failures", help="List the records to look at.")] = False,
 ) -> None:
-    """Print the tables of what has been judged so far."""
+    """Print the tables of all records diagnosed so far."""
     known = [(k.value, name, _seed(name, tuning)) for name, g in GROUPS.items() for k in Kind if k.value in g.records]
     paths = out or [_path(*each) for each in known]
     lines = [x for path in paths for x in read(path) if kind is None or x["kind"] == kind.value]

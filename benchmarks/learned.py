@@ -33,11 +33,11 @@ from rich.table import Table
 from benchmarks.table import Small
 from discrepancy.learned_law import LearnedLaw
 from discrepancy.learning import Learnt, in_range, learns, learnt, stands
+from discrepancy.scoring import weighed
 from discrepancy.show import Run, free_run
 from discrepancy.source import build_fmu
 from discrepancy.study import Study, judge, prepare
 from discrepancy.verdict import Naming
-from discrepancy.weigh import weighed
 from fitting.fmu_run import RunFailed
 from fitting.inference.added import extended
 from fitting.inference.fit import Fit

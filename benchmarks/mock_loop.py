@@ -1,4 +1,4 @@
-"""How far one tube with a Windkessel goes on a real mock circulation: the tables of docs/real-recordings.md.
+"""One tube with a Windkessel as a model of a real mock circulation: the tables of docs/real-recordings.md.
 
     python benchmarks/mock_loop.py FOLDER [--network FILE --free NUMBER …] [--fit 2,10,20] [--judge 6,14,18]
 

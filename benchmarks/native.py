@@ -1,9 +1,10 @@
-"""The compiled engine against NumPy: CPU time of a step with its outputs, in one run, and how far the two are apart.
+"""The compiled engine against NumPy: CPU time of a step with its outputs and of a beat by harmonic balance, in one
+run, and the difference of the results.
 
     python benchmarks/native.py [--json FILE] [--small]
 
-One thread; the best of several stretches of a beat, NumPy's and the engine's by turns. Recording is what the first
-model of a kind costs, binding what each further one does. Nothing here is asserted: see the tests.
+One thread; the best of several stretches of a beat, NumPy and the engine alternately. Recording is the cost of the
+first model of a kind, binding that of each further one. Nothing here is asserted: see the tests.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 
 import platform
 import time
+from functools import partial
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -23,8 +25,8 @@ import numpy as np
 import typer
 
 from benchmarks.size import fork, tree
-from benchmarks.table import Row, Small, show
-from solver import Network, Settings, load
+from benchmarks.table import Row, Small, best, show
+from solver import Network, Settings, beat_harmonics, load
 from solver.coefficients import Parameters
 from solver.inflow import drives_of
 from solver.native import Engine, NoEngine, library
@@ -80,6 +82,19 @@ def measure(network: Network, parameters: Parameters | None, settings: Settings,
     return Cost(numpy, native, made[0] - made[1], made[1], apart)
 
 
+def balance_row(network: Network, repeats: int) -> Row:
+    """The beat of a network by harmonic balance, 20 harmonics of all outputs and 8 beyond."""
+    names = list(network.output_units())
+    runs = [partial(beat_harmonics, network, names, 20, backend=b) for b in ("native", "numpy")]
+    found, expected = (run() for run in runs)
+    kinds = np.array([name[-1] for name in names])
+    scale = np.array([np.abs(expected[..., kinds == kind]).max() for kind in kinds])
+    apart = float((np.abs(found - expected) / scale).max())
+    native, numpy = (best(run, repeats) for run in runs)
+    note = f"NumPy {1e6 * numpy:.0f} us, x {numpy / native:.1f}; apart {apart:.0e}"
+    return Row(f"{network.name}, a beat by balance", 1e6 * native, "us", None, note)
+
+
 def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
     small: Small = False,
@@ -108,6 +123,8 @@ def main(
             f"{1e3 * cost.record:.0f} ms, bound in {1e3 * cost.bind:.1f} ms"
         )
         rows.append(Row(what, 1e6 * cost.native, "us", None, note))
+    balances = ("sheep",) if small else ("sheep", "human", "circle_of_willis", "adan56")
+    rows += [balance_row(load(name), 2 if small else STRETCHES) for name in balances]
     show(
         rows, f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread", json_file
     )

@@ -1,9 +1,9 @@
-"""The published networks against openBF's own waveforms, and what explains the difference, one option at a time.
+"""The published networks against openBF's own waveforms, and the sources of the difference, one option at a time.
 
     python benchmarks/openbf.py [--data DIR] [--figure FILE] [--dt "2 ms"]
 
-Without DIR the middles of the vessels of cca and ibif are compared, which come along in tests/data/openbf; DIR holds
-openBF's results in its own form, <network>/<vessel>_P.csv and _Q.csv with five places along each vessel.
+Without DIR the benchmark compares the middles of the vessels of cca and ibif, included in tests/data/openbf. DIR
+contains openBF's results in its own format, <network>/<vessel>_P.csv and _Q.csv with five positions along each vessel.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""What openBF's own method leaves as error: the method written anew, and its parts switched one at a time.
+"""The discretisation error of openBF's method: the method reimplemented, and its components changed one at a time.
 
     python benchmarks/openbf_method.py [--data DIR] [--networks ibif,cca] [--figure FILE] [--no-switch]
 
 A network may be a file: that of `arterial-fmu import openbf DIR/adan56/adan56.yaml --as-run`, eight minutes.
 
-The method, by openBF's public source (version 2): cells of 1 mm; A and Q reconstructed with superbee slopes; fluxes
-of Lax and Friedrichs, of the speed dx/dt; Heun's steps at CFL 0.9; ghost cells that copy the end cells. What inlet,
-junction and outlet say by Riemann invariants overwrites A and Q of the end cells, vessel after vessel within a step.
-Where vessels part, the static pressure is continuous; where one goes on as one other, the total pressure.
-From rest with empty Windkessels to the beat that openBF recorded, which is the reference, as in benchmarks/openbf.py.
+The method, according to openBF's public source (version 2): cells of 1 mm; A and Q reconstructed with superbee slopes;
+Lax–Friedrichs fluxes with the speed dx/dt; Heun steps at CFL 0.9; ghost cells that copy the end cells. The conditions
+at inlet, junction and outlet, by Riemann invariants, overwrite A and Q of the end cells, vessel after vessel within a
+step. Bifurcations conserve the static pressure, junctions of two vessels the total pressure. Runs start at rest with
+empty Windkessels and end at the beat that openBF recorded, which is the reference, as in benchmarks/openbf.py.
 """
 
 from __future__ import annotations
@@ -207,7 +207,7 @@ def main(
     figure: Annotated[Path | None, typer.Option(help="Draw the differences of the flow in the first here.")] = None,
     switch_all: Annotated[bool, typer.Option("--switch/--no-switch", help="Switch parts of the method.")] = True,
 ) -> None:
-    """Compare the method, and its parts switched, with openBF's results."""
+    """Compare the method, and its variants, with openBF's results."""
     for i, name in enumerate(networks.split(",")):
         network, results = load(name), dict[str, Waveforms]()
         found = {key: x for key, x in reference(network, data).items() if key[-1] in "PQ"}

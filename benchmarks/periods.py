@@ -1,8 +1,8 @@
-"""How often the period of a record is a part of a beat, or several: synthetic recordings of which the beat is known.
+"""Rate of periods that are a part of a beat or several beats: synthetic recordings with known beats.
 
     python benchmarks/periods.py [--recordings N] [--processes N] [--json FILE]
 
-Each recording is a draw of its own, by its number: 8 to 30 beats of 0.3 to 1.5 s, sampled at 100 to 250 Hz, of one to
+Each recording is an independent draw, by its number: 8 to 30 beats of 0.3 to 1.5 s, sampled at 100 to 250 Hz, of one to
 four channels (flows, pressures, a radius). The heart ejects in one of five shapes. The rate varies by a standard
 deviation of 0 to 6 % of a beat, beat by beat or with a breath of 3.5 to 8 beats, the stroke by half of that. A channel
 has one to three peaks a beat: those after the first come at even distances, give or take 6 % of a beat, with 0.3 to 0.9

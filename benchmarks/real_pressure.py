@@ -1,8 +1,8 @@
-"""Whether measured arterial pressure can be cut into beats: windows of 15 s and of 30 s, one after the other.
+"""Cutting of measured arterial pressure into beats: consecutive windows of 15 s and of 30 s.
 
     python benchmarks/real_pressure.py FOLDER [--every SECONDS] [--json FILE]
 
-FOLDER holds records, one CSV file a patient with the columns ``time [s]`` and ``AA.P [mmHg]``. They do not come along.
+FOLDER holds records, one CSV file a patient with the columns ``time [s]`` and ``AA.P [mmHg]``. They are not included.
 The numbers of docs/fitting.md are of two ventilated patients, 125 Hz: the first ten minutes of ``sample_record`` and of
 ``sample_record2`` of the R package waveformtools (github.com/JohannesNE/waveformtools, commit 24ba1dc; MIT licence,
 copyright 2020 Johannes Enevoldsen), with time from 0, and nothing filtered or filled. The pressure is that of a

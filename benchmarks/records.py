@@ -1,4 +1,4 @@
-"""Reading, aligning and fitting a large record: seconds and memory, in a process of its own.
+"""Reading, aligning and fitting a large record: seconds and memory, in a new process.
 
     python benchmarks/records.py [--samples N] [--channels M] [--json FILE]
 

@@ -3,7 +3,7 @@
     python benchmarks/schemes.py [--rows FILE] [--figure FILE] [--small]
 
 Error of the fifth beat from rest (relative L2, pressures by their mean-removed norm) against the reference waveforms in
-tests/data, and CPU time of a beat, one thread. FILE keeps what was measured, so that a run can be continued.
+tests/data, and CPU time of a beat, one thread. FILE stores the measurements, so that a run can be resumed.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def main(
     figure: Annotated[Path, typer.Option(help="The figure to write.")] = ROOT / "docs" / "images" / "schemes.png",
     small: Small = False,
 ) -> None:
-    """Measure what is not in the file yet, print the table and draw the figure."""
+    """Measure the missing cases, print the table and draw the figure."""
     found: list[dict[str, Any]] = json.loads(rows.read_text()) if rows.exists() else []
     chosen = {case[:2]: case for case in reversed(cases())}.values() if small else cases()  # the coarsest of each
     for line, wall, settings in chosen:

@@ -1,4 +1,4 @@
-"""What the benchmarks share: one row a measurement, printed as a table and written as JSON."""
+"""Common code of the benchmarks: one row per measurement, printed as a table and written as JSON."""
 
 from __future__ import annotations
 

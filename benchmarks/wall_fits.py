@@ -1,4 +1,4 @@
-"""How accurate the fit of one site is, and how honest its intervals are: tables for the seven sites of the paper.
+"""Accuracy of the fit of one site, and coverage of its intervals: tables for the seven sites of the paper.
 
     python benchmarks/wall_fits.py [--seeds 200] [--drift 0] [--json FILE]
 

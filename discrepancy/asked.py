@@ -79,17 +79,20 @@ class Asked:
 
         Not how many processes simulate: to what the solver resolves, their answer is the same.
         """
-        found = {
-            "walls": self.walls or "by evidence",
+        walls, prior = self.walls or "by evidence", None
+        if self.prior is not None:
+            sha256 = hashlib.sha256(Path(self.prior).read_bytes()).hexdigest()
+            walls, prior = INDIVIDUAL, {"file": os.fspath(self.prior), "sha256": sha256}
+        given = {
+            "filters": list(self.filters),
+            "and": [os.fspath(each) for each in self.further],
+            "varies": list(self.varies),
+            "hold_out": [os.fspath(each) for each in self.hold_out],
+            "prior": prior,
+        }
+        return {
+            "walls": walls,
             "period": "found" if self.period is None else {"value": self.period, "unit": "s"},
             "time_limit": {"value": self.time_limit, "unit": "s"},
-            **({"filters": list(self.filters)} if self.filters else {}),
-            **({"and": [os.fspath(each) for each in self.further]} if self.further else {}),
-            **({"varies": list(self.varies)} if self.varies else {}),
-            **({"hold_out": [os.fspath(each) for each in self.hold_out]} if self.hold_out else {}),
+            **{key: value for key, value in given.items() if value},
         }
-        if self.prior is None:
-            return found
-        file = Path(self.prior)
-        prior = {"file": os.fspath(file), "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
-        return {**found, "walls": INDIVIDUAL, "prior": prior}

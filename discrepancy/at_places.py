@@ -16,19 +16,17 @@ from fitting.inference.beside import found_beside
 from fitting.inference.fit import Fit, Member, sizes_of
 from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.network import NetworkProblem
-from fitting.inference.parts import placed
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.simulator import Runs
 from fitting.inference.source_map import SourceMap, is_noise
-from fitting.inference.terms import Term, effect_of, joins
+from fitting.inference.terms import Term, effect_of, joins, placed
 from fitting.inference.unknown import bounds, penalty, precisions
 from solver.effect import ALL_PLACES, CHANNEL, WALL
 from solver.errors import InputError
 
 from . import thresholds as at
-from .compare import Compared, exact
-from .outliers import implausible
-from .weigh import promised
+from .animal import implausible
+from .scoring import Compared, exact, names_of, promised, there
 
 Array = np.ndarray
 
@@ -195,8 +193,10 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Ter
 
 
 def _few(begun: Sequence[Begun]) -> list[Begun]:
-    """The laws that are refitted: the nearest, and every outlet of another kind, which begins far off."""
-    return [b for k, b in enumerate(begun) if k < at.FEW or b.term.rewires]
+    """The laws that are refitted: the nearest, all that promise so much that they might not be ruled out beside the
+    nearest (few sensors see many alike), and every outlet of another kind, which begins far off."""
+    most = begun[0].left + at.RULED_OUT if begun else 0.0
+    return [b for k, b in enumerate(begun) if k < at.FEW or b.left < most or b.term.rewires]
 
 
 def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
@@ -237,9 +237,9 @@ def refitted(
     white = wide.target.whiten(found.J)
     known = {u.name: column for u, column in zip(found.unknowns, white.T, strict=True)}
     members = [_member(problem, found, laws) for laws in hypotheses]
-    seen = [f for f in wide.searched_from(members, runs, known) if f is not None]
+    seen = there(wide.searched_from(members, runs, known))
     seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
-    return [f for f in problem.relaxed(problem.restated(seen, wide), runs) if f is not None]
+    return there(problem.relaxed(problem.restated(seen, wide), runs))
 
 
 def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
@@ -261,12 +261,16 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := _also_promising(result, columns, runs))
         if implausible(result.none.fit):
             yield (result := _of_the_file(result, found, runs))
-    if not result.best.explains:
+    left = _left(result)
+    if not result.best.explains and (left or not result.best.fit.terms):
         yield (result := _elsewhere(result, found, runs))
-    if result.best.fit.terms and (left := _left(result)):
+        left = _left(result)
+    if left:
         result = result.at_minimum(runs)
         more = [*_refined(result, runs), *_with_one_more(result, found, left, runs)]
         yield (result := result.joined_by(more).polished(runs))
+    if alike := _one_replaced(result, runs):
+        yield (result := result.joined_by(alike).polished(runs))
     yield result.at_minimum(runs)
 
 
@@ -275,9 +279,12 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
     weak ones that act everywhere are no single place, and few sensors show none."""
     base, tried = result.none.fit, {n.label for n in result.ranked}
     best, gained = promised(base, result.sought, columns)
-    chosen = [t for score, t in gained[: at.FEW] if score < best - at.FIRST and t.label not in tried]
-    fits = result.problem.refit([(t,) for t in chosen], base, runs, columns) if chosen else []
-    return result.joined_by([f for f in fits if f is not None]).polished(runs) if chosen else result
+    near = [t for k, (score, t) in enumerate(gained) if k < at.FEW or score < gained[0][0] + at.RULED_OUT]
+    worth = {t.label for score, t in gained if score < best - at.FIRST}
+    chosen = [t for t in near if t.label in worth - tried]
+    if not chosen:
+        return result
+    return result.joined_by(result.problem.refit([(t,) for t in chosen], base, runs, columns)).polished(runs)
 
 
 def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
@@ -317,9 +324,9 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
 
 
 def _left(result: Compared) -> tuple[Place, ...]:
-    """Where something acts beside the best hypothesis."""
+    """Where something acts beside the law, or the laws, of the best hypothesis."""
     assert isinstance(result.problem, NetworkProblem)
-    found = found_beside(result.problem, result.best.fit)
+    found = found_beside(result.problem, result.best.fit) if result.best.fit.terms else None
     return () if found is None else found.places
 
 
@@ -330,13 +337,33 @@ def _with_one_more(result: Compared, found: SourceMap, left: Sequence[Place], ru
     first, problem = result.best.fit, result.problem
     if len(first.terms) >= at.MOST_EFFECTS or (found.explains and len(found.places) == 1 and not result.best.explains):
         return []
-    there = {t.label for t in first.terms}
-    able = [t for t in result.sought if t.label not in there and not t.rewires and joins(t, first.terms)]
+    labels = {t.label for t in first.terms}
+    able = [t for t in result.sought if t.label not in labels and not t.rewires and joins(t, first.terms)]
     others = [t for t in able if any(acts_at(t, place) or in_segment(t, place) for place in left)]
     columns = problem.columns(first, others, runs)
     best, gained = promised(first, others, columns)
     both = [(*first.terms, t) for score, t in gained[: at.FEW] if score < best - at.SECOND]
-    return [f for f in problem.refit(both, first, runs, columns) if f is not None] if both else []
+    return there(problem.refit(both, first, runs, columns)) if both else []
+
+
+def _one_replaced(result: Compared, runs: Runs) -> list[Fit]:
+    """The best two laws with one of them replaced by another law of its place that was found alone: of two that look
+    alike the more flexible one was the better while the other effect was missing, which it made up for. The best, be it
+    one that is never named for what the record cannot show."""
+    best, problem, members = min(result.every, key=lambda n: n.score).fit, result.problem, list[Member]()
+    assert isinstance(problem, NetworkProblem)
+    tried = {n.key for n in result.ranked}
+    x = dict(zip((u.name for u in best.unknowns), best.x, strict=True))
+    single = [n.fit for n in result.ranked if len(n.fit.terms) == 1 and not n.fit.terms[0].rewires]
+    for i, t in enumerate(best.terms if len(best.terms) > 1 else ()):
+        rest = (*best.terms[:i], *best.terms[i + 1 :])
+        for fit in (f for f in single if f.terms[0].place == t.place and joins(f.terms[0], rest)):
+            terms = (*rest, *fit.terms)
+            if names_of(terms) not in tried:
+                own = x | dict(zip((u.name for u in fit.terms[0].unknowns), _own(fit), strict=True))
+                unknowns = problem.hypothesis(terms)
+                members.append(Member(terms, unknowns, np.array([own.get(u.name, 0.0) for u in unknowns])))
+    return there(problem.searched_from(members, runs, best.columns)) if members else []
 
 
 def _refined(result: Compared, runs: Runs) -> list[Fit]:
@@ -349,4 +376,4 @@ def _refined(result: Compared, runs: Runs) -> list[Fit]:
                 hypotheses.append((*first.terms[:i], finer, *first.terms[i + 1 :]))
                 if len(first.terms) > 1:  # the other one may have stood in for it
                     hypotheses.append((finer,))
-    return [f for f in problem.refit(hypotheses, first, runs) if f is not None] if hypotheses else []
+    return there(problem.refit(hypotheses, first, runs)) if hypotheses else []

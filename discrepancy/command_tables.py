@@ -11,7 +11,7 @@ from fitting.records.amounts import changes, sizes
 from solver.console import right
 from solver.legible import DASH, number
 
-from . import thresholds
+from .isolability import INSEPARABLE, INVISIBLE
 from .outcome import Outcome
 from .places import places_text, plain
 from .recorded import TITLES, rows
@@ -25,19 +25,26 @@ _MOST_GAINS = 3
 _MOST_NAMED = 3
 
 
+def effect_rows(outcome: Outcome) -> Iterator[tuple[str, ...]]:
+    """Of every parameter that was added: effect, place, name, value and interval as people read them, confidence."""
+    for effect in outcome.effects:
+        for name, each in effect.parameters.items():
+            value, interval = estimate_text(name, each)
+            yield plain(effect.name), places_text(effect.where), name, value, interval, percent(effect.confidence)
+
+
 def effects_table(outcome: Outcome) -> Table:
-    """The effects that were added, with their parameters in the units that people read."""
+    """The effects that were added, with their parameters; what is said of an effect, in its first line."""
     titles = {"ambiguous": "best of the class", "partial": "a part of what was missing"}
     title = titles.get(outcome.verdict, "what was missing")
     if outcome.verdict == "ambiguous" and len(outcome.members) < 2:
         title = "two faults of sensors"
     numbers = (Column(each, no_wrap=True) for each in ("parameter", "value", "95 % interval", "confidence"))
-    table = Table("effect", "where", *numbers, title=title, pad_edge=False)  # fits 80 columns
-    for effect in outcome.effects:
-        first, last = (plain(effect.name), places_text(effect.where)), percent(effect.confidence)
-        for name, each in effect.parameters.items():
-            table.add_row(*first, name, *estimate_text(name, each), last)
-            first, last = ("", ""), ""
+    table, told = Table("effect", "where", *numbers, title=title, pad_edge=False), None  # fits 80 columns
+    for effect, where, *parameter, confidence in effect_rows(outcome):
+        first = (effect, where) != told
+        table.add_row(*((effect, where) if first else ("", "")), *parameter, confidence if first else "")
+        told = (effect, where)
     return table
 
 
@@ -51,22 +58,18 @@ def recordings_table(outcome: Outcome) -> Table:
 
 
 def gap_text(outcome: Outcome) -> str:
-    """The gap to the record, before and after."""
+    """The gap to the record, before and after, and the RMS of channels over the held-out beats, in their units; of
+    several recordings their table says these."""
     if outcome.gap_before is None:
         return ""
     before, after = gap_pair(outcome.gap_before), gap_pair(outcome.gap_after)
     fitted, held = (b if outcome.gap_after is None else f"{b} -> {a}" for b, a in zip(before, after, strict=True))
-    rms = _rms_text(outcome)
-    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones{rms}\n  {gap_unit(outcome)}"
-
-
-def _rms_text(outcome: Outcome) -> str:
-    """The same of the channels over the held-out beats, in their units; of several recordings their table says it."""
-    before, after = ({c.name: pair[1] for c in outcome.channels if (pair := getattr(c, key))} for key in _RMS)
+    first, last = ({c.name: pair[1] for c in outcome.channels if (pair := getattr(c, key))} for key in _RMS)
     loud = {c.name: c.gap_before[1] for c in outcome.channels}
-    if not before or sum(each.fitted for each in outcome.recordings) > 1:
-        return ""
-    return f"; rms {changes(before, after, loud) if set(after) == set(before) else sizes(before, loud)}"
+    rms = ""
+    if first and sum(each.fitted for each in outcome.recordings) < 2:
+        rms = f"; rms {changes(first, last, loud) if set(last) == set(first) else sizes(first, loud)}"
+    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones{rms}\n  {gap_unit(outcome)}"
 
 
 def statements(outcome: Outcome) -> Iterator[str]:
@@ -80,9 +83,9 @@ def statements(outcome: Outcome) -> Iterator[str]:
     if members := class_texts(outcome):
         yield f"cannot be told apart: {'; '.join(members)}"
     if outcome.walls is not None and outcome.kind == "network":
-        common = "common, all arteries differ from the file together"
-        each = f"individual, every artery by itself ({why_walls(outcome)}). {spread_text(outcome)}".rstrip()
-        yield f"walls: {each if outcome.walls.arteries else f'{common} ({why_walls(outcome)})'}"
+        own, why = bool(outcome.walls.arteries), why_walls(outcome)
+        kind = "individual, every artery by itself" if own else "common, all arteries differ from the file together"
+        yield f"walls: {kind} ({why})" + (f". {spread_text(outcome)}".rstrip() if own else "")
     yield outcome.separating_measurement or ""
     if outcome.verdict == "unusable":
         yield outcome.reason or ""
@@ -105,10 +108,10 @@ def plan_statements(plan: SensorPlan) -> Iterator[str]:
     """What could be taken for something else, what these sensors do not see, and which one to add."""
     found = {effect: rivals for effect in plan.table.visible if (rivals := plan.table.confused(effect))}
     told = "; ".join(f"{plain(effect)} from {_few(rivals)}" for effect, rivals in found.items())
-    apart = f"Cannot be told apart (separation below {thresholds.INSEPARABLE:g}): {told}."
+    apart = f"Cannot be told apart (separation below {INSEPARABLE:g}): {told}."
     yield apart if found else "Every visible effect can be told from every other."
     invisible, not_judged = (", ".join(map(plain, each)) for each in (plan.table.invisible, plan.table.not_judged))
-    said = f"Invisible (d′ below {thresholds.INVISIBLE:g}): {invisible}."
+    said = f"Invisible (d′ below {INVISIBLE:g}): {invisible}."
     left = f" Not judged (the model breaks down with it): {not_judged}." if not_judged else ""
     yield (said if invisible else "Nothing of typical size is invisible.") + left
     useful = [f"{g.channel} ({_brings(g)})" for g in plan.gains if g.visible or g.separable > 0][:_MOST_GAINS]

@@ -19,6 +19,7 @@ from fitting.inference.bench import bench, fit
 from fitting.records.beats import Beats
 from solver.errors import InputError
 from solver.network import Network
+from solver.units import INFLOW
 
 from . import thresholds
 from .outcome import Balance, Located
@@ -43,7 +44,7 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
     variance = np.einsum("kii->ki", covariance).real
     z = np.abs(residual) / np.sqrt(variance)
     p = np.where(np.arange(len(z))[:, None] == 0, 2.0 * norm.sf(z), np.exp(-(z**2)))
-    significant = benjamini_yekutieli(p, thresholds.FALSE_DISCOVERIES)
+    significant = benjamini_yekutieli(p, thresholds.CHANCE)
     order = np.argsort(-np.where(significant, z, -1.0), axis=None)
     located = []
     for flat in order[: thresholds.FEW]:
@@ -52,19 +53,15 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
             site, _, signal = names[i].rpartition(".")
             phase = float(np.degrees(np.angle(residual[k, i])))
             located.append(Located(site, signal, int(k), float(z[k, i]), phase))
-    return Found(z, _global(residual, covariance), tuple(located))
+    power = np.einsum("ki,kij,kj->k", residual.conj(), np.linalg.inv(covariance), residual).real
+    total = power[0] + 2.0 * power[1:].sum()  # χ² = Σ weight x† C⁻¹ x
+    p_value = float(chi2_distribution.sf(total, residual.shape[1] * (2 * len(power) - 1)))
+    return Found(z, p_value, tuple(located))
 
 
 def benjamini_yekutieli(p: Array, rate: float) -> Array:
     """Which of the p-values are discoveries at this false discovery rate, whatever their dependence; any shape."""
     return np.asarray(false_discovery_control(p.ravel(), method="by") <= rate).reshape(p.shape)
-
-
-def _global(residual: Array, covariance: Array) -> float:
-    """p-value of χ² = Σ weight x† C⁻¹ x."""
-    power = np.einsum("ki,kij,kj->k", residual.conj(), np.linalg.inv(covariance), residual).real
-    total = power[0] + 2.0 * power[1:].sum()
-    return float(chi2_distribution.sf(total, residual.shape[1] * (2 * len(power) - 1)))
 
 
 def mass_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
@@ -73,13 +70,19 @@ def mass_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
     Every junction whose vessels all have a measured flow (the inlet's is that of its segment).
     """
     flows = {site.segment: f"{site.name}.Q" for site in network.sites if f"{site.name}.Q" in beats.values}
-    found = []
-    if "inlet.Q" in beats.values and network.inlet.segment in flows:
-        found.append(_mass(beats, network.inlet.segment, ["inlet.Q"], [flows[network.inlet.segment]]))
+    root, joined = network.inlet.segment, []
+    if INFLOW in beats.values and root in flows:
+        joined.append((root, [INFLOW], [flows[root]]))
     for junction in network.junctions:
         if all(s in flows for s in (*junction.inflow, *junction.outflow)):
             into, out = [flows[s] for s in junction.inflow], [flows[s] for s in junction.outflow]
-            found.append(_mass(beats, f"junction {junction.name}", into, out))
+            joined.append((f"junction {junction.name}", into, out))
+    found = []
+    for where, into, out in joined:
+        names, sign = (*into, *out), np.repeat([1.0, -1.0], [len(into), len(out)])
+        difference = sign @ np.array([beats.mean(name).mean() for name in names])
+        variance = sign @ beats.covariance(names)[0].real @ sign
+        found.append(Balance("mass", where, float(difference / np.sqrt(max(variance, 1e-300)))))
     return tuple(found)
 
 
@@ -95,11 +98,10 @@ def momentum_balances(
     for junction in network.junctions:
         for a in (s for s in junction.inflow if s in at):
             for b in (s for s in junction.outflow if s in at):
-                i, j = at[a], at[b]
-                drop = residual[:, i] - residual[:, j]
-                C = covariance[:, [[i, i], [j, j]], [[i, j], [i, j]]]
-                variance = (C[:, 0, 0] + C[:, 1, 1] - C[:, 0, 1] - C[:, 1, 0]).real
-                z = np.sqrt(np.mean(np.abs(drop) ** 2 / np.maximum(variance, 1e-300)))
+                sign = np.zeros(len(names))
+                sign[[at[a], at[b]]] = 1.0, -1.0
+                variance = np.einsum("i,kij,j->k", sign, covariance, sign).real
+                z = np.sqrt(np.mean(np.abs(residual @ sign) ** 2 / np.maximum(variance, 1e-300)))
                 found.append(Balance("momentum", f"{a} to {b}", float(z)))
     return tuple(found)
 
@@ -115,11 +117,3 @@ def wall_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
                 continue
             found.append(Balance("wall law", site.name, float(np.sqrt(np.mean(local.z**2)))))
     return tuple(found)
-
-
-def _mass(beats: Beats, where: str, into: Sequence[str], out: Sequence[str]) -> Balance:
-    names = (*into, *out)
-    sign = np.array([1.0] * len(into) + [-1.0] * len(out))
-    difference = sign @ np.array([beats.mean(name).mean() for name in names])
-    variance = sign @ beats.covariance(names)[0].real @ sign
-    return Balance("mass", where, float(difference / np.sqrt(max(variance, 1e-300))))

@@ -10,9 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.estimate import Estimate
-from fitting.inference import hierarchy
 from fitting.inference.added import estimates
-from fitting.inference.fit import Fit, misfit
+from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
 from fitting.inference.jackknife import jackknife
 from fitting.inference.profile import reaches
@@ -24,8 +23,8 @@ from solver.coordinate import SCALE
 from solver.network import Network
 
 from .outcome import ADDED
+from .scoring import Named, found_from
 from .verdict import Naming
-from .weigh import Named, found_from
 
 _FEWEST = 3  # sites
 _MOST = 4  # numbers of an effect whose intervals are profiled
@@ -63,16 +62,19 @@ def _at_minimum(naming: Naming, runs: Runs) -> Naming:
             break
     if fit is best.fit:
         return naming
-    score = best.score + hierarchy.score(fit) - hierarchy.score(best.fit)
-    found = replace(best, fit=fit, score=score, misfit=misfit(fit, problem.dof_of_noise))
+    found = best.moved_to(fit, problem.dof_of_noise)
     members = tuple(found if m is best else m for m in naming.members)
     return replace(naming, ranked=(found, *rest), members=members)
 
 
 def _lower(fit: Fit, others: Sequence[Fit | None]) -> Fit:
-    """The fit of the lowest cost; what gains nothing does not count."""
-    lower = [f for f in others if f is not None and f.cost < fit.cost - _GAIN]
-    return min(lower, key=lambda f: f.cost, default=fit)
+    """The fit of the lowest cost; what gains nothing does not count, but where it alone ended at a minimum."""
+
+    def gained(other: Fit) -> bool:
+        alone = other.converged and not fit.converged
+        return other.cost < fit.cost + (_GAIN if alone else -_GAIN)
+
+    return min((f for f in others if f is not None and gained(f)), key=lambda f: f.cost, default=fit)
 
 
 def _wide(fit: Fit, unknown: Unknown, half: float) -> bool:
@@ -89,24 +91,19 @@ def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[s
 
     Given that the effect was found, which near the limit of detection says that it is smaller than it looks.
     """
-    whole = rewired(network, named.fit.terms)
-    known = whole.parameter_quantities() | {f"{term.place}.{k}": q for k, q in effect_of(term).terms.items()}
-    found = _stated(network, naming, named, term)
-    return {key: e.within(known[key].low, known[key].high) if key in known else e for key, e in found.items()}
-
-
-def _stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[str, Estimate]:
     half, fit = quantile(naming.problem.dof_of_noise), with_widths(named.fit)
     found = estimates(network, fit, term, half, naming.reaches if named.key == naming.best.key else None)
     if naming.verdict == "partial":
         wider = _wider(naming, fit, term)
-        return {key: _scaled(e, wider) for key, e in found.items()}
-    sizes = [i for i, u in enumerate(fit.unknowns) if u in term.unknowns and u.of_size]
-    if len(sizes) != 1 or len(term.unknowns) != 1:
-        return found
-    x, sd = float(fit.x[sizes[0]]), math.sqrt(float(fit.covariance[sizes[0], sizes[0]]))
-    limit = found_from(naming.terms, term, named)
-    return {key: conditioned(e, x > 0.0, abs(x) / sd, limit, half) for key, e in found.items()}
+        found = {key: _scaled(e, wider) for key, e in found.items()}
+    elif len(term.unknowns) == 1 and term.unknowns[0].of_size:
+        i = fit.unknowns.index(term.unknowns[0])
+        x, sd = float(fit.x[i]), math.sqrt(float(fit.covariance[i, i]))
+        limit = found_from(naming.terms, term, named)
+        found = {key: conditioned(e, x > 0.0, abs(x) / sd, limit, half) for key, e in found.items()}
+    known = rewired(network, named.fit.terms).parameter_quantities()
+    known = known | {f"{term.place}.{k}": q for k, q in effect_of(term).terms.items()}
+    return {key: e.within(known[key].low, known[key].high) if key in known else e for key, e in found.items()}
 
 
 def _wider(naming: Naming, fit: Fit, term: Term) -> float:
@@ -123,7 +120,5 @@ def _wider(naming: Naming, fit: Fit, term: Term) -> float:
 
 
 def _scaled(told: Estimate, factor: float) -> Estimate:
-    low, high = told.ci95
-    return Estimate(
-        told.value, told.unit, (told.value - factor * (told.value - low), told.value + factor * (high - told.value))
-    )
+    low, high = (told.value + factor * (end - told.value) for end in told.ci95)
+    return replace(told, ci95=(low, high))

@@ -29,9 +29,9 @@ from solver.files import write_whole
 from solver.saved import dataclasses, from_bytes, to_bytes
 
 from .learning import Learnt
+from .scoring import Named
 from .show import Gap, Run
 from .verdict import Naming
-from .weigh import Named
 
 Result = TypeVar("Result")
 

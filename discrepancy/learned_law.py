@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fitting.estimate import Estimate
+from solver import effects
 from solver.network import Network
+
+from .recorded import pair_json
 
 
 @dataclass(frozen=True)
@@ -15,9 +18,10 @@ class LearnedLaw:
     """A law with what it does to the gap.
 
     formula : of what it adds. parameters : with 95 % intervals. seen : by segment, lowest and highest strain [-] and
-    highest strain rate [1/s] that it was learned from. beside : the effects
+    highest strain rate [1/s] that it was learned from; of outlets P - P_venous [Pa] and its rate. beside : the effects
     that it acts beside, instead : those that it stands for, where they explain a part. before,
     after : the gap on (fitted, held-out) beats. record : path and hash. network, archive : with the law, and its FMU.
+    explains : False of tables, which describe what acts.
     """
 
     name: str
@@ -32,6 +36,12 @@ class LearnedLaw:
     record: tuple[str, str]
     network: Network = field(repr=False)
     archive: bytes = field(repr=False)
+    explains: bool = True
+
+    @property
+    def of_outlet(self) -> bool:
+        """Whether it is one of outlets."""
+        return effects.BY_NAME[self.name].owner == "outlet" if self.explains else False
 
     @property
     def closed(self) -> float:
@@ -41,14 +51,15 @@ class LearnedLaw:
 
 def law_json(law: LearnedLaw) -> dict[str, Any]:
     """The plain content of verdict.json."""
-    before, after = ({"fit": pair[0], "held_out": pair[1]} for pair in (law.before, law.after))
+    state = "pressure" if law.of_outlet else "strain"
     return {
         "name": law.name,
+        "explains": law.explains,
         "where": law.where,
         "formula": law.formula,
         "parameters": {name: each.plain for name, each in law.parameters.items()},
-        "seen": {s: {"strain": [low, high], "rate": rate} for s, (low, high, rate) in law.seen.items()},
+        "seen": {s: {state: [low, high], "rate": rate} for s, (low, high, rate) in law.seen.items()},
         "beside": law.beside,
         "instead": law.instead,
-        "gap": {"before": before, "after": after},
+        "gap": {"before": pair_json(law.before), "after": pair_json(law.after)},
     }

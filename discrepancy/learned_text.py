@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from solver.files import dumps
 from solver.legible import number
+from solver.units import MMHG
 
 from .learned_law import LearnedLaw
 from .outcome import Outcome
@@ -15,21 +16,27 @@ from .places import label_text, places_text
 from .shown_map import SourceMapShown
 
 MODEL, FMU, TABLE = "model_learned.toml", "model_learned.fmu", "source.csv"
-FILES = (MODEL, FMU, TABLE)
+DESCRIBED, ITS_FMU = "model_described.toml", "model_described.fmu"
+FILES = (MODEL, FMU, DESCRIBED, ITS_FMU, TABLE)
 
 
 def law_text(law: LearnedLaw) -> str:
-    """A law in two sentences: its formula and numbers, what it does, and how far it holds."""
+    """A law in two sentences: its formula and numbers, what it does, and how far it holds; tables in one."""
+    if not law.explains:
+        return (
+            f"No law was found for it; {law.formula}, as tables over the beat, closes {number(100.0 * law.closed, 2)} "
+            f"% of the gap to held-out beats (from {number(law.before[1])} to {number(law.after[1])} times the noise): "
+            f"a description of this record ({DESCRIBED}), not an explanation."
+        )
     numbers = ", ".join(f"{name} = {each}" for name, each in law.parameters.items())
     before, after = number(law.before[1]), number(law.after[1])
-    low, high, rate = _range(law)
     beside = f", beside {' and '.join(map(label_text, law.beside))}," if law.beside else ""
     beside = f" in place of {' and '.join(map(label_text, law.instead))}" if law.instead else beside
     return (
-        f"A law learned from this record for the wall of {places_text(law.where)}{beside} closes "
+        f"A law learned from this record for the {'outlet' if law.of_outlet else 'wall'} of {places_text(law.where)}"
+        f"{beside} closes "
         f"{number(100.0 * law.closed, 2)} % of the gap to held-out beats (from {before} to {after} times the noise): "
-        f"{law.formula}, {numbers}. It was seen at strains from {number(low, 2)} to {number(high, 2)} and rates up to "
-        f"{number(rate, 2)}/s, and is held beyond; no other record has borne it out."
+        f"{law.formula}, {numbers}. It was seen at {_seen(law)}, and is held beyond; no other record has borne it out."
     )
 
 
@@ -40,18 +47,25 @@ def with_law(outcome: Outcome, law: LearnedLaw | None) -> Outcome:
     return replace(outcome, learned=law, sentence=f"{outcome.sentence} {law_text(law)}")
 
 
-def _range(law: LearnedLaw) -> tuple[float, float, float]:
+def _seen(law: LearnedLaw) -> str:
+    """The range that it was learned from."""
     lows, highs, rates = zip(*law.seen.values(), strict=True)
-    return min(lows), max(highs), max(rates)
+    low, high, rate = min(lows), max(highs), max(rates)
+    if law.of_outlet:
+        return f"pressures of {number(low / MMHG, 2)} to {number(high / MMHG, 2)} mmHg above P_venous"
+    return f"strains from {number(low, 2)} to {number(high, 2)} and rates up to {number(rate, 2)}/s"
 
 
 def learned_files(law: LearnedLaw | None, shown: SourceMapShown | None) -> dict[str, str | bytes]:
-    """The network with the law, which says where that comes from, and its FMU; without a law, what acts at the places
-    of the map as a table: a description, not an explanation."""
+    """The network with the law or the tables, which says where that comes from, and its FMU; without a law, what acts
+    at the places of the map as a table with its band, too: a description, not an explanation."""
+    files: dict[str, str | bytes] = {}
     if law is not None:
+        model, fmu = (MODEL, FMU) if law.explains else (DESCRIBED, ITS_FMU)
         source = f"# From {law.record[0]} (sha256 {law.record[1]}).\n"
-        return {MODEL: f"# {law_text(law)}\n{source}\n{dumps(law.network)}", FMU: law.archive}
-    return {} if shown is None or not shown.signals else {TABLE: _table(shown)}
+        files = {model: f"# {law_text(law)}\n{source}\n{dumps(law.network)}", fmu: law.archive}
+    signals = shown is not None and shown.signals and not (law and law.explains)
+    return files | {TABLE: _table(shown)} if shown is not None and signals else files
 
 
 def _table(shown: SourceMapShown) -> str:

@@ -1,12 +1,13 @@
 """Learn a law of what no effect of the catalogue explains: some of the few terms that an effect says a law may have.
 
-    σ = … + Σ c_j f_j(ε, ε̇),    c_j >= 0
+    σ = … + Σ c_j f_j(ε, ε̇)   of a wall,    Q = … + Σ c_j f_j(P - P_venous)   of an outlet,    c_j >= 0
 
-Each f_j is odd in the strain rate and does not fall with it, so that the law gives out energy over no loop
-(:class:`solver.laws.LearnedStress`). Terms are added one by one while the evidence gains more than their price, each
-hypothesis refitted in full with all walls; what the others made dispensable is dropped. The law begins beside no
-effect, and beside what explains a part. It lies in the one wall of a bench, or in walls where the source map has
-something, and in all walls alike. Whether it stands is for its FMU to say, on the held-out beats.
+Each f_j of a wall is odd in the strain rate and does not fall with it, and each of an outlet runs down the pressure, so
+that a law gives out energy over no loop (:mod:`solver.learned`). Terms are added one by one while the evidence gains
+more than their price, each hypothesis refitted in full with all walls; what the others made dispensable is dropped. The
+law begins beside no effect, and beside what explains a part. It lies in the one wall of a bench, or in walls and
+outlets where the source map has something, and in all alike. Whether it stands is for its FMU to say, on the held-out
+beats; where none does, tables describe what acts (:mod:`discrepancy.described`).
 """
 
 from __future__ import annotations
@@ -33,18 +34,18 @@ from fitting.inference.unknown import quantile
 from fitting.records.record import Record
 from fitting.workers import Workers
 from solver import effects
-from solver.effect import ALL_PLACES, WALL, Effect
+from solver.effect import ALL_PLACES, OUTFLOW, OUTLET, WALL, Effect
 from solver.loop import derivative_matrix
 from solver.network import Network, Site
 from solver.simulate import BROKEN
 
 from . import thresholds as at
-from .confirm import agreement
+from .described import Runner, described, with_network
 from .learned_law import LearnedLaw
-from .show import Run, fall, gap
+from .scoring import there, weighed
+from .show import Run, agreement, fall, gap
 from .study import Study
 from .verdict import Naming
-from .weigh import weighed
 
 Array = np.ndarray
 
@@ -53,7 +54,6 @@ _ALONG = (0.0, 0.5, 1.0)  # x/L where a segment's strains are seen
 _SAMPLES = 4  # of a beat for each harmonic
 _AGREE = 1e-3  # of a pulse, by which an FMU may differ from what was inferred
 
-Runner = Callable[[Study, Network, Fit], tuple[Run, bytes]]
 Stage = Callable[[str, Callable[[], Any]], Any]
 
 
@@ -86,15 +86,18 @@ def learns(naming: Naming) -> bool:
 def law_of(
     study: Study, naming: Naming, before: Run, record: Record, run: Runner, jobs: int, until: float, stage: Stage
 ) -> LearnedLaw | None:
-    """A law of what remains, if there is one, its FMU bears it out (:func:`stands`), and time is left.
+    """A law of what remains, if there is one, its FMU bears it out (:func:`stands`), and time is left; else the tables
+    that describe it.
 
     jobs : processes that simulate, until a time of ``time.monotonic`` [s]. stage : keeps what was found.
     """
     with suppress(OutOfTime, RunFailed), Workers(jobs) as workers:
         runs = Runs(deadline=until, clock=monotonic, workers=workers)
         found: Learnt | None = stage("learned", lambda: learnt(study, naming, runs))
-        return None if found is None else stands(study, found, before, record, run)
-    return None
+        law = None if found is None else stands(study, found, before, record, run)
+        if law is not None:
+            return law
+    return described(study, naming, before, record, run)
 
 
 def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
@@ -107,11 +110,11 @@ def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
     starts = [naming.base.fit, *([naming.best.fit] if naming.verdict == "partial" else [])]
     begun = [f for start in starts for f in _again(problem, start, runs)]
     found: list[Learnt] = []
-    for effect in (e for e in effects.ALL if e.library and e.source == WALL):
+    for effect in (e for e in effects.ALL if e.library):
         places = _places(naming, effect, problem)
-        waves = _waves(problem, naming.base.fit, runs) if places else {}
-        for place in places if waves else ():
-            ranges, seen = _range(effect, place, waves)
+        states = _states(effect, problem, naming.base.fit, runs) if places else {}
+        for place in places if states else ():
+            ranges, seen = _range(effect, problem.network, place, states)
             path = _Path(in_range(problem, ranges), effect, place, 2.0 * math.log(len(places)), runs)
             for here in begun:
                 fit, keys, score = path.walked(here, weighed(problem, here, study.terms).score)
@@ -122,29 +125,25 @@ def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
 
 
 def _range(
-    effect: Effect, place: str, waves: Mapping[str, tuple[Array, Array]]
+    effect: Effect, network: Network, place: str, states: Mapping[str, tuple[Array, Array]]
 ) -> tuple[dict[str, float], dict[str, tuple[float, float, float]]]:
-    """Where a law at a place holds, by variable, and what was seen by segment; in all walls it is one and the same."""
-    own = {place: waves[place]} if place in waves else waves
-    strain, rate = (np.concatenate([np.ravel(each[i]) for each in own.values()]) for i in (0, 1))
-    seen = {s: (float(e.min()), float(e.max()), float(np.abs(r).max())) for s, (e, r) in own.items()}
-    return {f"{s}.{key}": x for s in own for key, x in effect.valid(strain, rate).items()}, seen
+    """Where a law at a place holds, by variable, and what was seen by segment; in all of them it is one and the
+    same."""
+    own = {place: states[place]} if place in states else states
+    state, rate = (np.concatenate([np.ravel(each[i]) for each in own.values()]) for i in (0, 1))
+    seen = {s: (float(x.min()), float(x.max()), float(np.abs(r).max())) for s, (x, r) in own.items()}
+    variables = {s: effect.variables(network, s) for s in own}
+    return {variables[s][key][0]: x for s in own for key, x in effect.valid(state, rate).items()}, seen
 
 
 def in_range(problem: Forward, ranges: Mapping[str, float]) -> Forward:
     """The same problem with a network that knows where a learned law holds, and has none yet."""
-    network = problem.network.with_terms(ranges)
-    if isinstance(problem, NetworkProblem):
-        return replace(problem, network=network, simulator=replace(problem.simulator, network=network))
-    assert isinstance(problem, Bench)
-    return replace(problem, network=network)
+    return with_network(problem, problem.network.with_terms(ranges))
 
 
 def _again(problem: Forward, fit: Fit, runs: Runs) -> list[Fit]:
     """A fit searched on from where it is under the weights of this problem."""
-    network = problem.site is None
-    found = problem.refine([fit], runs) if network else problem.refit([fit.terms], fit, runs)
-    return [f for f in found if f is not None]
+    return there(problem.refit([fit.terms], fit, runs) if problem.site else problem.refine([fit], runs))
 
 
 @dataclass(frozen=True)
@@ -243,42 +242,53 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
 
 
 def _places(naming: Naming, effect: Effect, problem: Forward) -> list[str]:
-    """The wall of a bench; in a network those of the map, or that cannot be told from it, and all together."""
+    """The wall of a bench; in a network those of the map, or that cannot be told from it, and all together. An outlet
+    is one also where its segment loses flow."""
     if problem.site is not None:
-        return [problem.site]
+        return [problem.site] if effect.source == WALL else []
     if naming.map is None:
         return []
     near = [p for r in naming.map.rivals if r.above < at.RULED_OUT for p in r.places]
-    walls = [p.name for p in (*naming.map.places, *near) if p.kind == effect.source]
-    return list(dict.fromkeys([*walls, ALL_PLACES])) if walls else []
+    places, kinds = effect.where(problem.network), {effect.source, OUTFLOW if effect.source == OUTLET else ""}
+    found = [p.name for p in (*naming.map.places, *near) if p.kind in kinds and p.name in places]
+    return list(dict.fromkeys([*found, ALL_PLACES])) if found else []
 
 
-def _waves(problem: Forward, fit: Fit, runs: Runs) -> dict[str, tuple[Array, Array]]:
-    """Strains ε and strain rates [1/s] of every segment over a beat; nothing where the simulation breaks down."""
+def _states(effect: Effect, problem: Forward, fit: Fit, runs: Runs) -> dict[str, tuple[Array, Array]]:
+    """What an effect's laws depend on, over a beat, with its rates: strains ε of every segment, P - P_venous [Pa] of
+    every outlet that it acts at; nothing where the simulation breaks down."""
     network = extended(problem.network, fit)
     if isinstance(problem, Bench):
-        radii = {problem.site: problem.start[None]}
-        T = problem.loop.T
-    else:
-        assert isinstance(problem, NetworkProblem)
-        radii, T = _radii(problem, network, runs), problem.simulator.T
+        strain = problem.start[None] / network.segment(problem.site).R0 - 1.0
+        return {problem.site: (strain, strain @ derivative_matrix(strain.shape[1], problem.loop.T).T)}
+    assert isinstance(problem, NetworkProblem)
+    names, sites = list[tuple[str, str]](), list[Site]()
+    for place in effect.where(network):
+        if place != ALL_PLACES and effect.source == WALL:
+            sites += [Site(f"{place}_{i}_strain", place, x) for i, x in enumerate(_ALONG)]
+            names += [(place, f"{site.name}.R") for site in sites[-len(_ALONG) :]]
+        elif place != ALL_PLACES:
+            names.append((place, f"{place}.outlet.P"))
+    waves = _beats(problem, replace(network, sites=tuple(sites), channels=()), [name for _, name in names], runs)
     found = {}
-    for name, R in radii.items():
-        strain = R / network.segment(name).R0 - 1.0
-        found[name] = strain, strain @ derivative_matrix(R.shape[1], T).T
+    for place in dict.fromkeys(place for place, _ in names) if len(waves) else ():
+        own = waves[[i for i, (of, _) in enumerate(names) if of == place]]
+        state = own / network.segment(place).R0 - 1.0 if effect.source == WALL else own - _venous(network, place)
+        found[place] = state, state @ derivative_matrix(own.shape[1], problem.simulator.T).T
     return found
 
 
-def _radii(problem: NetworkProblem, network: Network, runs: Runs) -> dict[str, Array]:
-    """(3, N) [m] along every segment."""
-    sites = [(s.name, Site(f"{s.name}_{i}_strain", s.name, x)) for s in network.segments for i, x in enumerate(_ALONG)]
-    seen = replace(network, sites=tuple(site for _, site in sites), channels=())
-    simulator = replace(problem.simulator, network=seen, names=tuple(f"{site.name}.R" for _, site in sites))
+def _venous(network: Network, place: str) -> float:
+    return next(o.P_venous for o in network.outlets if o.segment == place)
+
+
+def _beats(problem: NetworkProblem, network: Network, names: Sequence[str], runs: Runs) -> Array:
+    """(len(names), N) outputs of a network over a beat; empty where the simulation breaks down."""
+    simulator = replace(problem.simulator, network=network, names=tuple(names))
     try:
-        (X,) = simulator.coefficients(seen, {}, runs)
+        (X,) = simulator.coefficients(network, {}, runs)
     except BROKEN:
-        return {}
+        return np.zeros((0, 0))
     if np.isnan(X).any():
-        return {}
-    waves = np.fft.irfft(X, _SAMPLES * problem.K, axis=0, norm="forward").T
-    return {s.name: waves[[i for i, (name, _) in enumerate(sites) if name == s.name]] for s in network.segments}
+        return np.zeros((0, 0))
+    return np.fft.irfft(X, _SAMPLES * problem.K, axis=0, norm="forward").T

@@ -50,8 +50,16 @@ def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> tup
             x, y = drawn[there.place].at(at)
             axes.plot([x], [y], "D", ms=9, mfc=colour, mec="white", mew=1.2, zorder=6)
     _beats(figure, axes, shown, beside)
-    _legend(figure, shown, len(found) > len(shown.acting))
-    return figure, _caption(shown)
+    handles = [Line2D([], [], color=_colour(i), lw=6, label=a.place.label) for i, a in enumerate(shown.acting)]
+    if len(found) > len(shown.acting):
+        handles.append(Line2D([], [], color=ORANGE, lw=6, label="cannot be told from it"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    beats = " and what acts there over one beat, with a band of ± 1 standard deviation" if shown.signals else ""
+    return figure, (
+        "The network of the model, flow from left to right, with the places where something acts that it lacks"
+        f"{beats}. Marked: {', '.join(a.place.label for a in shown.acting)}. A circle is a measured site; the letters "
+        "are what was measured there."
+    )
 
 
 def sites(
@@ -117,20 +125,3 @@ def _beat(panel: Axes, a: Acting, shown: SourceMapShown, colour: str) -> None:
     panel.set_title(title[0].upper() + title[1:], loc="left")
     panel.set_xlabel("time [s]")
     panel.set_ylabel(axis_label(a))
-
-
-def _legend(figure: Picture, shown: SourceMapShown, rivals: bool) -> None:
-    handles = [Line2D([], [], color=_colour(i), lw=6, label=a.place.label) for i, a in enumerate(shown.acting)]
-    if rivals:
-        handles.append(Line2D([], [], color=ORANGE, lw=6, label="cannot be told from it"))
-    if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-
-
-def _caption(shown: SourceMapShown) -> str:
-    places = ", ".join(a.place.label for a in shown.acting)
-    beats = " and what acts there over one beat, with a band of ± 1 standard deviation" if shown.signals else ""
-    return (
-        "The network of the model, flow from left to right, with the places where something acts that it "
-        f"lacks{beats}. Marked: {places}. A circle is a measured site; the letters are what was measured there."
-    )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from fitting.inference.places import Place
@@ -57,20 +55,14 @@ def phrase(place: Place) -> str:
 
 def _signal(a: Acting, time: Array) -> str:
     unit, factor = readable(a.unit)
-    size = f"{phrase(a.place)} of {number(factor * a.rms, 2)} {unit} (rms{_of_pulse(a)}){_of_gap(a)}"
+    pulse = f", {number(100.0 * a.rms / a.pulse, 2)} % of the pulse of {a.channel}" if a.pulse else ""
+    size = f"{phrase(a.place)} of {number(factor * a.rms, 2)} {unit} (rms{pulse})"
+    size += "" if a.share is None else f", {number(100.0 * a.share, 2)} % of the gap (of its χ²)"
     size += f", {a.part} (the strongest of {a.sources} such terms)" if a.part else ""
     if a.steady:
         return f"{size}, nearly the same throughout the beat"
     size = f"{size}, largest at {number(float(time[np.argmax(np.abs(a.mean))]), 2)} s"
     return f"{size}, {number(100.0 * a.phase[1], 2)} % of its energy in {a.phase[0]}" if a.phase else size
-
-
-def _of_gap(a: Acting) -> str:
-    return "" if a.share is None else f", {number(100.0 * a.share, 2)} % of the gap (of its χ²)"
-
-
-def _of_pulse(a: Acting) -> str:
-    return f", {number(100.0 * a.rms / a.pulse, 2)} % of the pulse of {a.channel}" if a.pulse else ""
 
 
 def _odd(a: Acting) -> str:
@@ -91,15 +83,12 @@ def _alike(a: Acting, several: bool) -> str:
     others = [" with ".join(map(phrase, rival.places)) for rival in a.rivals if rival.places]
     if len(others) > _MOST:
         others = [*others[:_MOST], f"{len(others) - _MOST} other places"]
-    said = [f"This record cannot tell {it} from {_or(others)}."] if others else []
+    *first, last = others or [""]
+    named = f"{', '.join(first)} or {last}" if first else last
+    said = [f"This record cannot tell {it} from {named}."] if others else []
     if any(not rival.places for rival in a.rivals):
         said.append(f"It is nearly as probable without {it}.")
     return " ".join(said)
-
-
-def _or(texts: Sequence[str]) -> str:
-    *first, last = texts
-    return f"{', '.join(first)} or {last}" if first else last
 
 
 def axis_label(a: Acting) -> str:

@@ -14,9 +14,10 @@ from solver.network import Network
 from solver.notebook.shown import Shown
 from solver.units import SIGNAL_UNITS
 
-from . import thresholds
+from .isolability import Detectable as Detectable
+from .isolability import Isolability as Isolability
 from .learned_law import LearnedLaw, law_json
-from .recorded import Recorded
+from .recorded import Pair, Recorded, pair_json
 from .shown_map import SourceMapShown, map_json
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ Array = np.ndarray
 
 VERDICTS = ("none", "effect", "ambiguous", "several", "partial", "unknown", "unusable")
 ADDED = ("effect", "ambiguous", "several", "partial")  # those that add to the model
+BEYOND = 2.0  # stated spreads from what all arteries have in common, from which one is said to be odd
 _OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth a second look
 
 Hypothesis = tuple[tuple[str, tuple[str, ...]], ...]  # effects that act together: name and places of each
@@ -121,7 +123,7 @@ class OwnNumber:
     @property
     def beyond(self) -> bool:
         """Whether few arteries deviate as much."""
-        return abs(self.deviation) > thresholds.BEYOND
+        return abs(self.deviation) > BEYOND
 
 
 @dataclass(frozen=True)
@@ -152,70 +154,9 @@ class ChannelBeats:
     before: Array
     after: Array | None
     gap_before: tuple[float, float]
-    gap_after: tuple[float, float] | None
-    rms_before: tuple[float, float] | None = None
-    rms_after: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class Isolability:
-    """What a sensor set can tell apart, before any data.
-
-    labels : names of effects, each at the place where it shows most. separation : (n, n) d' of the effect of a row, of
-    typical size, after the best refit of that of a column, wherever it comes nearest (0 on the diagonal). visibility :
-    (n,) d' of each after the nuisance refit. invisible : those that do not show. not_judged : effects without a
-    derivative here, as another kind of outlet, or those that are this animal where walls differ.
-    """
-
-    labels: tuple[str, ...]
-    separation: Array
-    visibility: Array
-    invisible: tuple[str, ...]
-    not_judged: tuple[str, ...] = ()
-
-    @property
-    def visible(self) -> dict[str, float]:
-        """The effects that show, with their visibility."""
-        return {e: float(d) for e, d in zip(self.labels, self.visibility, strict=True) if e not in self.invisible}
-
-    def rivals(self, label: str) -> dict[str, float]:
-        """The separation d' of an effect from every other visible one."""
-        row = dict(zip(self.labels, self.separation[self.labels.index(label)], strict=True))
-        return {e: float(row[e]) for e in self.visible if e != label}
-
-    def nearest(self, label: str) -> tuple[str, float] | None:
-        """The visible effect that comes nearest to another, and their separation d'; None where there is no other."""
-        return min(self.rivals(label).items(), key=lambda pair: pair[1], default=None)
-
-    def confused(self, label: str) -> tuple[str, ...]:
-        """The visible effects that one of typical size cannot be told from: in their best size, they look like it."""
-        return tuple(e for e, d in self.rivals(label).items() if d < thresholds.INSEPARABLE)
-
-
-@dataclass(frozen=True)
-class Detectable:
-    """The least change of a number of an effect, from what the model has, that this record would have shown.
-
-    parameter : the number, as "CA.phi0"; ratio : the other number of its owner that it is counted relative to, as "E",
-    or "". change : in ``unit``; a part of the number if ``relative``; NaN where none that is allowed would show.
-    either : whether the opposite change is allowed, too.
-    """
-
-    parameter: str
-    change: float
-    unit: str
-    relative: bool = False
-    either: bool = False
-    ratio: str = ""
-
-
-@dataclass(frozen=True)
-class Round:
-    """One turn of find, name, add, show: the effect that was added and the gap (fit, held-out) before and after."""
-
-    added: NamedEffect | None
-    before: tuple[float, float]
-    after: tuple[float, float] | None
+    gap_after: Pair | None
+    rms_before: Pair | None = None
+    rms_after: Pair | None = None
 
 
 @dataclass(frozen=True)
@@ -240,7 +181,8 @@ class Outcome(Shown):
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable change per
     "effect at place", where the verdict is ``none``. sites : whitened RMS of each site, predicted from the others.
-    gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or
+    gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats; alone : with the first
+    of two effects, where that is known. kind : "bench" or
     "network". parity : largest difference of the rebuilt FMU from the direct solver, of a channel's pulse: under the
     record's inflow, or, of a bench, under the network's own; None where that moves nothing.
     agreement : of the last FMU that ran with what was inferred; None on a bench.
@@ -279,10 +221,10 @@ class Outcome(Shown):
     isolability: Isolability | None = None
     smallest: Mapping[str, Detectable] = field(default_factory=dict)
     sites: Mapping[str, float] = field(default_factory=dict)
-    rounds: tuple[Round, ...] = ()
+    alone: Pair | None = None
     recordings: tuple[Recorded, ...] = ()  # of several; gaps are then over those fitted, figures of the first
-    gap_before: tuple[float, float] | None = None
-    gap_after: tuple[float, float] | None = None
+    gap_before: Pair | None = None
+    gap_after: Pair | None = None
     parity: float | None = None
     agreement: Agreement | None = None
     p_value: float | None = None
@@ -295,7 +237,7 @@ class Outcome(Shown):
     written: bool = True
 
     @property
-    def closed(self) -> tuple[float, float] | None:
+    def closed(self) -> Pair | None:
         """The part of the gap on (fitted, held-out) beats that what was added closes."""
         if self.gap_before is None or self.gap_after is None:
             return None
@@ -335,7 +277,7 @@ class Outcome(Shown):
 
 def verdict_json(outcome: Outcome) -> dict[str, Any]:
     """The plain content of verdict.json; null where a number could not be told."""
-    acting, walls, agreement = outcome.map, outcome.walls, outcome.agreement
+    acting, walls, a = outcome.map, outcome.walls, outcome.agreement
     content = {
         "verdict": outcome.verdict,
         "confidence": outcome.confidence,
@@ -348,16 +290,21 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "map_leaves": acting and acting.left,
         "learned": outcome.learned and law_json(outcome.learned),
         "gap": {
-            "before": _gap(outcome.gap_before),
-            "after": _gap(outcome.gap_after),
-            "closed": _gap(outcome.closed),
+            "before": pair_json(outcome.gap_before),
+            "after": pair_json(outcome.gap_after),
+            "closed": pair_json(outcome.closed),
             "channels": {c.name: {"before": c.gap_before[1], "after": c.gap_after and c.gap_after[1],
                                   "rms_before": c.rms_before and c.rms_before[1],
                                   "rms_after": c.rms_after and c.rms_after[1], "unit": SIGNAL_UNITS[c.name[-1]]}
                          for c in outcome.channels},
         },
         "remains": outcome.remains,
-        "walls": walls and _walls(walls),
+        "walls": walls and {
+            "kind": walls.kind,
+            "spread": {key: {"stated": stated, "found": found} for key, (stated, found) in walls.spread.items()},
+            "arteries": {name: {"file": own.file, "source": own.source, **own.now.plain, "deviation": own.deviation,
+                                "beyond": own.beyond} for name, own in walls.arteries.items()},
+        },
         "separating_measurement": outcome.separating_measurement,
         "invisible": outcome.invisible,
         "not_judged": outcome.not_judged,
@@ -367,8 +314,9 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "held_out_sites": outcome.sites,
         "smallest_detectable": outcome.smallest,
         "fmu_against_solver": outcome.parity,
-        "fmu_against_inference": agreement and _agreement(agreement),
-        "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
+        "fmu_against_inference": a and {"difference": a.difference, "channel": a.channel, "harmonic": a.harmonic,
+                                        "gap": {"fmu": pair_json(a.fmu), "inferred": pair_json(a.inferred)}},
+        "absorbed": {n.name: {"x": n.x, "sd": n.sd, "prior_sd": n.prior_sd, "unit": n.unit} for n in outcome.absorbed},
         "recordings": {each.label: each.plain for each in outcome.recordings},
         "warnings": outcome.warnings,
         "notes": outcome.notes,
@@ -377,24 +325,3 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "provenance": outcome.provenance,
     }  # fmt: skip
     return dict(plain(content))
-
-
-def _gap(pair: tuple[float, float] | None) -> dict[str, float] | None:
-    return None if pair is None else {"fit": pair[0], "held_out": pair[1]}
-
-
-def _walls(walls: Walls) -> dict[str, Any]:
-    return {
-        "kind": walls.kind,
-        "spread": {key: {"stated": stated, "found": found} for key, (stated, found) in walls.spread.items()},
-        "arteries": {
-            name: {"file": own.file, "source": own.source, **own.now.plain, "deviation": own.deviation,
-                   "beyond": own.beyond}
-            for name, own in walls.arteries.items()
-        },
-    }  # fmt: skip
-
-
-def _agreement(a: Agreement) -> dict[str, Any]:
-    gap = {"fmu": _gap(a.fmu), "inferred": _gap(a.inferred)}
-    return {"difference": a.difference, "channel": a.channel, "harmonic": a.harmonic, "gap": gap}

@@ -36,21 +36,20 @@ def marks(outcome: Outcome) -> list[Mark]:
     found = [(effect.name, effect.where) for effect in outcome.effects]
     named = found if outcome.verdict in ("effect", "several", "partial") else []
     return [
-        Mark(_kind(name), site_of(place), (name, where) in named, effect_text(name, (place,)))
+        Mark(_kind(entry(name).owner), site_of(place), (name, where) in named, effect_text(name, (place,)))
         for name, where in dict.fromkeys((*named, *chain.from_iterable(outcome.members), *found))
         for place in where
     ]
 
 
-def _kind(name: str) -> str:
+def _kind(owner: str) -> str:
     """The kind of place of an effect; one of the fluid acts in the segments."""
-    owner = entry(name).owner
     return "segment" if owner == "fluid" else owner
 
 
 def entry(name: str) -> Effect:
     """The effect of the catalogue that has this name."""
-    return next(effect for effect in effects.ALL if effect.name == name)
+    return effects.BY_NAME[name]
 
 
 def of_sensor(name: str) -> bool:
@@ -63,14 +62,9 @@ def plain(name: str) -> str:
     return name.replace("_", " ")
 
 
-def place_text(place: str) -> str:
-    """A place in words."""
-    return "all places" if place == "all" else place
-
-
 def places_text(where: Iterable[str]) -> str:
     """Places in words."""
-    return ", ".join(map(place_text, where)) or DASH
+    return ", ".join("all places" if place == "all" else place for place in where) or DASH
 
 
 def effect_text(name: str, where: Iterable[str]) -> str:
@@ -80,12 +74,8 @@ def effect_text(name: str, where: Iterable[str]) -> str:
 
 def label_text(label: str) -> str:
     """ "wall_viscosity at CA" in words, or several of them with a plus; names of places stay as they are."""
-    return " + ".join(_label_text(each) for each in label.split(" + "))
-
-
-def _label_text(label: str) -> str:
-    name, at, place = label.partition(" at ")
-    return plain(name) + (f" at {place_text(place)}" if at else "")
+    found = (each.partition(" at ") for each in label.split(" + "))
+    return " + ".join(plain(name) + (f" at {places_text([place])}" if at else "") for name, at, place in found)
 
 
 def site_of(place: str) -> str:

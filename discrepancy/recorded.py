@@ -14,6 +14,11 @@ from solver.units import SIGNAL_UNITS
 Pair = tuple[float, float]
 
 
+def pair_json(gap: Pair | None) -> dict[str, float] | None:
+    """A gap on (fitted, held-out) beats, as verdict.json has it."""
+    return None if gap is None else {"fit": gap[0], "held_out": gap[1]}
+
+
 @dataclass(frozen=True)
 class Recorded:
     """One recording. fitted : or held out whole, with its own numbers alone refitted.
@@ -43,7 +48,7 @@ class Recorded:
     @property
     def plain(self) -> dict[str, Any]:
         """For verdict.json."""
-        gap = {"before": _pair(self.gap_before), "after": self.gap_after and _pair(self.gap_after)}
+        gap = {"before": pair_json(self.gap_before), "after": pair_json(self.gap_after)}
         rms = {
             name: {"before": x, "after": self.rms_after.get(name), "unit": SIGNAL_UNITS[name[-1]]}
             for name, x in self.rms_before.items()
@@ -77,19 +82,10 @@ def _own(numbers: Mapping[str, float]) -> str:
     """Numbers with their units; those of one kind that are the same together, "CA+FA.outlet.P_venous 5 mmHg"."""
     same: dict[tuple[str, str], list[str]] = {}
     for name, value in numbers.items():
-        where, _, key = name.partition(".")
-        same.setdefault((key, _in_unit(name, value)), []).append(where)
+        (where, _, key), (unit, factor) = name.partition("."), shown_in(quantity_of(name))
+        same.setdefault((key, f"{number(factor * value, 4)} {unit}".rstrip()), []).append(where)
     kinds = [key for key, _ in same]
     return ", ".join(
         f"{'all' if len(where) > 1 and kinds.count(key) == 1 else '+'.join(where)}.{key} {value}"
         for (key, value), where in same.items()
     )
-
-
-def _in_unit(name: str, value: float) -> str:
-    unit, factor = shown_in(quantity_of(name))
-    return f"{number(factor * value, 4)} {unit}".rstrip()
-
-
-def _pair(gap: Pair) -> dict[str, float]:
-    return {"fit": gap[0], "held_out": gap[1]}

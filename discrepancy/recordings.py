@@ -15,12 +15,13 @@ import numpy as np
 
 from fitting.calibrated import labels_of
 from fitting.fmu_run import RunFailed
-from fitting.inference.fit import Fit, Member, projected
+from fitting.inference.fit import Fit, Member
+from fitting.inference.forward import Forward
 from fitting.inference.prior import Calibrated
 from fitting.inference.several import Several
-from fitting.inference.simulator import Runs
+from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term, candidates, rewired
-from fitting.inference.unknown import parameter_values, precision
+from fitting.inference.unknown import parameter_values
 from fitting.record_options import not_judged
 from fitting.records.record import Record
 from solver.errors import InputError
@@ -28,21 +29,22 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from .asked import Asked
-from .confirm import confirmed_together
 from .journal import Journal
-from .name import COMMON, name
+from .name import COMMON
 from .outcome import ADDED
 from .recorded import Recorded
-from .show import Gap, Run, fall
+from .scoring import seen_by, weighed
+from .show import Gap, Run, confirmed, fall
 from .study import Study, prepare
 from .summary import Shown
 from .together import name_together
-from .usable import check_beats, check_record
+from .usable import check_beats, check_record, check_waves
 from .verdict import Naming
 
 Array = np.ndarray
 _VENOUS = "*.outlet.P_venous"  # what lies behind the arteries is no part of them
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of a stage; under a wave, with start values
+Namer = Callable[..., Naming]  # :func:`discrepancy.name.name`
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,11 @@ class Recordings:
     warnings: tuple[str, ...] = ()
 
     @property
+    def alone(self) -> bool:
+        """Whether it is one recording."""
+        return len(self.records) + len(self.unseen) == 1
+
+    @property
     def labels(self) -> list[str]:
         """Names of the recordings, of those held out last."""
         return labels_of([each.path for each in (*self.records, *(record for record, _ in self.unseen))])
@@ -67,7 +74,7 @@ class Recordings:
         beats = tuple((s.fitted, s.held_out) for s in self.studies)
         varies = (*self.varies, *(() if parts[0].site else (_VENOUS,)))
         found = Several(parts, tuple(self.labels[: len(parts)]), varies, beats)
-        assert found.added is not None  # looked for now
+        _ = found.added  # refuses now what cannot vary
         return found
 
     @property
@@ -77,11 +84,14 @@ class Recordings:
         sensors = [channel for s in self.studies for channel in s.problem.signals]
         return candidates(network, [*dict.fromkeys(sensors), *(() if site else (INFLOW,))], site)
 
-    def named(self, journal: Journal, asked: Asked, runs: Runs) -> Naming:
-        """Each by itself, in its share of the time, and then all together."""
+    def named(self, journal: Journal, asked: Asked, runs: Runs, name: Namer) -> Naming:
+        """Each by itself, in its share of the time, and then all together. name : of one."""
+        if self.alone:
+            (study,) = self.studies
+            return journal.naming(study.problem, lambda: name(study.problem, study.terms, runs, asked.chosen))
         alone, whole, n = list[Naming](), self.whole, len(self.studies)
         for i, study in enumerate(self.studies):
-            search = partial(name, study.problem, study.terms, runs.part(1.0 / (n - i + 1.0)), asked.chosen)
+            search = partial(_named, name, study, runs.part(1.0 / (n - i + 1.0)), asked.chosen)
             alone.append(journal.naming(study.problem, search, f"naming_{i}"))
 
         def together() -> Naming:
@@ -90,89 +100,124 @@ class Recordings:
 
         return replace(journal.naming(whole, together), map=alone[0].map)
 
+    def only(self, journal: Journal, name: Namer) -> Naming | None:
+        """That of the first recording by itself, which :meth:`named` has found, where no other one is fitted."""
+        (study, *more) = self.studies
+        return None if more else journal.naming(study.problem, partial(_named, name, study, Runs(), None), "naming_0")
+
     # --- through the FMUs ---------------------------------------------------------------------------------------------
 
     def judged(
-        self, naming: Naming, base: Fit, first: tuple[Run, Run | None], before: FreeRun, after: FreeRun
-    ) -> tuple[list[tuple[Recorded, Gap, Gap | None]], list[str]]:
-        """What the FMUs leave of each recording, and why of some that were held out it is not known.
+        self, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
+    ) -> tuple[Naming, Shown, tuple[Recorded, ...], tuple[str, ...]]:
+        """The naming that the free runs of all recordings bear out, with the gaps over those fitted; each of several,
+        and what to know of them.
 
-        base : without what was added. first : the runs of the first recording. before, after : run the FMU without and
+        base : without what was added. shown : the runs of the first recording. before, after : run the FMU without and
         with what was added.
         """
-        whole, best = naming.problem, naming.best.fit if first[1] else None
-        assert isinstance(whole, Several)
-        found, unjudged, seen = [], list[str](), _seen(best or base)
-        for i, (record, study) in enumerate(zip(self.records, self.studies, strict=True)):
-            study, fits = replace(study, problem=whole.parts[i]), (whole.of(base, i), best and whole.of(best, i))
-            runs = first if i == 0 else _runs(f"{i}", study, *fits, before, after)
-            d = float(np.linalg.norm(seen[whole.rows[i]]))
-            found.append(self._recorded(i, record, study, fits, runs, d, whole))
-        for i, (record, study) in enumerate(self.unseen, len(self.records)):
+        found, unjudged = self.each(naming, base, shown, before, after)
+        fitted = [(first, last) for each, first, last in found if each.fitted]
+        first, last = joined([g for g, _ in fitted]), joined([g for _, g in fitted if g]) if shown.after else None
+        each = tuple(recorded for recorded, _, _ in found)
+        naming = confirmed(naming, each, first, last)
+        if naming.verdict not in ADDED:
+            last, each = None, tuple(replace(r, gap_after=None, rms_after={}, own=r.own_before) for r in each)
+        return naming, replace(shown, gaps=(first, last)), () if self.alone else each, (*self.warnings, *unjudged)
+
+    def each(
+        self, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
+    ) -> tuple[list[tuple[Recorded, Gap, Gap | None]], list[str]]:
+        """What the FMUs leave of each recording, and why of some that were held out it is not known."""
+        whole, best = naming.problem, naming.best.fit if shown.after else None
+        found, unjudged = [], list[str]()
+        for i, (record, study) in enumerate((*zip(self.records, self.studies, strict=True), *self.unseen)):
+            fitted = i < len(self.records)
+            study = replace(study, problem=whole.parts[i] if isinstance(whole, Several) else whole) if fitted else study
             try:
-                fits = _there(whole, study, base), best and _there(whole, study, best)
-                runs = _runs(f"{i}", study, *fits, before, after)
-            except (InputError, RunFailed) as error:  # the verdict stands without it
-                unjudged.append(not_judged(record.path, error))
+                fits = _there(whole, study, base, i, fitted), best and _there(whole, study, best, i, fitted)
+                runs = free_runs(f"_{i}", study, *fits, before, after) if i else (shown.before, shown.after)
+                if not fitted:
+                    check_waves(study, runs[0].beats)
+            except (InputError, RunFailed) as error:
+                if fitted:
+                    raise
+                unjudged.append(not_judged(record.path, error))  # the verdict stands without it
                 continue
-            d = float(np.linalg.norm(_seen(fits[1] or fits[0])))
-            found.append(self._recorded(i, record, study, fits, runs, d, whole))
+            own = dict[str, object]()
+            if isinstance(whole, Several):
+                last, rows = (best or base, whole.rows[i]) if fitted else (fits[1] or fits[0], slice(None))
+                own = {"own": _own(whole, study, fits[1] or fits[0]), "own_before": _own(whole, study, fits[0])}
+                own["d"] = float(np.linalg.norm(seen_by(last, last.terms)[rows])) if best else None
+            found.append(self._recorded(i, record, study, runs, own))
         return found, unjudged
 
     def _recorded(
-        self, i: int, record: Record, study: Study, fits: tuple[Fit, Fit | None], runs: tuple[Run, Run | None],
-        d: float, whole: Several,
-    ) -> tuple[Recorded, Gap, Gap | None]:  # fmt: skip
+        self, i: int, record: Record, study: Study, runs: tuple[Run, Run | None], own: dict[str, object]
+    ) -> tuple[Recorded, Gap, Gap | None]:
         first, last = runs
-        shown: dict[str, object] = {}
         if last is not None:
             fallen, sd = fall(study, first, last)
             rms = {channel: pair[1] for channel, pair in last.gap.rms.items()}
-            shown = {"gap_after": last.gap.total, "rms_after": rms, "d": d, "fallen": fallen, "sd": sd}
-
-        def own(fit: Fit) -> dict[str, float]:
-            mine = (u for u in whole.hypothesis(fit.terms) if u.name.endswith(f" of {whole.labels[0]}"))
-            vary = {v for u in mine for v in u.variables}
-            return {v: x for v, x in _values(study.network, fit).items() if v in vary}
-
+            own = own | {"gap_after": last.gap.total, "rms_after": rms, "fallen": fallen, "sd": sd}
         found = Recorded(
             self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats, study.fitted.T,
             i < len(self.records), first.gap.total, {c: pair[1] for c, pair in first.gap.rms.items()},
-            own=own(fits[1] or fits[0]), own_before=own(fits[0]), **shown,  # type: ignore[arg-type]
+            **own,  # type: ignore[arg-type]
         )  # fmt: skip
         return found, first.gap, None if last is None else last.gap
 
 
 def recordings_of(
-    record: Record, study: Study, others: Sequence[Record], unseen: Sequence[Record], asked: Asked,
-    known: Calibrated | None, runs: Runs,
-) -> Recordings:  # fmt: skip
-    """The recordings of a study, prepared as its own.
+    records: Sequence[Record], network: Network, asked: Asked, known: Calibrated | None, runs: Runs
+) -> Recordings:
+    """The recordings of a study: its own, those that are fitted beside it, and those held out.
 
     Raises UnusableRecord for one that cannot be used; of those held out that is a warning. Raises InputError where one
     is compared with the network and another with one wall, or for a number that cannot vary.
     """
 
     def prepared(other: Record) -> Study:
-        check_record(other)
-        found = prepare(other, study.network, asked.period, runs, known)
+        found = prepare(other, network, asked.period, runs, known)
         check_beats(found)
+        return found
+
+    def alike(other: Record) -> Study:
+        check_record(other)
+        found = prepared(other)
         if found.site != study.site:
             raise InputError(f"{other.path}: it is of {found.site}, and {record.path} of {study.site}; give one site.")
         return found
 
-    for other in (*others, *unseen):
+    n, record = 1 + len(asked.further), records[0]
+    study = prepared(record)
+    for other in records[1:]:
         _check_alike(record, other)
-    made = [prepared(other) for other in others]
+    made = [alike(other) for other in records[1:n]]
     held, warnings = [], [f"{s.fitted.source}: {text}" for s in made for text in s.warnings]
-    for other in unseen:
+    for other in records[n:]:
         try:
-            held.append((other, prepared(other)))
+            held.append((other, alike(other)))
         except InputError as error:
             warnings.append(not_judged(other.path, error))
-    found = Recordings((record, *others), (study, *made), tuple(held), asked.varies, tuple(warnings))
-    assert found.whole
+    found = Recordings(tuple(records[:n]), (study, *made), tuple(held), asked.varies, tuple(warnings))
+    if not found.alone:
+        _ = found.whole  # refuses now what cannot be compared
     return found
+
+
+def _named(name: Namer, study: Study, runs: Runs, walls: str | None) -> Naming:
+    """The verdict on one recording; where the time was over before anything was known of it, only how far the model as
+    given is from it: the others are not lost."""
+    try:
+        return name(study.problem, study.terms, runs, walls)
+    except OutOfTime:
+        problem = study.problem if walls == COMMON else study.problem.individual()
+        (base,) = problem.refit([()])
+        if base is None:
+            raise
+        none = weighed(problem, base, study.terms)
+        return Naming("unknown", problem, none, (none,), (), {}, study.terms, 0.0, complete=False)
 
 
 def _check_alike(record: Record, other: Record) -> None:
@@ -183,21 +228,6 @@ def _check_alike(record: Record, other: Record) -> None:
             f"{lacks.path}: it has no {INFLOW}, which {has.path} has; recordings of one animal are all compared with "
             f"the network, or all with one wall: record the inflow in each, or leave one out."
         )
-
-
-def confirmed_by_all(
-    several: Recordings, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
-) -> tuple[Naming, Shown, tuple[Recorded, ...], tuple[str, ...]]:
-    """The naming that the free runs of all recordings bear out, with the gaps over those fitted; each recording, and
-    what to know of them."""
-    found, unjudged = several.judged(naming, base, (shown.before, shown.after), before, after)
-    fitted = [(first, last) for each, first, last in found if each.fitted]
-    first, last = joined([g for g, _ in fitted]), joined([g for _, g in fitted if g]) if shown.after else None
-    each = tuple(recorded for recorded, _, _ in found)
-    naming = confirmed_together(naming, each, first, last)
-    if naming.verdict not in ADDED:
-        last, each = None, tuple(replace(r, gap_after=None, rms_after={}, own=r.own_before) for r in each)
-    return naming, replace(shown, gaps=(first, last)), each, (*several.warnings, *unjudged)
 
 
 def joined(gaps: Sequence[Gap]) -> Gap:
@@ -214,37 +244,39 @@ def joined(gaps: Sequence[Gap]) -> Gap:
     return Gap(mean([g.total for g in gaps]), channels, rms)
 
 
-def _seen(fit: Fit) -> Array:
-    """(n, …) what of the effects of a fit no other of its numbers can take up, whitened."""
-    names = {u.name for t in fit.terms for u in t.unknowns}  # of which some may be held
-    mine = np.array([u.name in names for u in fit.unknowns], bool)
-    size = mine & np.array([u.of_size or bool(u.group) for u in fit.unknowns], bool)
-    moves = ~mine & np.array([u.low < u.high for u in fit.unknowns], bool)
-    prior = precision(fit.prior, fit.x)[moves]
-    return projected(fit.J[:, moves], prior, (fit.J[:, size] @ fit.x[size])[:, None])[:, 0]
+def _own(whole: Several, study: Study, fit: Fit) -> dict[str, float]:
+    """The numbers of a recording that vary, as a fit to it has them."""
+    mine = (u for u in whole.hypothesis(fit.terms) if u.name.endswith(f" of {whole.labels[0]}"))
+    vary = {v for u in mine for v in u.variables}
+    return {v: x for v, x in moved(study.network, fit).items() if v in vary}
 
 
-def _values(network: Network, fit: Fit) -> dict[str, float]:
+def moved(network: Network, fit: Fit) -> dict[str, float]:
     """The parameters of the network that a fit moves."""
     return {n: float(x) for n, x in parameter_values(fit.unknowns, rewired(network, fit.terms), fit.x).items()}
 
 
-def _runs(
+def free_runs(
     stage: str, study: Study, base: Fit, best: Fit | None, before: FreeRun, after: FreeRun
 ) -> tuple[Run, Run | None]:
     """The free runs of a recording, under its most probable drive; a flow meter that lies drove the model before."""
     problem, measured = study.problem, study.problem.measured_wave(study.fitted)
     wave = problem.wave(study.fitted, best or base)
     lies = best is not None and any(t.is_sensor and t.place == INFLOW for t in best.terms)
-    first = before(f"before_{stage}", base, measured if lies else wave, _values(study.network, base), study)
+    first = before(f"before{stage}", base, measured if lies else wave, moved(study.network, base), study)
     if best is None:
         return first, None
-    return first, after(f"after_{stage}", best, wave, _values(study.network, best), study)
+    return first, after(f"after{stage}", best, wave, moved(study.network, best), study)
 
 
-def _there(whole: Several, study: Study, fit: Fit) -> Fit:
-    """A fit to some recordings as one to another: what is in common as it is, what varies fitted there alone."""
-    each = [whole.own(fit.unknowns, i) for i in range(len(whole.parts))]
+def _there(problem: Forward, study: Study, fit: Fit, i: int, fitted: bool) -> Fit:
+    """A fit to some recordings as one to the i-th; to one that was not fitted, what is in common as it is, and what
+    varies fitted there alone."""
+    if not isinstance(problem, Several):
+        return fit
+    if fitted:
+        return problem.of(fit, i)
+    each = [problem.own(fit.unknowns, k) for k in range(len(problem.parts))]
     unknowns, which = each[0]
     vary = [fit.unknowns[j].name != u.name for j, u in zip(which, unknowns, strict=True)]
     x = np.mean([fit.x[at] for _, at in each], axis=0)

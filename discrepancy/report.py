@@ -1,37 +1,41 @@
-"""The report of a study: one HTML page that needs nothing else, and its figures as PNG."""
+"""The folder of a study and its report: one HTML page that needs nothing else, and its figures as PNG."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Iterable, Mapping
 from math import exp
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fitting.pages.page import environment, words
+from fitting.result_files import check_unmixed, json_text
 from solver.errors import InputError
+from solver.files import dumps
 from solver.legible import number, plus_minus
 from solver.units import printed
+from solver.writing import check_destinations, make_folder, write_folder
 
-from . import places, recorded, tables, thresholds, wording
+from . import isolability, places, recorded, tables, thresholds, wording
+from .learned_text import FILES, learned_files
 from .map_text import map_sentences
-from .outcome import VERDICTS, Outcome
+from .outcome import Outcome, verdict_json
 
 if TYPE_CHECKING:
     from fitting.pages.panels import Drawing
 
+Progress = Callable[[float, str], None]
+
+_STATE = ".state"  # the journal's folder
+_FILES = ("model.toml", "model.fmu", *FILES, "report.html", "verdict.json")  # of a study, as they are written
 _AS_READ = {"gap_as_given": "gap of the file as it is"}
 
 
 def report_files(outcome: Outcome) -> dict[str, str | bytes]:
-    """The figures and, last, the page, by their names in the folder.
-
-    Raises ValueError if the verdict is not one of :data:`discrepancy.outcome.VERDICTS`.
-    """
+    """The figures and, last, the page, by their names in the folder."""
     from .figures import figures  # matplotlib takes a second
 
-    if outcome.verdict not in VERDICTS:
-        raise InputError(f"verdict {outcome.verdict!r} is not known; it must be one of {', '.join(VERDICTS)}.")
     drawings = figures(outcome)
     pictures: dict[str, str | bytes] = {f"figures/{name}.png": drawn.png for name, drawn in drawings.items()}
     return pictures | {"report.html": page(outcome, drawings)}
@@ -61,7 +65,14 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         "pulse": tables.pulse_text,
         "times": tables.times_noise,
     }
-    templates.globals |= {"at": thresholds, "recorded": recorded, "tables": tables, "wording": wording, "Z": tables.Z}
+    templates.globals |= {
+        "at": thresholds,
+        "limits": isolability,
+        "recorded": recorded,
+        "tables": tables,
+        "wording": wording,
+        "Z": tables.Z,
+    }
     return templates.get_template("report.html.j2").render(
         outcome=outcome,
         drawings=drawings,
@@ -75,3 +86,45 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
             if value not in ([], {}) and value not in (outcome.record, outcome.model)
         },
     )
+
+
+# --- the folder -------------------------------------------------------------------------------------------------------
+
+
+def check_folder(folder: Path, given: Iterable[str | os.PathLike[str] | None]) -> None:
+    """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way.
+
+    given : the files that the study is of, which it neither replaces nor removes.
+    """
+    check_unmixed(folder, "discover")
+    for path in (folder / _STATE, folder / "figures"):
+        if path.exists() and not path.is_dir():
+            raise InputError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
+    for path in (folder / file for file in _FILES):
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder where a study has a file; move it, or give another --out.")
+    check_destinations(*(folder / file for file in _FILES), given=given, folders=True)
+    make_folder(folder)
+
+
+def write_study(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
+    """All files of a study, the verdict last; those of an earlier one that this verdict does not have are removed.
+
+    A folder with a verdict.json always holds the files that belong to it.
+    """
+    progress(0.94, "writing the report")
+    files: dict[str, str | bytes] = {}
+    if outcome.network_after is not None and fmu is not None:
+        files = {"model.toml": dumps(outcome.network_after), "model.fmu": fmu}
+    files |= learned_files(outcome.learned, outcome.map if outcome.verdict in ("unknown", "partial") else None)
+    files |= report_files(outcome) | {"verdict.json": json_text(verdict_json(outcome))}
+    write_folder(folder, files, gone={*figure_files(), *_FILES} - set(files))
+    progress(1.0, "done")
+
+
+def holds_study(folder: Path) -> bool:
+    """Whether a study is in a folder whose record could be used."""
+    try:
+        return bool(json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["verdict"] != "unusable")
+    except (OSError, ValueError, LookupError, TypeError):
+        return (folder / "model.toml").exists()

@@ -10,8 +10,6 @@ be. The noise is that of the record. Of a class of more than two the least d' co
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +24,7 @@ from fitting.inference.simulator import Runs
 from fitting.records.noise import Target
 from solver.errors import InputError
 
-from . import thresholds as at
+from .isolability import INSEPARABLE
 from .places import label_text
 from .verdict import Naming
 
@@ -64,30 +62,29 @@ def second_state(naming: Naming, runs: Runs | None = None) -> str:
     said = {_OF_BENCH.get(words, words) if naming.problem.site else words: d for words, d in found.items()}
     best, *others = sorted(said, key=lambda words: -said[words])
     rest = ", ".join(f"{words}: {said[words]:.2g}" for words in others)
-    if said[best] < at.INSEPARABLE:
+    if said[best] < INSEPARABLE:
         tried = f"{best}: {said[best]:.2g}" + (f", {rest}" if rest else "")
-        return f"No second state that was simulated would separate the class (d′ below {at.INSEPARABLE:g}: {tried})."
+        return f"No second state that was simulated would separate the class (d′ below {INSEPARABLE:g}: {tried})."
     members = " from ".join(label_text(n.label) for n in naming.members[:2])
     more = " and the others" if len(naming.members) > 2 else ""
-    instead = f"; {rest}" if rest else ""
-    return (
-        f"A second recording at {best} would tell {members}{more} (d′ {said[best]:.2g}{instead}): give it with --and."
-    )
+    d = f"d′ {said[best]:.2g}" + (f"; {rest}" if rest else "")
+    return f"A second recording at {best} would tell {members}{more} ({d}): give it with --and."
 
 
 def separations(naming: Naming, runs: Runs) -> dict[str, float]:
     """The least d' between the best of the class and its other members in each state, by the state's words."""
-    best, *others = (n.fit for n in naming.members[:_MOST]) if len(naming.members) > 1 else (None,)
-    if best is None:
+    if len(naming.members) < 2:
         return {}
-    problem, a, rivals = naming.problem, best, [(fit, fit.covariance) for fit in others]
+    problem, (best, *others) = naming.problem, [n.fit for n in naming.members[:_MOST]]
+    rivals = [(fit, fit.covariance) for fit in others]
     if isinstance(problem, Several):
-        whole = problem
-        problem, a = whole.first, whole.of(best, 0)
-        rivals = [(whole.of(fit, 0), _anew(whole, fit)) for fit in others]
+        whole, problem = problem, problem.first
+        best, rivals = whole.of(best, 0), [(whole.of(fit, 0), _anew(whole, fit)) for fit in others]
     found = {}
     for state in STATES:
-        there = _in_state(problem, state, a, runs)
+        there = (
+            _of_bench(problem, state, best) if isinstance(problem, Bench) else _of_network(problem, state, best, runs)
+        )
         each = [] if there is None else [_apart(there, fit, C, runs) for fit, C in rivals]
         if known := [d for d in each if d is not None]:
             found[state.words] = min(known)
@@ -114,25 +111,20 @@ def _apart(there: Forward, fit: Fit, C: Array, runs: Runs) -> float | None:
     return float(np.sqrt(point.z @ np.linalg.solve(V, point.z)))
 
 
-def _in_state(problem: Forward, state: State, fit: Fit, runs: Runs) -> Forward | None:
-    """The problem whose record is what a hypothesis shows in a state; None where it cannot be simulated there."""
-    if isinstance(problem, Bench):
-        return _of_bench(problem, state, fit)
+def _of_network(problem: Forward, state: State, fit: Fit, runs: Runs) -> NetworkProblem | None:
+    """The problem whose record is what a hypothesis shows in a state; None where it cannot be simulated there. The mean
+    pressure moves with that behind all outlets."""
     assert isinstance(problem, NetworkProblem)
-    return _of_network(problem, state, fit, runs)
-
-
-def _of_network(problem: NetworkProblem, state: State, fit: Fit, runs: Runs) -> NetworkProblem | None:
-    """The mean pressure moves with that behind all outlets."""
     simulator, pressures = problem.simulator, [i for i, name in enumerate(problem.signals) if name.endswith(".P")]
-    if state.level and not pressures:
-        return None
     network, T = simulator.network, simulator.T / state.rate
     if state.level:
+        if not pressures:
+            return None
         more = state.level * float(problem.target.X[0, pressures].real.mean())
-        with suppress(InputError):
-            network = network.with_parameters(_raised(network.parameters(), more))
-        if network is simulator.network:
+        raised = {n: x + more for n, x in network.parameters().items() if n.endswith(".outlet.P_venous")}
+        try:
+            network = network.with_parameters(raised)
+        except InputError:
             return None
     drive = replace(simulator.drive, T=T, X=state.flow * simulator.drive.X)
     there = replace(problem, simulator=replace(simulator, network=network, drive=drive, T=T))
@@ -140,11 +132,8 @@ def _of_network(problem: NetworkProblem, state: State, fit: Fit, runs: Runs) -> 
     return None if X is None else replace(there, target=Target.of(problem.signals, X, problem.target.covariance))
 
 
-def _raised(numbers: Mapping[str, float], more: float) -> dict[str, float]:
-    return {name: value + more for name, value in numbers.items() if name.endswith(".outlet.P_venous")}
-
-
 def _of_bench(problem: Bench, state: State, fit: Fit) -> Bench | None:
+    """The same of one wall."""
     loop, mean = problem.loop, float(problem.loop.P.mean())
     P = mean * (1.0 + state.level) + state.flow * (loop.P - mean)
     there = replace(problem, loop=replace(loop, P=P, T=loop.T / state.rate))

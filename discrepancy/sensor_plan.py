@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fitting.inference.fit import Fit, Member
-from fitting.inference.jackknife import Subset
+from fitting.inference.jackknife import subset
 from fitting.inference.network import NetworkProblem
 from fitting.inference.network_record import network_problem
 from fitting.inference.terms import Term, candidates
@@ -28,7 +28,7 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from . import thresholds
-from .isolability import isolability
+from .isolability import INSEPARABLE, isolability
 from .outcome import Isolability
 
 Array = np.ndarray
@@ -83,7 +83,11 @@ def plan_sensors(
     progress(0.9, "comparing sensors")
     tables = {name: _table(problem, base, columns, terms, (*channels, name)) for name in known if name not in channels}
     own = _table(problem, base, columns, terms, tuple(channels))
-    gains = [_gain(own, name, table) for name, table in tables.items()]
+    gains = [
+        Gain(name, tuple(e for e in own.invisible if e in table.visible),
+             _separable(table, own.labels) - _separable(own, own.labels))
+        for name, table in tables.items()
+    ]  # fmt: skip
     order = sorted(gains, key=lambda g: (-g.separable - 3 * len(g.visible), g.channel))
     return SensorPlan(tuple(dict.fromkeys(channels)), own, tuple(order))
 
@@ -114,10 +118,7 @@ def _columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term], progress
     groups = [[t for t in terms if t.effect == e] for e in dict.fromkeys(t.effect for t in terms)]
     for i, group in enumerate(groups):
         progress(0.1 + 0.8 * i / len(groups), f"simulating {group[0].effect.replace('_', ' ')}")
-        if group[0].rewires:
-            columns |= _rewired_columns(problem, base, group)
-        else:
-            columns |= problem.columns(base, group)
+        columns |= _rewired_columns(problem, base, group) if group[0].rewires else problem.columns(base, group)
     return columns
 
 
@@ -151,22 +152,17 @@ def _table(
 ) -> Isolability:
     """Isolability by some of the problem's channels, and by the inflow, whose meter may err as theirs."""
     keep = np.array([problem.signals.index(name) for name in dict.fromkeys(chosen)])
-    part = Subset(problem.target, keep)
+    part = subset(problem.target, keep)
     seen = [t for t in terms if not t.is_sensor or t.place in (*chosen, INFLOW)]
     fit = replace(base, z=part(base.z[:, None])[:, 0], J=part(base.J))
     return isolability(fit, {t.label: part(columns[t.label]) for t in seen if t.label in columns}, seen)
-
-
-def _gain(own: Isolability, channel: str, table: Isolability) -> Gain:
-    visible = tuple(e for e in own.invisible if e in table.visible)
-    return Gain(channel, visible, _separable(table, own.labels) - _separable(own, own.labels))
 
 
 def _separable(table: Isolability, effects: Sequence[str]) -> int:
     """Pairs of visible effects, the hidden one first, that can be told apart, over two."""
     at = [table.labels.index(e) for e in effects if e in table.visible]
     block = table.separation[np.ix_(at, at)]
-    return int((block >= thresholds.INSEPARABLE).sum() // 2)
+    return int((block >= INSEPARABLE).sum() // 2)
 
 
 def plan_json(plan: SensorPlan) -> dict[str, Any]:

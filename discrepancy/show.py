@@ -1,14 +1,15 @@
-"""Show: free runs of FMUs through fmpy, and the gap that they leave to the record, channel by channel.
+"""Show: free runs of FMUs through fmpy, the gap that they leave to the record, and what of a name that bears out.
 
 The FMU is driven by the most probable wave: the inflow, or the pressure of a bench, as the whole record says it
-was, not only the one noisy sensor. What is left is divided by the sensors' own noise: 1 is noise.
+was, not only the one noisy sensor. What is left is divided by the sensors' own noise: 1 is noise. Nothing is named that
+does not shrink the gap to held-out beats. The FMU is the model that inference compared: one model has one gap.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +18,22 @@ from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Fit
 from fitting.inference.observation import mean_wander, sense
 from fitting.inference.simulator import filters
+from fitting.records.amounts import changes, sizes
 from fitting.records.beats import Beats
 from fitting.records.noise import check_flow_driven
 from fitting.records.spectral import shift
 from solver import Settings, simulate, simulate_periodic
+from solver.legible import number
 from solver.network import Network
 from solver.units import INFLOW
 
+from . import thresholds as at
+from .animal import implausible
+from .outcome import ADDED, Agreement
+from .places import label_text
+from .recorded import Recorded
 from .study import Study
+from .verdict import Naming
 
 Array = np.ndarray
 
@@ -187,3 +196,111 @@ def own_parity(fmu: Path, network: Network) -> float | None:
         size = float(np.ptp(direct)) or float(np.abs(direct).max())
         worst = max(worst, float(np.abs(values - direct).max()) / size if size > 0.0 else 0.0)
     return worst
+
+
+# --- what the runs bear out -------------------------------------------------------------------------------------------
+
+
+def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
+    """The naming, if the free runs bear it out; else without a name, the reason made of the numbers.
+
+    χ² of held-out beats falls by more than chance over all recordings together and in each in which the effect has a d'
+    of 12, with which it does in 96 %, and rises by more than chance in none; over those that were held out whole
+    likewise. Of a part it closes most of the gap. Nor is it ``none`` where the model meets the record only as an animal
+    that there hardly is. each : recording, with what its runs leave. before, after : over all that are fitted.
+    """
+    naming = _borne_out(naming, each, before, after)
+    odd = implausible(naming.base.fit) if naming.verdict == "none" else {}
+    return _without(naming, "unknown", met_only_with(odd)) if odd else naming
+
+
+def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
+    if naming.verdict not in (*ADDED, "unknown"):
+        return naming
+    best, left = label_text(naming.best.label), before.total[1]
+    if left <= at.NO_GAP:
+        found = f"{best} was found but not named" if after else "no effect was named"
+        reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
+        return _without(naming, "none", reason)
+    if after is None:
+        return naming
+    why = _not_fallen([r for r in each if r.fitted], len(each) > 1) or _not_fallen([r for r in each if not r.fitted])
+    if not why and naming.verdict == "partial" and after.total[1] > (1.0 - at.PART_CLOSED) * left:
+        why = "most of it remains"
+    if why:
+        nearest = f"{best} comes nearest, but with it the gap of the FMU to held-out beats {changed(before, after)}"
+        return _without(naming, "unknown", f"{nearest}: {why}")
+    return naming
+
+
+def _not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
+    """Why some recordings do not bear a name out; "" where they do, or are none."""
+    told = [(r, r.fallen, r.sd) for r in each if r.fallen is not None and r.sd is not None]
+    if not told:
+        return ""
+    fallen, sd = sum(f for _, f, _ in told), math.sqrt(sum(s**2 for _, _, s in told))
+    if fallen <= at.FALL * sd:
+        over = f"over {', '.join(r.label for r, _, _ in told)} " if labelled else ""
+        return over + _no_fall(fallen, sd)
+    for r, own, spread in told:
+        if own < -at.FALL * spread or ((r.d or 0.0) >= at.VISIBLE and own <= at.FALL * spread):
+            return f"in {r.label} {_no_fall(own, spread)}"
+    return ""
+
+
+def met_only_with(odd: Mapping[str, float]) -> str:
+    """Numbers that no animal has, with their distances in stated spreads."""
+    them = ", ".join(f"{name} {abs(x):.2g} stated spreads {'above' if x > 0 else 'below'}" for name, x in odd.items())
+    return f"the model meets the record only with {them} the file's"
+
+
+def _no_fall(fallen: float, sd: float) -> str:
+    """What χ² of the held-out beats does, with its standard deviation, where it does not fall by more than chance."""
+    if fallen < -at.FALL * sd:
+        return f"chi2 rises by {-fallen:.3g} ± {sd:.2g}"
+    return f"chi2 {'rises' if fallen < 0.0 else 'falls'} by {abs(fallen):.3g} ± {sd:.2g}, no more than chance"
+
+
+def _without(naming: Naming, verdict: str, reason: str) -> Naming:
+    """Without a name, as sure as the name was not, and no surer than not."""
+    doubt = 1.0 - naming.confidence if naming.verdict in ADDED else naming.confidence
+    return replace(naming, verdict=verdict, members=(), confidence=min(doubt, at.INCOMPLETE), reason=reason)
+
+
+def change(before: Gap, after: Gap) -> str:
+    """How the gap to held-out beats changes, in words that follow the numbers."""
+    first, last = (number(each.total[1]) for each in (before, after))
+    if first == last:
+        return f"stays at {first}"
+    return f"{'falls' if after.total[1] < before.total[1] else 'rises'} from {first} to {last}"
+
+
+def changed(before: Gap, after: Gap) -> str:
+    """The same with its unit and, in brackets, what channels leave before and after: "Ao.P from 1.3 to 0.9 mmHg"."""
+    rms = changes(_held_out(before.rms), _held_out(after.rms), _held_out(before.channels))
+    return f"{change(before, after)} times the noise" + (f" ({rms})" if rms else "")
+
+
+def left(gap: Gap) -> str:
+    """The gap to held-out beats with its unit and, in brackets, what the channels leave: "1.3 mmHg of Ao.P"."""
+    rms = sizes(_held_out(gap.rms), _held_out(gap.channels))
+    return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
+
+
+def _held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    return {name: pair[1] for name, pair in pairs.items()}
+
+
+def agreement(study: Study, fit: Fit, wave: Array, run: Run) -> Agreement | None:
+    """An FMU's run beside what inference holds of the same hypothesis under the same wave; None where it holds nothing.
+
+    Both solve the same equations, by steps in time and by harmonic balance.
+    """
+    X = study.problem.answer(wave, fit)
+    if X is None:
+        return None
+    X = X[: len(run.X)]
+    pulse = np.array([np.ptp(study.fitted.mean(name)) for name in study.problem.signals])
+    apart = np.abs(run.X - X) / pulse
+    k, i = (int(n) for n in np.unravel_index(int(apart.argmax()), apart.shape))
+    return Agreement(float(apart[k, i]), study.problem.signals[i], k, run.gap.total, gap(study, X).total)

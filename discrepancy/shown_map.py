@@ -7,13 +7,15 @@ periodic term g(t) is added to the equations, or one of the subject's own number
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from typing import Any
 
 import numpy as np
 
+from fitting.inference.fit import Member
+from fitting.inference.network import NetworkProblem
 from fitting.inference.places import Place
 from fitting.inference.source_map import Rival, Signal, SourceMap
 from fitting.inference.unknown import parameter_values
@@ -25,12 +27,13 @@ from solver.sources import Drop, Source, Step, WallPressure
 from solver.units import INFLOW, SIGNAL_UNITS
 
 from . import thresholds
-from .gap_shares import main_phase
 
 Array = np.ndarray
 
 _SHAPES = ("even", "linear", "parabolic")  # by the degree of a wall's pressure
 _SAMPLES = 400  # of a beat: all harmonics of a record are smooth on them
+_BEGUN = 0.1  # of the height of the inflow: systole is where it is more
+_MID = 0.5  # of that height: after the peak and above it, mid systole
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,7 @@ class Acting:
     both are empty, and ``number`` is given. pulse : peak to peak of what was measured there, of ``channel``; or None.
     rivals : what this record cannot tell it from: the places that do nearly the same in its place, none where the
     record is nearly as probable without it. share : of the gap, as χ², that acts there; None where that was not asked.
-    phase : of the beat, by the inflow, with most of its energy, and the part of it that it has
-    (:mod:`discrepancy.gap_shares`).
+    phase : of the beat, by the inflow, with most of its energy, and the part of it that it has (:func:`main_phase`).
     """
 
     place: Place
@@ -113,15 +115,14 @@ class SourceMapShown:
 
 def map_json(shown: SourceMapShown) -> list[dict[str, Any]]:
     """The plain content of verdict.json for each place."""
-    return [_place(a) for a in shown.acting]
-
-
-def _place(a: Acting) -> dict[str, Any]:
-    where = {"kind": a.place.kind, "where": a.place.name, "x": a.place.at, "label": a.place.label, "unit": a.unit}
-    size = {"rms": a.rms} if a.number is None else {"rms": None, "value": a.number.value, "file": a.number.file}
-    rivals = [{"labels": [place.label for place in rival.places], "above": rival.above} for rival in a.rivals]
-    phase = a.phase and {"name": a.phase[0], "part": a.phase[1]}
-    return {**where, **size, "share": a.share, "phase": phase, "rivals": rivals}
+    found = []
+    for a in shown.acting:
+        where = {"kind": a.place.kind, "where": a.place.name, "x": a.place.at, "label": a.place.label, "unit": a.unit}
+        size = {"rms": a.rms} if a.number is None else {"rms": None, "value": a.number.value, "file": a.number.file}
+        rivals = [{"labels": [place.label for place in rival.places], "above": rival.above} for rival in a.rivals]
+        phase = a.phase and {"name": a.phase[0], "part": a.phase[1]}
+        found.append({**where, **size, "share": a.share, "phase": phase, "rivals": rivals})
+    return found
 
 
 def shown_map(found: SourceMap, network: Network, beats: Beats, shares: Sequence[float] = ()) -> SourceMapShown:
@@ -218,3 +219,60 @@ def _rivals(place: Place, found: SourceMap) -> tuple[Rival, ...]:
         for rival in found.rivals
         if rival.above < thresholds.RULED_OUT and place.key not in {p.key for p in rival.places}
     )
+
+
+# --- how much of the gap acts there, and when -------------------------------------------------------------------------
+
+
+def gap_shares(problem: NetworkProblem, found: SourceMap) -> tuple[float, ...]:
+    """The share of the gap, as χ², that acts at every place of a map, in the order of its signals.
+
+    With the whitened residual y of the map's walls alone and y_i of these with place i alone, place i takes c_i = y -
+    y_i out of it, and its share is yᵀc_i/|y|²: those of all places and of what is left add up to 1. A place may have
+    less than 0, where it makes good what another one does. Empty where a simulation breaks down.
+    """
+    at = problem.at((), found.unknowns, found.x)
+
+    def residual(*which: int) -> Array | None:
+        there = found.standing_out(which)
+        (X,) = found.forced(at, which).observe([Member((), there.unknowns, there.x)])
+        return None if X is None else at.residual(X)
+
+    y, each = residual(), [residual(i) for i in range(len(found.signals))]
+    if y is None or any(alone is None for alone in each):
+        return ()
+    return tuple(float(y @ (y - alone) / (y @ y)) for alone in each if alone is not None)
+
+
+def phases_of(inflow: Array) -> Mapping[str, Array]:
+    """(N,) where each phase of a beat is, by the mean inflow : (N,) at even times of the beat.
+
+    Its height h is counted from its least value, or from 0 where that is negative. Systole is the stretch around the
+    peak where h > 0.1 of the peak's: early systole up to the peak, mid systole after it while h >= 0.5 of the peak's,
+    late systole what follows. The rest of the beat is diastole.
+    """
+    h = inflow - max(float(inflow.min()), 0.0)
+    n, peak = len(h), int(np.argmax(h))
+    there, level = np.roll(h, -peak), float(h[peak])  # the peak first
+    low = np.flatnonzero(there <= _BEGUN * level)
+    end, begin = int(low[0]), int(low[-1]) + 1  # the least value is one of them
+    k = np.arange(n)
+    fallen = int(np.flatnonzero(np.append(there[:end] < _MID * level, True))[0])
+    parts = {
+        "early systole": (k >= begin) | (k == 0),
+        "mid systole": (k > 0) & (k < fallen),
+        "late systole": (k >= fallen) & (k < end),
+        "diastole": (k >= end) & (k < begin),
+    }
+    return {name: np.roll(part, peak) for name, part in parts.items()}
+
+
+def main_phase(g: Array, inflow: Array) -> tuple[str, float]:
+    """The phase of the beat with most of ∫ g² dt, and the part of it that it has.
+
+    g : (M,) at even times of the beat. inflow : (N,) likewise.
+    """
+    wave = np.interp(np.arange(len(g)) / len(g), np.arange(len(inflow)) / len(inflow), inflow, period=1.0)
+    energy = {name: float((g[there] ** 2).sum()) for name, there in phases_of(wave).items()}
+    name = max(energy, key=lambda each: energy[each])
+    return name, energy[name] / max(sum(energy.values()), 1e-300)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
+from fitting.elastic_law import MISFIT
 from fitting.inference.bench import bench
 from fitting.inference.forward import Forward
 from fitting.inference.network_record import network_problem
@@ -19,6 +20,7 @@ from fitting.records.beats import Beats
 from fitting.records.noise import seam_said
 from fitting.records.record import Record
 from fitting.records.sensors import UnusableRecord
+from fitting.wall import fit
 from solver import NonPhysicalState, NotPeriodic
 from solver.errors import InputError
 from solver.network import Network
@@ -26,7 +28,6 @@ from solver.units import INFLOW
 
 from . import thresholds
 from .name import name
-from .other_law import other_law
 from .verdict import Naming
 
 _SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer, a beat does not serve
@@ -91,43 +92,38 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
     Beats that a channel has hardly a sample of serve in neither. Raises Unusable if too few are left, if a channel was
     measured in no beat of a part at some phase, or if its beats are all the same.
     """
-    if beats.n_beats < thresholds.FEWEST_BEATS:
+    least = thresholds.FEWEST_BEATS
+    if beats.n_beats < least:
         raise Unusable(
-            f"{beats.source}: {beats.n_beats} beats are too few; record at least {thresholds.FEWEST_BEATS}, so that "
-            f"some can be kept apart to judge by."
+            f"{beats.source}: {beats.n_beats} beats are too few; record at least {least}, so that some can be kept "
+            f"apart to judge by."
         )
     there = {channel: (~np.isnan(values)).mean(axis=1) for channel, values in beats.values.items()}
     serves = {channel: share >= _SERVES * share.max() for channel, share in there.items()}
     whole = np.flatnonzero(np.all(list(serves.values()), axis=0))
-    if len(whole) < thresholds.FEWEST_BEATS:
+    if len(whole) < least:
         worst = min(serves, key=lambda channel: int(serves[channel].sum()))
         raise Unusable(
             f"{beats.source}: {worst} lacks {1.0 - there[worst].mean():.0%} of its samples, and only {len(whole)} of "
-            f"{beats.n_beats} beats have all channels, which is too few (at least {thresholds.FEWEST_BEATS}); cut the "
-            f"record to where all were measured, record more beats, or leave the channel out."
+            f"{beats.n_beats} beats have all channels, which is too few (at least {least}); cut the record to where "
+            f"all were measured, record more beats, or leave the channel out."
         )
     held = max(2, math.floor(thresholds.HELD_OUT * len(whole)))
     fitted, kept = beats.select(whole[:-held]), beats.select(whole[-held:])
     for part, what in ((fitted, "fitted"), (kept, "kept apart to judge by")):
-        _check_phases(part, what, there)
+        for channel, values in part.values.items():
+            if lost := float(np.isnan(values).all(axis=0).mean()):  # phases that no beat has
+                raise Unusable(
+                    f"{part.source}: {channel} lacks {1.0 - there[channel].mean():.0%} of its samples, and the "
+                    f"{part.n_beats} beats that are {what} have none of it over {lost:.0%} of a beat; cut the record "
+                    f"to where it was measured, record more beats, or leave the channel out."
+                )
     check_scatter(fitted)
     if len(whole) == beats.n_beats:
         return fitted, kept, fitted.warnings
     gaps = ", ".join(channel for channel, serving in serves.items() if not serving.all())
     left_out = f"{beats.n_beats - len(whole)} of {beats.n_beats} beats were left out for the gaps of {gaps}."
     return fitted, kept, (*beats.warnings, left_out)
-
-
-def _check_phases(part: Beats, what: str, there: Mapping[str, np.ndarray]) -> None:
-    """Raise Unusable unless every channel was measured at every phase in some beat of a part of the record."""
-    for channel, values in part.values.items():
-        lost = float(np.isnan(values).all(axis=0).mean())
-        if lost > 0.0:
-            raise Unusable(
-                f"{part.source}: {channel} lacks {1.0 - there[channel].mean():.0%} of its samples, and the "
-                f"{part.n_beats} beats that are {what} have none of it over {lost:.0%} of a beat; cut the record to "
-                f"where it was measured, record more beats, or leave the channel out."
-            )
 
 
 def check_scatter(beats: Beats) -> None:
@@ -167,27 +163,43 @@ def channels(record: Record, network: Network) -> tuple[str, ...]:
     return names
 
 
-def _instead(sites: Sequence[str], record: Record) -> str:
-    """What makes a bench record of it, by name where it is of one site."""
-    if len(sites) != 1:
-        return "give P and R of one site alone"
-    return f"add {' and '.join(n for n in (f'{sites[0]}.P', f'{sites[0]}.R') if n not in record.channels)}"
-
-
 def bench_site(record: Record, network: Network) -> str:
     """The segment whose P and R a bench record holds. Raises Unusable if it holds anything else."""
     sites = list(dict.fromkeys(n.rpartition(".")[0] for n in record.channels))
-    both = [s for s in sites if {f"{s}.P", f"{s}.R"} <= set(record.channels)]
-    if len(sites) != 1 or not both:
+    lacks = [n for n in (f"{sites[0]}.P", f"{sites[0]}.R") if n not in record.channels]
+    if len(sites) != 1 or lacks:
+        instead = f"add {' and '.join(lacks)}" if len(sites) == 1 else "give P and R of one site alone"
         raise Unusable(
             f"{record.path}: it has {', '.join(record.channels)}, but no {INFLOW}; add {INFLOW} to compare it with the "
-            f"network, or {_instead(sites, record)} to compare one artery with its wall."
+            f"network, or {instead} to compare one artery with its wall."
         )
     segments = {site.name: site.segment for site in network.sites}
-    segment = segments.get(sites[0], sites[0])
-    if segment not in [s.name for s in network.segments] or segment != sites[0]:
+    segment, known = segments.get(sites[0], sites[0]), [s.name for s in network.segments]
+    if segment not in known or segment != sites[0]:
         raise Unusable(
             f"{record.path}: network {network.name} has no segment {sites[0]}; name the channels after the segment "
-            f"that was measured ({', '.join(s.name for s in network.segments)})."
+            f"that was measured ({', '.join(known)})."
         )
     return sites[0]
+
+
+def other_law(beats: Beats, network: Network, site: str) -> tuple[str, ...]:
+    """A sentence where a wall of another law than the file's describes P and R of a site within their noise, and its
+    evidence is decided (:mod:`fitting.weighing`); none otherwise.
+
+    benchmarks/elastic_laws.py counts how often the wrong law is decided: in 1 of 1600 recordings.
+    """
+    name = next((s.segment for s in network.sites if s.name == site), site)
+    try:
+        found = fit(beats, site, network.segment(name).h, eta=network.eta)
+    except InputError:  # no wall of either law
+        return ()
+    law, own, weights = found.model.elastic, network.elastic_law, found.evidence
+    decided = law != own and weights is not None and weights.decided
+    if not decided or chi2.sf(found.chi2, found.dof) < MISFIT:
+        return ()
+    return (
+        f"{site}: the file's elastic law is {own}, but a wall of the {law} law explains P and R within their noise by "
+        f"itself ({found.law}): what is named may only stand for the law; set "
+        f'elastic_law = "{law}" in the file, fit its wall anew, and compare.',
+    )

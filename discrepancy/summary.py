@@ -13,30 +13,26 @@ from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
 from fitting.inference.network import NetworkProblem
 from fitting.inference.unknown import quantile
-from fitting.provenance import software
+from fitting.provenance import engine, software
 from fitting.records.record import Record
 from fitting.records.sensors import UnusableRecord
 from solver.network import Network
 from solver.units import INFLOW
 
 from . import thresholds
-from .animal import odd_ones, walls_of
-from .confirm import met_only_with
+from .animal import implausible, odd_ones, walls_of
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
-from .gap_shares import gap_shares
-from .gap_words import changed, left
 from .intervals import stated
-from .isolability import detectable, isolability, smallest
-from .late_drive import late_drive
+from .isolability import isolability, smallest
 from .map_text import acts_as
-from .outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
-from .outliers import implausible
+from .outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
 from .places import of_sensor, plain
-from .show import Gap, Run
-from .shown_map import SourceMapShown, shown_map
+from .recorded import Pair, pair_json
+from .show import Gap, Run, changed, left, met_only_with
+from .shown_map import SourceMapShown, gap_shares, shown_map
 from .study import Study
 from .verdict import Naming
-from .wording import separating_measurement
+from .wording import late_drive, separating_measurement
 
 _SHOWN = 12  # candidates in the report
 _ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"
@@ -51,9 +47,9 @@ _PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more
 class Shown:
     """Free runs of the FMUs: of the model as given, with its nuisances refitted (``before``), and with what was added
     (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``), the FMU's difference
-    from the direct solver (``parity``) or why that could not be told (``failure``), and the rounds. agreement : of the
-    last of these FMUs with what was inferred. gaps : before and after, over all of several recordings. second : which
-    second state would separate the class."""
+    from the direct solver (``parity``) or why that could not be told (``failure``), and the effects; alone : the gap
+    with the first of two alone. agreement : of the last of these FMUs with what was inferred. gaps : before and after,
+    over all of several recordings. second : which second state would separate the class."""
 
     given: Run
     before: Run
@@ -62,7 +58,8 @@ class Shown:
     archive: bytes | None = None
     parity: float | None = None
     failure: str | None = None
-    rounds: tuple[Round, ...] = ()
+    effects: tuple[NamedEffect, ...] = ()
+    alone: Pair | None = None
     agreement: Agreement | None = None
     gaps: tuple[Gap, Gap | None] | None = None
     second: str = ""
@@ -91,17 +88,15 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     gaps = shown.gaps or (before.gap, after.gap if after else None)
     # what remains is found by the noise alone, without the errors of the model that a partial answer is weighed with
     located, balances = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
-    effects = tuple(r.added for r in shown.rounds if r.added is not None)
-    least = smallest(naming.base.fit, naming.columns, naming.terms) if naming.verdict == "none" else {}
-    final = (naming.best if after else naming.base).fit
+    base, columns, terms = naming.base.fit, naming.columns, naming.terms
+    final = naming.best.fit if after else base
     walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
-    bent = _bent(walls, naming)
-    remarks = naming.reason or None
+    bent, none, partial = _bent(walls, naming), naming.verdict == "none", naming.verdict == "partial"
     acting = _acting(study, naming)
-    late = late_drive(effects, study.problem.signals) if after and study.site is None else ""
+    late = late_drive(shown.effects, study.problem.signals) if after and study.site is None else ""
     return Outcome(
         verdict=naming.verdict,
-        sentence=sentence(naming, effects, *gaps, acting, late),
+        sentence=sentence(naming, shown.effects, *gaps, acting, late),
         confidence=naming.confidence,
         complete=naming.complete,
         met=_met(naming),
@@ -110,10 +105,10 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         record=record.path,
         model=os.fspath(model),
         kind=study.problem.kind,
-        effects=effects,
+        effects=shown.effects,
         members=tuple(tuple((t.effect, t.where) for t in n.fit.terms) for n in naming.members),
-        reason=None if naming.verdict in ("partial", "none") else remarks,
-        remains=remarks if naming.verdict == "partial" else None,
+        reason=None if partial or none else naming.reason,
+        remains=naming.reason if partial else None,
         separating_measurement=" ".join(filter(None, (separating_measurement(naming), shown.second))) or None,
         located=located.located,
         balances=balances,
@@ -122,10 +117,10 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         z_map=located.z,
         candidates=_candidates(study, naming),
         absorbed=_absorbed(final),
-        isolability=isolability(naming.base.fit, naming.columns, naming.terms),
-        smallest={t.label: detectable(u, x) for t, u, x in least.values()},
+        isolability=isolability(base, columns, terms),
+        smallest=smallest(base, columns, terms) if none else {},
         sites=naming.problem.left_out(final),
-        rounds=shown.rounds,
+        alone=shown.alone,
         gap_before=gaps[0].total,
         gap_after=gaps[1].total if gaps[1] else None,
         parity=shown.parity,
@@ -134,9 +129,20 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         network_after=shown.network,
         p_value=global_p(study, naming, located.p_value),
         warnings=(*study.warnings, *fmu_warnings(shown), *([_BENT] if bent else [])),
-        notes=(*_not_named(naming), *(() if bent else odd_ones(walls, study.network))),
-        provenance=_provenance(record, model, study, shown.given),
-    )
+        notes=(*([f"{naming.reason}."] if none and naming.reason else []),
+               *(() if bent else odd_ones(walls, study.network))),
+        provenance={
+            "record_sha256": record.sha256,
+            **({"columns": dict(record.told)} if record.told else {}),
+            "model": os.fspath(model),
+            "beats": {"fitted": study.fitted.n_beats, "held_out": study.held_out.n_beats},
+            "period": {"value": study.fitted.T, "unit": "s"},
+            "gap_as_given": pair_json(shown.given.gap.total),
+            "thresholds": decided(),
+            "software": software(),
+            "engine": engine(),
+        },
+    )  # fmt: skip
 
 
 def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
@@ -146,11 +152,6 @@ def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
     whole = study.problem if naming.map.signals else None
     shares = gap_shares(whole, naming.map) if isinstance(whole, NetworkProblem) else ()
     return shown_map(naming.map, study.network, study.fitted, shares)
-
-
-def _not_named(naming: Naming) -> tuple[str, ...]:
-    """Why nothing is said to be missing although something was found."""
-    return (f"{naming.reason}.",) if naming.verdict == "none" and naming.reason else ()
 
 
 def _bent(walls: Walls, naming: Naming) -> bool:
@@ -173,46 +174,27 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
 
 def fmu_warnings(shown: Shown) -> tuple[str, ...]:
     """What to know of the FMUs that ran, and of the delivered one."""
-    a = shown.agreement
+    found, a = [], shown.agreement
     if a is not None and not a.difference <= _PARITY:
-        return (
+        found.append(
             f"error of the program: with the same numbers and under the same inflow the FMU leaves a gap of "
             f"{a.fmu[1]:.3g} times the noise of held-out beats, and the model that effects were sought with "
             f"{a.inferred[1]:.3g}: {a.channel} differs by {a.difference:.1g} of its pulse at harmonic {a.harmonic} "
-            f"(more than {_PARITY:g}); do not rely on this study; report this.",
-            *_of_delivered(shown),
+            f"(more than {_PARITY:g}); do not rely on this study; report this."
         )
-    return _of_delivered(shown)
-
-
-def _of_delivered(shown: Shown) -> tuple[str, ...]:
-    """What to know of the delivered FMU."""
     if shown.failure is not None:
-        return (f"model.fmu does not run with its network's own inflow: {shown.failure}",)
-    if shown.archive is not None and shown.parity is None:
-        return (
+        found.append(f"model.fmu does not run with its network's own inflow: {shown.failure}")
+    elif shown.archive is not None and shown.parity is None:
+        found.append(
             "model.fmu was not compared with the direct solver, because its network's own inflow moves nothing; give "
-            "its [inlet] a Q_max above 0 or a curve.",
+            "its [inlet] a Q_max above 0 or a curve."
         )
-    if shown.parity is not None and not shown.parity <= _PARITY:
-        return (
+    elif shown.parity is not None and not shown.parity <= _PARITY:
+        found.append(
             f"model.fmu differs from the direct solver by {shown.parity:.1g} of a channel's pulse (more than "
-            f"{_PARITY:g}): do not rely on it; report this as an error.",
+            f"{_PARITY:g}): do not rely on it; report this as an error."
         )
-    return ()
-
-
-def _provenance(record: Record, model: str | os.PathLike[str], study: Study, given: Run) -> dict[str, Any]:
-    return {
-        "record_sha256": record.sha256,
-        **({"columns": dict(record.told)} if record.told else {}),
-        "model": os.fspath(model),
-        "beats": {"fitted": study.fitted.n_beats, "held_out": study.held_out.n_beats},
-        "period": {"value": study.fitted.T, "unit": "s"},
-        "gap_as_given": {"fit": given.gap.total[0], "held_out": given.gap.total[1]},
-        "thresholds": decided(),
-        "software": software(),
-    }
+    return tuple(found)
 
 
 def decided() -> dict[str, Any]:
@@ -240,38 +222,32 @@ def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]
 
 
 def sentence(
-    naming: Naming,
-    effects: tuple[NamedEffect, ...],
-    before: Gap,
-    after: Gap | None,
-    acting: SourceMapShown | None = None,
-    late: str = "",
-) -> str:
+    naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None,
+    acting: SourceMapShown | None = None, late: str = "",
+) -> str:  # fmt: skip
     """The verdict in one sentence; a second one where the search was cut short, or no law explains all.
 
     acting : the source map, which then says what is missing. late : what drives the model late.
     """
-    said = _said(naming, effects, before, after)
-    if late:
-        said = f"{said} The simplest reading: {late}."
-    if acting and acting.acting and naming.verdict == "partial":
-        said = f"{said} {acts_as(acting, 'All that is missing')}"
-    elif acting and acting.acting and naming.verdict == "unknown" and not _met(naming):
-        tried = "No law of the catalogue explains it" if naming.complete else "Nothing that was tried explains it"
-        said = f"Something is missing: {_left(before)}. {tried}. {acts_as(acting)}"
-    return said if naming.complete else f"{said} Search incomplete: the time limit was over before all was compared."
-
-
-def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
+    somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
-        return f"The model meets the record: the gap is {left(before)}; nothing is missing."
-    if naming.verdict in ADDED and after:
-        return _added(naming, effects, f"the gap to held-out beats {changed(before, after)}")
-    if _met(naming):
+        said = f"The model meets the record: the gap is {left(before)}; nothing is missing."
+    elif naming.verdict in ADDED and after:
+        said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}")
+        said += f" The simplest reading: {late}." if late else ""
+        if acting and somewhere and naming.verdict == "partial":
+            said += f" {acts_as(acting, 'All that is missing')}"
+    elif _met(naming):
         met = met_only_with(implausible(naming.base.fit))
-        return f"{met[0].upper()}{met[1:]}: another subject than the file's, or something that the catalogue lacks."
-    missing = " that the catalogue does not explain" if naming.complete else ", and nothing that was tried explains it"
-    return f"Something is missing{missing}: {_left(before)}."
+        said = f"{met[0].upper()}{met[1:]}: another subject than the file's, or something that the catalogue lacks."
+    elif acting and somewhere and naming.verdict == "unknown":
+        tried = "No law of the catalogue explains it" if naming.complete else "Nothing that was tried explains it"
+        gap = f"the gap to held-out beats is {left(before)}"
+        said = f"Something is missing: {gap}. {tried}. {acts_as(acting)}"
+    else:
+        why = " that the catalogue does not explain" if naming.complete else ", and nothing that was tried explains it"
+        said = f"Something is missing{why}: the gap to held-out beats is {left(before)}."
+    return said if naming.complete else f"{said} Search incomplete: the time limit was over before all was compared."
 
 
 def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
@@ -294,11 +270,6 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
             lacks = _ONE_SITE if naming.of_one_site else "The measurement is at fault," if sensors else lacks
             tail = ", but more than noise remains" + (f"; {rest}" if others else "")
     return f"{lacks} {labels}: with {'both' if len(effects) > 1 else 'it'} {gap}{tail}."
-
-
-def _left(before: Gap) -> str:
-    """The gap where nothing is added."""
-    return f"the gap to held-out beats is {left(before)}"
 
 
 def _met(naming: Naming) -> bool:

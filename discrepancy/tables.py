@@ -17,7 +17,7 @@ from solver.legible import DASH, number, rounded
 from solver.quantity import Quantity
 from solver.units import of_signal, readable
 
-from .outcome import ChannelBeats, Outcome, OwnNumber
+from .outcome import ChannelBeats, Outcome
 from .places import effect_text
 
 Array = np.ndarray
@@ -206,12 +206,14 @@ def _z_cell(name: str, harmonic: int, z: float, located: Mapping[tuple[str, int]
 
 def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:
     """Every number of every artery and outlet: the file's, or a calibration's, and this animal's."""
-    arteries = outcome.walls.arteries if outcome.walls else {}
-    known = outcome.network_before.parameter_quantities() if outcome.network_before else {}
-    rows = []
-    for name, own in arteries.items():
-        value, interval = _estimate_text(own.now, known.get(name), _finest(outcome, name, own))
-        file = _estimate_text(Estimate(own.file, own.now.unit, (own.file, own.file)), known.get(name))[0]
+    rows, quantities = [], _quantities(outcome)
+    for name, own in (outcome.walls.arteries if outcome.walls else {}).items():
+        known = quantities.get(name)
+        # where no differences between arteries were found, an interval is that of no deviation
+        stated, found = (outcome.walls.spread if outcome.walls else {}).get(name.rpartition(".")[2], (0.0, 1.0))
+        width = 0.0 if found else 2.0 * _OF_A_SPREAD * stated * (1.0 if _shifted(known) else abs(own.file))
+        value, interval = _estimate_text(own.now, known, width)
+        file = _estimate_text(Estimate(own.file, own.now.unit, (own.file, own.file)), known)[0]
         file += " (calibration)" if own.source == "calibration" else ""
         deviation = f"{round(own.deviation, 1) + 0.0:+.1f}".replace("-", "−").replace("+0.0", "0.0")
         texts = {"name": name, "file": file, "value": value, "interval": interval, "deviation": deviation}
@@ -219,30 +221,25 @@ def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:
     return rows
 
 
-def _finest(outcome: Outcome, name: str, own: OwnNumber) -> float:
-    """The least width [SI] that a number of a wall is told to where no differences between arteries were found: its
-    interval is then that of no deviation."""
-    stated, found = (outcome.walls.spread if outcome.walls else {}).get(name.rpartition(".")[2], (0.0, 1.0))
-    return 0.0 if found else 2.0 * _OF_A_SPREAD * stated * (1.0 if _absolute(outcome, name) else abs(own.file))
+def _quantities(outcome: Outcome) -> Mapping[str, Quantity]:
+    return outcome.network_before.parameter_quantities() if outcome.network_before else {}
 
 
-def _absolute(outcome: Outcome, name: str) -> bool:
+def _shifted(quantity: Quantity | None) -> bool:
     """Whether a number deviates by a shift, not by a factor: it may be negative."""
-    known = outcome.network_before.parameter_quantities() if outcome.network_before else {}
-    return name in known and known[name].low < 0.0
+    return quantity is not None and quantity.low < 0.0
 
 
 def spread_text(outcome: Outcome) -> str:
     """How much the arteries of this animal differ, by quantity, beside what was stated, in a sentence."""
-    if outcome.walls is None or not outcome.walls.spread:
+    spread = outcome.walls.spread if outcome.walls else {}
+    if outcome.walls is None or not spread:
         return ""
-    spread = outcome.walls.spread
     if not any(found for _, found in spread.values()):
         return "No differences between arteries were found beyond what all have in common."
-    shifted = {name.rpartition(".")[2] for name in outcome.walls.arteries if _absolute(outcome, name)}
-    each = "; ".join(
-        f"{key} {number(found, 2)} (stated {number(stated, 2)})" for key, (stated, found) in spread.items()
-    )
+    quantities = _quantities(outcome)
+    shifted = {n.rpartition(".")[2] for n in outcome.walls.arteries if _shifted(quantities.get(n))}
+    each = "; ".join(f"{key} {number(found, 2)} (stated {number(told, 2)})" for key, (told, found) in spread.items())
     absolute = ", ".join(key for key in spread if key in shifted)
     parts = "as parts of the number" + (f", of {absolute} absolute" if absolute else "")
     return f"Standard deviations between arteries, {parts}: {each}."

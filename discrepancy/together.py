@@ -18,19 +18,17 @@ from fitting.inference.network import NetworkProblem
 from fitting.inference.several import Several
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.source_map import is_noise
-from fitting.inference.starting_points import starting_points
 from fitting.inference.terms import Term
-from fitting.inference.unknown import bounds
+from fitting.inference.unknown import bounds, starting_points
 from fitting.records.noise import pulses
 from solver.errors import InputError
 
 from . import thresholds as at
-from .compare import Compared, exact, last_of
-from .couples import coupled
+from .animal import set_apart
 from .intervals import profiled
-from .outliers import set_apart
+from .name import coupled
+from .scoring import Compared, exact, last_of, names_of, promised, there
 from .verdict import Naming, decided
-from .weigh import names_of, promised
 
 Array = np.ndarray
 Terms = tuple[Term, ...]
@@ -82,7 +80,7 @@ def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
     """
     members = [*problem.begin(()), *_of_each(problem, (), alone)]
     first = problem.nearest([members], runs)[0]
-    found = [f for f in problem.searched([first], runs) if f is not None]
+    found = there(problem.searched([first], runs))
     if found and not _far(problem, found[0]):
         return found[0]
     share = runs.part(_ELSEWHERE) if found else runs
@@ -93,7 +91,7 @@ def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
         others = [*(m for m in members if m is not first), *(Member((), first.unknowns, x) for x in more)]
         nearest = np.argsort(problem.costs(others, share))[:ENOUGH]
         for start in (*fresh, *(others[i] for i in nearest)):
-            found += [f for f in problem.searched([start], share) if f is not None]
+            found += there(problem.searched([start], share))
             if found and not _far(problem, found[-1]):
                 break
     if not found:
@@ -153,26 +151,19 @@ def _hypotheses(
 
 
 def _refitted(
-    problem: Several,
-    hypotheses: Sequence[Terms],
-    alone: Sequence[Naming],
-    base: Fit,
-    columns: dict[str, Array],
+    problem: Several, hypotheses: Sequence[Terms], alone: Sequence[Naming], base: Fit, columns: dict[str, Array],
     runs: Runs,
-) -> list[Fit]:
+) -> list[Fit]:  # fmt: skip
     """Hypotheses refitted to all recordings, from where each costs least: beside no effect, or where one has it."""
-    choices = []
+    choices, known = [], base.columns
     for terms in hypotheses:
         own = [{n.key: n.fit for n in naming.ranked}.get(names_of(terms)) for naming in alone]
         fits = [naming.base.fit if fit is None else fit for fit, naming in zip(own, alone, strict=True)]
-        there = [m for m, fit in zip(_of_each(problem, terms, fits), [*own, base], strict=True) if fit is not None]
-        choices.append([*problem.begin(terms, base), *there])
-    known = base.columns
-    for terms in hypotheses:
+        begun = [m for m, fit in zip(_of_each(problem, terms, fits), [*own, base], strict=True) if fit is not None]
+        choices.append([*problem.begin(terms, base), *begun])
         for t in (t for t in terms if t.label in columns and columns[t.label].shape[1] == len(t.unknowns)):
             known |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
-    begun = problem.nearest(choices, runs, base)
-    return [f for f in problem.searched(begun, runs, columns=known) if f is not None]
+    return there(problem.searched(problem.nearest(choices, runs, base), runs, columns=known))
 
 
 def _with_one_more(found: Compared, runs: Runs) -> Iterator[Compared]:
@@ -180,9 +171,9 @@ def _with_one_more(found: Compared, runs: Runs) -> Iterator[Compared]:
     first, problem = found.best.fit, found.problem
     if len(first.terms) >= at.MOST_EFFECTS:
         return
-    there = {t.label for t in first.terms}
-    others = [t for t in found.sought if t.label not in there and not t.rewires]
+    labels = {t.label for t in first.terms}
+    others = [t for t in found.sought if t.label not in labels and not t.rewires]
     best, gained = promised(first, others, problem.columns(first, others, runs))
     both = [(*first.terms, t) for score, t in gained[: at.FEW] if score < best - at.SECOND]
     if both:
-        yield found.joined_by([f for f in problem.refit(both, first, runs) if f is not None]).polished(runs)
+        yield found.joined_by(problem.refit(both, first, runs)).polished(runs)

@@ -63,42 +63,34 @@ def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:
 
     simulated : (N,) beats of the model as given, by channel.
     """
-    pairs = {name: (study.fitted.mean(name), simulated[name]) for name in study.problem.signals}
-    for name, (measured, model) in pairs.items():
-        _check_size(study, name, float(np.std(measured) / max(np.std(model), 1e-300)))
-    fits = {name: _best_shift(measured, model) for name, (measured, model) in pairs.items()}
-    _check_time(study, fits)
-    middle = float(np.median([without for _, _, without in fits.values()]))
-    if study.site is None and middle < _STRANGE:
-        raise Unusable(
-            f"{study.fitted.source}: its waves do not resemble those of network {study.network.name} (correlation "
-            f"about {middle:.2f}); check that the record is of this network and that inlet.Q is the flow into it."
-        )
-
-
-def _check_size(study: Study, name: str, ratio: float) -> None:
-    largest = _SIZE[name.rpartition(".")[2]]
-    if not 1.0 / largest < ratio < largest:
-        raise Unusable(
-            f"{study.fitted.source}: the pulse of {name} is {ratio:.3g} times that of the model: a wrong unit, or a "
-            "record of another network; check the column's unit and the network file."
-        )
-
-
-def _check_time(study: Study, fits: Mapping[str, tuple[float, float, float]]) -> None:
+    source, fits = study.fitted.source, {}
+    for name in study.problem.signals:
+        measured, model, largest = study.fitted.mean(name), simulated[name], _SIZE[name.rpartition(".")[2]]
+        ratio = float(np.std(measured) / max(np.std(model), 1e-300))
+        if not 1.0 / largest < ratio < largest:
+            raise Unusable(
+                f"{source}: the pulse of {name} is {ratio:.3g} times that of the model: a wrong unit, or a record of "
+                "another network; check the column's unit and the network file."
+            )
+        fits[name] = _best_shift(measured, model)
     late = {
         name: shift * study.fitted.T
         for name, (shift, best, without) in fits.items()
         if abs(shift) > _LATE and best > _ALIKE and best - without > _MORE_ALIKE
     }
-    if not late:
-        return
-    name, lag = max(late.items(), key=lambda item: abs(item[1]))
-    others = f", and so do {len(late) - 1} more channels" if len(late) > 1 else ""
-    raise Unusable(
-        f"{study.fitted.source}: {name} comes {abs(lag) * 1e3:.0f} ms too {'late' if lag > 0.0 else 'early'} against "
-        f"what drives the model{others}: the channels are not synchronised; shift them onto one clock."
-    )
+    if late:
+        name, lag = max(late.items(), key=lambda item: abs(item[1]))
+        others = f", and so do {len(late) - 1} more channels" if len(late) > 1 else ""
+        raise Unusable(
+            f"{source}: {name} comes {abs(lag) * 1e3:.0f} ms too {'late' if lag > 0.0 else 'early'} against what "
+            f"drives the model{others}: the channels are not synchronised; shift them onto one clock."
+        )
+    middle = float(np.median([without for _, _, without in fits.values()]))
+    if study.site is None and middle < _STRANGE:
+        raise Unusable(
+            f"{source}: its waves do not resemble those of network {study.network.name} (correlation about "
+            f"{middle:.2f}); check that the record is of this network and that inlet.Q is the flow into it."
+        )
 
 
 def _best_shift(measured: Array, model: Array) -> tuple[float, float, float]:

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fitting.inference import hierarchy
-from fitting.inference.fit import Fit, misfit
+from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import Beside, settled
 from fitting.inference.places import NUMBER, Place
@@ -18,10 +17,8 @@ from fitting.inference.terms import Term
 from fitting.inference.unknown import Reach
 
 from . import thresholds as at
-from .compare import Compared
-from .couples import both_show
 from .places import label_text
-from .weigh import Named, apart, ranked, shares, stated, with_errors
+from .scoring import Compared, Named, apart, ranked, shares, stated, with_errors
 
 Array = np.ndarray
 Freed = Callable[[Named], Beside | None]
@@ -70,33 +67,53 @@ class Naming:
 
 def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True) -> Naming:
     """The verdict on what was compared. beside : an error of the model that a hypothesis may have beside it."""
-    problem = found.problem
-    exact = [n for n in found.every if n.explains and both_show(found, n)]
+    made = _decided(found, tuple(terms), beside)
+    return made if complete else replace(made, confidence=min(made.confidence, at.INCOMPLETE), complete=False)
+
+
+def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
+    problem, none = found.problem, found.none
+    exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
     loose = [with_errors(n, beside(n)) for n in _held_loosely(found, exact)]
     ways = ranked([*exact, *(n for n in loose if n is not None and not _by_a_law(n, exact))])
-    chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
-    ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)
-    make = _Maker(found, tuple(terms), complete)
+    ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
+    named = sum(n.probability for n in ways if n.fit.terms)
+    unknown = Naming("unknown", problem, none, found.ranked, (), found.columns, terms, 1.0 - named)
     if not ways:  # nothing explains the record, and where no wall law holds no error of it can be estimated
-        left = _left(found.none.fit, problem)
-        return make("unknown", problem, found.none, found.ranked, (), at.INCOMPLETE, left)
+        return replace(unknown, confidence=at.INCOMPLETE, reason=_left(none.fit, problem))
     # several that look alike share what they have between them: together they may be likelier than none
-    best = next((n for n in ways if n.fit.terms), ways[0]) if _named(ways) > 0.5 else ways[0]
-    none = found.none
+    best = next((n for n in ways if n.fit.terms), ways[0]) if named > 0.5 else ways[0]
     if not best.fit.terms:
         if best.errors is None or (none.explains and not best.places):
             nothing = sum(n.probability for n in ways if not n.fit.terms and not n.places)
-            return make("none", problem, none, found.ranked, (), nothing)
-        left = _acting(best.places) if best.places else _left(none.fit, problem)
-        return make("unknown", problem, none, found.ranked, (), 1.0 - _named(ways), left)
+            return replace(unknown, verdict="none", confidence=nothing)
+        return replace(unknown, reason=_acting(best.places) if best.places else _left(none.fit, problem))
     confidence = sum(n.probability for n in ways if n.key == best.key)
-    if best.errors is None:
-        same = tuple(n for n in ways if n.errors is None and n.fit.terms)
-        rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
-        order = apart([*same, *rest])
-        members = _class(order[: len(same)])
-        return make(_said(best, members), problem, none, order, members, stated(confidence, problem.kind))
-    return _partial(make, found, none, ways, confidence)
+    if best.errors is not None:
+        return _partial(replace(unknown, confidence=confidence), found, ways)
+    same = tuple(n for n in ways if n.errors is None and n.fit.terms)
+    rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
+    order = apart([*same, *rest])
+    members = _class(order[: len(same)])
+    sure = stated(confidence, problem.kind)
+    return replace(unknown, verdict=_said(best, members), ranked=order, members=members, confidence=sure)
+
+
+def _with_shown(exact: Sequence[Named]) -> list[Named]:
+    """Without hypotheses that the record cannot show, but where another fault of the same sensors explains it, too:
+    beside that one they compete."""
+    places = [{t.place for t in n.fit.terms} for n in exact if n.shown]
+    return [n for n in exact if n.shown or {t.place for t in n.fit.terms} in places]
+
+
+def both_show(found: Compared, n: Named) -> bool:
+    """Whether each of two effects shows beside the other: linear (:attr:`Named.visible`), or on a bench by what the
+    other alone leaves, d'² = cost(the other alone) - cost(both), which is more where valleys bend."""
+    if n.visible or found.problem.site is None:
+        return n.visible
+    alone = {other.label: other.fit.cost for other in found.ranked if len(other.fit.terms) == 1}
+    least = min(alone.get(t.label, -math.inf) for t in n.fit.terms)
+    return least - n.fit.cost >= at.BESIDE**2
 
 
 def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
@@ -115,7 +132,7 @@ def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
     a network whose best hypothesis explains the record, no effect and that one alone."""
     if found.problem.site is None and any(n is found.best for n in exact):
         return [found.none, *([found.best] if len(found.best.fit.terms) == 1 else [])]
-    single = [n for n in found.ranked if len(n.fit.terms) == 1]
+    single = [n for n in found.ranked if len(n.fit.terms) == 1 and n.shown]
     alone = {t.label for n in exact if len(n.fit.terms) > 1 for t in n.fit.terms}
     return [found.none, *single[: at.FEW], *(n for n in single[at.FEW :] if n.label in alone)]
 
@@ -137,66 +154,30 @@ def _of_one_site(best: Named) -> bool:
     return len(sites) == 2 and sites[0] == sites[1]
 
 
-def _partial(make: _Maker, found: Compared, none: Named, ways: Sequence[Named], confidence: float) -> Naming:
-    """What explains a part of the gap and not all of it."""
-    problem, best = found.problem, next(n for n in ways if n.fit.terms)
+def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
+    """What explains a part of the gap and not all of it. unknown : what is said where it does not, with the confidence
+    of the best name."""
+    problem, none, best = found.problem, found.none, next(n for n in ways if n.fit.terms)
     exact = next(n for n in found.ranked if n.key == best.key)
     closed = 1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)
     if closed < at.PART_CLOSED:
         nearest = next(n for n in found.ranked if n.fit.terms)
         reason = f"{label_text(nearest.label)} comes nearest, but more remains: {_left(nearest.fit, problem)}"
-        return make("unknown", problem, none, found.ranked, (), 1.0 - confidence, reason)
-    left = _left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else "")
+        return replace(unknown, confidence=1.0 - unknown.confidence, reason=reason)
     assert best.errors is not None
     wide = problem.widened(best.errors)
-    none, first, *rest = _anew(wide, problem, [none, exact, *(n for n in found.ranked if n is not exact)])
-    order = apart([first, *ranked(rest)])
+    held = [none, exact, *(n for n in found.ranked if n is not exact)]
+    fits = [settled(f) for f in wide.restated([n.fit for n in held], problem)]
+    none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(held, fits, strict=True))
     chance = {n.key: n.probability for n in ways if n.errors is not None}
-    order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in order)
-    same = sorted((n for n in ways if n.errors is not None and n.fit.terms), key=lambda n: n.score)
-    labels = {n.key for n in _class(same)}
-    members = tuple(n for n in order if n.key in labels)
-    if wide.site is None:
-        columns = wide.rewhitened(found.columns, problem)
-    else:
-        columns = wide.columns(none.fit, found.terms)
-    make = replace(make, found=found.with_columns(columns))
-    return make("partial", wide, none, order, members, stated(confidence, "partial"), left)
-
-
-def _anew(wide: Forward, before: Forward, found: Sequence[Named]) -> list[Named]:
-    """Hypotheses under the errors of the model."""
-    fits = [settled(f) for f in wide.restated([n.fit for n in found], before)]
-    return [
-        replace(
-            n, fit=f, misfit=misfit(f, wide.dof_of_noise), score=n.score + hierarchy.score(f) - hierarchy.score(n.fit)
-        )
-        for n, f in zip(found, fits, strict=True)
-    ]
-
-
-def _named(ways: Sequence[Named]) -> float:
-    """Probability that an effect of the catalogue acts."""
-    return sum(n.probability for n in ways if n.fit.terms)
-
-
-@dataclass(frozen=True)
-class _Maker:
-    """Makes namings of one comparison."""
-
-    found: Compared
-    terms: tuple[Term, ...]
-    complete: bool
-
-    def __call__(
-        self, verdict: str, problem: Forward, base: Named, order: Sequence[Named], members: Sequence[Named],
-        confidence: float, reason: str | None = None,
-    ) -> Naming:  # fmt: skip
-        confidence = confidence if self.complete else min(confidence, at.INCOMPLETE)
-        return Naming(
-            verdict, problem, base, tuple(order), tuple(members), self.found.columns, self.terms, confidence,
-            reason, self.complete,
-        )  # fmt: skip
+    order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in apart([first, *ranked(rest)]))
+    labels = {n.key for n in _class([n for n in ways if n.errors is not None and n.fit.terms])}
+    anew = wide.columns(none.fit, found.terms) if wide.site else wide.rewhitened(found.columns, problem)
+    return replace(
+        unknown, verdict="partial", problem=wide, base=none, ranked=order, columns=anew,
+        members=tuple(n for n in order if n.key in labels), confidence=stated(unknown.confidence, "partial"),
+        reason=_left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else ""),
+    )  # fmt: skip
 
 
 def _acting(places: Sequence[Place]) -> str:

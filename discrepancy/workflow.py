@@ -24,7 +24,6 @@ from fitting.fmu_run import RunFailed
 from fitting.inference.added import extended
 from fitting.inference.fit import Fit
 from fitting.inference.simulator import Meter, OutOfTime, Runs
-from fitting.inference.unknown import parameter_values
 from fitting.prior import Prior
 from fitting.provenance import software
 from fitting.record_options import check_one, not_judged
@@ -41,29 +40,29 @@ from solver.files import write_network
 from solver.network import Network, to_dict
 from solver.units import INFLOW
 
-from . import thresholds as at
+from .animal import animal_without
 from .asked import TIME_LIMIT, Asked
-from .confirm import agreement, confirmed
-from .first import first_of
+from .described import NOTHING
 from .intervals import stated
 from .journal import Journal
 from .learned_law import LearnedLaw
 from .learned_text import with_law
 from .learning import law_of, learns
 from .name import name
-from .outcome import ADDED, NamedEffect, Outcome, Round
-from .outliers import animal_without
+from .outcome import ADDED, NamedEffect, Outcome
 from .places import entry
-from .recorded import Recorded
-from .recordings import Recordings, confirmed_by_all, recordings_of
+from .recorded import Pair
+from .recordings import moved, recordings_of
+from .report import check_folder, holds_study, write_study
 from .second_state import second_state
-from .show import Run, free_run, own_parity, parity
-from .source import build_fmu, read_model
-from .study import Study, Unusable, prepare
-from .study_folder import check_folder, holds_study, write_study
+from .show import Run, agreement, free_run, own_parity, parity
+from .source import build_fmu, first_of, read_model
+from .study import Study, Unusable
 from .summary import Shown, decided, summary, unusable, weighted
-from .usable import check_beats, check_record, check_waves
+from .usable import check_record, check_waves
 from .verdict import Naming
+
+_LEARNING = 0.3  # of the time limit, which learning a law may take although it is over
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -191,26 +190,20 @@ def _rising(progress: Progress) -> Progress:
 
 
 class _Work:
-    """One study from its record to its outcome. several : where there are other recordings of the animal.
-    extended_fmu : that with what was added."""
+    """One study from its records to its outcome. extended_fmu : that with what was added."""
 
-    several: Recordings | None = None
     extended_fmu = Path()
 
     def __init__(
         self, records: Sequence[Record], network: Network, model: Path, journal: Journal, asked: Asked,
         known: Prior | None, progress: Progress,
     ) -> None:  # fmt: skip
-        record, calibrated = records[0], None if known is None else known.calibrated
-        self.record, self.model, self.journal, self.asked, self.progress = record, model, journal, asked, progress
-        self.network = network if known is None else known.network
+        self.record, self.model, self.journal, self.asked, self.progress = records[0], model, journal, asked, progress
+        self.network, calibrated = (network, None) if known is None else (known.network, known.calibrated)
         progress(0.02, "cutting the beats")
         runs = Runs(Meter(lambda simulations: progress(0.08, f"{simulations} simulations")))
-        self.study = prepare(record, self.network, asked.period, runs, calibrated)
-        check_beats(self.study)
-        if len(records) > 1:
-            n = 1 + len(asked.further)
-            self.several = recordings_of(record, self.study, records[1:n], records[n:], asked, calibrated, runs)
+        self.recordings = recordings_of(records, self.network, asked, calibrated, runs)
+        self.study = self.recordings.studies[0]
         self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
     def run(self) -> tuple[Outcome, bytes | None]:
@@ -221,18 +214,16 @@ class _Work:
             shutil.rmtree(self.place, ignore_errors=True)
 
     def _run(self) -> tuple[Outcome, bytes | None]:
-        study = self.study
         fmu = self._fmu(self.network, "given")
         # a record may be of another network, or its channels of two clocks: seen before the long search
         self.progress(0.1, "running the file as it is")
-        wave = study.problem.measured_wave(study.fitted)
-        given = self._free(fmu, "given", _nothing(), wave, {})
-        check_waves(study, given.beats)
-        for i, other in enumerate(self.several.studies[1:] if self.several else (), 1):
-            wave = other.problem.measured_wave(other.fitted)
-            check_waves(other, self._free(fmu, f"given_{i}", _nothing(), wave, {}, other).beats)
+        as_given = []
+        for i, each in enumerate(self.recordings.studies):
+            wave = each.problem.measured_wave(each.fitted)
+            as_given.append(self._free(fmu, f"given_{i}" if i else "given", NOTHING, wave, {}, each))
+            check_waves(each, as_given[-1].beats)
         naming = self._name()
-        study = weighted(study, naming)
+        study = weighted(self.study, naming)
         added = naming.verdict in ADDED
         best = naming.best.fit if added else naming.base.fit
         self.progress(0.75, "running the model with this subject's walls")
@@ -241,14 +232,16 @@ class _Work:
         base = naming.base.fit if base is None else base
         # a flow meter that is found to lie drove the model before
         drove = study.problem.measured_wave(study.fitted) if _has_sensor(best, INFLOW) else wave
-        before = self._free(fmu, "before", base, drove, _moved(self.network, base), study)
+        before = self._free(fmu, "before", base, drove, moved(self.network, base), study)
         without = agreement(study, base, drove, before)
-        shown = Shown(given, before, agreement=without)
+        shown = Shown(as_given[0], before, agreement=without)
         if added:
             shown = self._add(study, naming, wave, shown)
-        naming, shown, recordings, unjudged = self._judged(study, naming, base, fmu, shown)
+        self.progress(0.91, "judging by the held-out beats")
+        runners = partial(self._free, fmu), partial(self._free, self.extended_fmu)
+        naming, shown, recordings, unjudged = self.recordings.judged(naming, base, shown, *runners)
         if naming.verdict not in ADDED:
-            shown = Shown(given, before, agreement=without, gaps=shown.gaps)
+            shown = Shown(as_given[0], before, agreement=without, gaps=shown.gaps)
         law = self._law(naming, shown.after or shown.before)
         self.progress(0.92, "comparing the candidates with the held-out beats")
         second = self.journal.stage("second_state", lambda: second_state(naming))
@@ -257,27 +250,18 @@ class _Work:
         return replace(outcome, recordings=recordings, warnings=(*outcome.warnings, *unjudged)), shown.archive
 
     def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
-        """A law of what remains of one recording."""
-        if self.several is not None or not learns(naming):
+        """A law of what remains, where one recording is fitted."""
+        alone = naming if self.recordings.alone else self.recordings.only(self.journal, name)
+        if alone is None or not learns(naming):
             return None
-        until = max(self.deadline, monotonic() + at.LEARNING * self.asked.time_limit)
+        until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
         told = self.asked.jobs, until, self.journal.stage
-        return law_of(self.study, naming, before, self.record, self._with_law, *told)
-
-    def _judged(
-        self, study: Study, naming: Naming, base: Fit, fmu: Path, shown: Shown
-    ) -> tuple[Naming, Shown, tuple[Recorded, ...], tuple[str, ...]]:
-        """The naming that the free runs bear out, of all recordings where there are several, and what these leave."""
-        if self.several is None:
-            return confirmed(study, naming, shown.before, shown.after), shown, (), ()
-        self.progress(0.91, "running the FMUs with the other recordings")
-        return confirmed_by_all(self.several, naming, base, shown, partial(self._free, fmu),
-                                partial(self._free, self.extended_fmu))  # fmt: skip
+        return law_of(self.study, alone, before, self.record, self._with_law, *told)
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
     def _name(self) -> Naming:
-        problem, limit, begun = self.study.problem, self.asked.time_limit, monotonic()
+        limit, begun = self.asked.time_limit, monotonic()
         last = f"done by {datetime.now() + timedelta(seconds=limit):%H:%M:%S} at the latest"
         self.progress(0.2, f"naming, time limit {limit:g} s")
 
@@ -289,9 +273,7 @@ class _Work:
         try:
             with Workers(self.asked.jobs) as workers:
                 runs = Runs(Meter(told), self.deadline, monotonic, workers)
-                if self.several is not None:
-                    return self.several.named(self.journal, self.asked, runs)
-                return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs, self.asked.chosen))
+                return self.recordings.named(self.journal, self.asked, runs, name)
         except OutOfTime:
             raise Unusable(
                 f"{self.record.path}: the time limit of {limit:g} s was over before the model as given was refitted to "
@@ -312,15 +294,12 @@ class _Work:
         write_network(network, file)
         return build_fmu(file, self.place / stage)
 
-    def _free(
-        self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study | None = None
-    ) -> Run:
+    def _free(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
         """The free run of a stage, without which there is no study."""
-        own = study or self.study
         try:
-            return self._kept(fmu, stage, fit, wave, starts, own)
+            return self._kept(fmu, stage, fit, wave, starts, study)
         except RunFailed as error:
-            raise Unusable(f"{own.fitted.source}: the model does not run with this record: {error}") from None
+            raise Unusable(f"{study.fitted.source}: the model does not run with this record: {error}") from None
 
     def _kept(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
         return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study, fit, wave, starts))
@@ -338,7 +317,7 @@ class _Work:
         if study.problem.part(network) is network:
             steps = max(8, int(np.ceil(study.fitted.T / Settings().dt - 1e-3)))
             settings = Settings(dt=study.fitted.T / steps)
-            physical = free_run(fmu, study, _nothing(), wave, {}) if _has_sensor(best) else after
+            physical = free_run(fmu, study, NOTHING, wave, {}) if _has_sensor(best) else after
             difference = parity(network, study, wave, physical, settings)
             archive = fmu.read_bytes()
         else:
@@ -348,52 +327,40 @@ class _Work:
                 difference = own_parity(fmu, network)
             except (RunFailed, NonPhysicalState, InputError) as error:
                 failure = str(error)
-        rounds = self._rounds(study, naming, shown.before, after)
+        alone = self._alone(study, naming) if len(best.terms) > 1 else None
         alike = agreement(study, best, wave, after)
-        return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds, alike)
+        return Shown(
+            shown.given, shown.before, after, network, archive, difference, failure, self._named(naming), alone, alike
+        )
 
     def _with_law(self, own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
         """The free run of a learned law's FMU, and the FMU that is delivered."""
-        fmu = self._fmu(network, "learned")
-        run = self._kept(fmu, "learned", fit, own.problem.wave(own.fitted, fit), {}, own)
+        stage = "described" if network.sources else "learned"
+        fmu = self._fmu(network, stage)
+        run = self._kept(fmu, stage, fit, own.problem.wave(own.fitted, fit), {}, own)
         whole = own.problem.part(network) is network
-        return run, (fmu if whole else self._built(network, "learned_model")).read_bytes()
+        return run, (fmu if whole else self._built(network, f"{stage}_model")).read_bytes()
 
-    def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
-        """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.
+    def _named(self, naming: Naming) -> tuple[NamedEffect, ...]:
+        """The effects of the best hypothesis with their numbers."""
+        best, sure = naming.best, naming.confidence
+        each = ((t, stated(self.network, naming, best, t)) for t in best.fit.terms)
+        return tuple(NamedEffect(t.effect, t.where, found, sure, entry(t.effect).equation) for t, found in each)
 
-        That is refitted in what is left of the time limit. Where it is over, or the FMU does not run with the first
-        alone, it is not told.
-        """
-        best = naming.best
-        named = []
-        for t in best.fit.terms:
-            parameters = stated(self.network, naming, best, t)
-            named.append(NamedEffect(t.effect, t.where, parameters, naming.confidence, entry(t.effect).equation))
-        if len(named) < 2:
-            return (Round(named[0], before.gap.total, after.gap.total),)
-        alone = middle = None
+    def _alone(self, study: Study, naming: Naming) -> Pair | None:
+        """The gap that the first of two effects leaves by itself, refitted in what is left of the time limit; None
+        where that is over, or the FMU does not run so."""
+        alone, best = None, naming.best.fit
         with suppress(OutOfTime):
             runs = Runs(deadline=self.deadline, clock=monotonic)
-            (alone,) = naming.problem.refit([(best.fit.terms[0],)], naming.base.fit, runs)
+            (alone,) = naming.problem.refit([(best.terms[0],)], naming.base.fit, runs)
         if alone is not None:
-            fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best.fit)
+            fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best)
             with suppress(RunFailed):
-                middle = self._kept(fmu, "middle", alone, wave, {}, study).gap.total
-        return Round(named[0], before.gap.total, middle), Round(named[1], middle or before.gap.total, after.gap.total)
-
-
-def _nothing() -> Fit:
-    """The hypothesis that nothing is missing and nothing moves."""
-    empty = np.zeros(0)
-    return Fit((), (), empty, empty, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))
+                return self._kept(fmu, "middle", alone, wave, {}, study).gap.total
+        return None
 
 
 def _has_sensor(fit: Fit, place: str | None = None) -> bool:
     """Whether a sensor is one of its terms, at a place or anywhere."""
     return any(term.is_sensor and place in (None, term.place) for term in fit.terms)
-
-
-def _moved(network: Network, fit: Fit) -> dict[str, float]:
-    """Start values of the parameters that a fit without terms moves."""
-    return {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}

@@ -47,7 +47,7 @@ REFERENCE = 6.25e-5  # s
 FINE = 2.5e-4  # s, internal step of the arteries meanwhile
 ML = 1e-6
 SITES = {"AsA": "ascending aorta", "TA1": "thoracic aorta", "AB1": "abdominal aorta", "RI": "right iliac"}
-# blue, vermilion, bluish green and reddish purple of Okabe and Ito, which everyone tells apart
+# blue, vermilion, bluish green and reddish purple of Okabe and Ito, which colour-blind readers can distinguish
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 
 
@@ -179,7 +179,7 @@ def study(fmus: Mapping[str, Path], progress: Callable[[float], None]) -> dict[b
 
 
 def beat_table(records: Records, n: int) -> Table:
-    """The last beat, n steps long, in the words of a clinic; and what is lost of the volume."""
+    """The last beat, n steps long, in clinical terms, and the loss of volume."""
     beat = {name: values[-n - 1 :] for name, values in records.items()}
     before = {name: values[-2 * n - 1 : -n] for name, values in records.items()}
     V = beat["heart.left_ventricle.V"]
@@ -285,7 +285,7 @@ def _label(axes: Axes, title: str, x: str, y: str) -> None:
 
 
 def _make(out: Path) -> None:
-    """Make the directory before a minute of work, not after it."""
+    """Create the directory before a minute of work, not after it."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

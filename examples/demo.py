@@ -37,7 +37,7 @@ STEP = 1e-3  # s, communication step
 REPEATS = 1e-3  # largest relative change between the last two beats of a usable run
 SMALLEST = 1e-2  # of the largest harmonic: weaker ones are not listed
 SITES = {"MD": "medial descending aorta", "CA": "carotid artery"}
-# vermilion and blue of Okabe and Ito, which everyone tells apart
+# vermilion and blue of Okabe and Ito, which colour-blind readers can distinguish
 STYLES = {
     "elastic": {"color": "#D55E00", "linewidth": 1.4},
     "viscoelastic": {"color": "#0072B2", "linewidth": 2.0},
@@ -142,7 +142,8 @@ def peak_table(elastic: Run, viscoelastic: Run) -> Table:
 
 
 def damping_table(elastic: Run, viscoelastic: Run) -> Table:
-    """What the wall viscosity leaves of each harmonic of the flow at CA; those below SMALLEST are left out."""
+    """The remaining fraction of each harmonic of the flow at CA with wall viscosity; those below SMALLEST are
+    omitted."""
     before, after = (harmonics(r.beat["CA.Q"]) * 1e6 for r in (elastic, viscoelastic))
     table = Table(title="Harmonics of the flow at CA")
     for heading in ("harmonic", "frequency, Hz", "elastic, mL/s", "viscoelastic, mL/s", "ratio"):

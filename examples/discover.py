@@ -1,4 +1,4 @@
-"""The discrepancy workflow twice: physics that the model lacks, and a slow sensor that only looks like it.
+"""The discrepancy workflow twice: missing physics, and a slow sensor with a similar signature.
 
     python examples/discover.py [--out dist]
 
@@ -32,12 +32,12 @@ from solver.files import write_network
 Array = np.ndarray
 
 SITE = "CA"  # of the viscous artery and of the slow sensor
-SITES = ("AA", "MD", SITE)  # what is recorded beside the inlet flow: P, Q and R there
+SITES = ("AA", "MD", SITE)  # sites with records of P, Q and R, beside the inlet flow
 BEATS, SAMPLES, T = 20, 125, 0.5  # s: 250 Hz
 DB = 40.0
 F_N, ZETA = 9.0, 1.2  # Hz: a fluid-filled catheter with a bubble in it
 SEED = 1
-FINE = Settings(dt=0.5e-3, element_length=0.025)  # finer than what the workflow simulates with
+FINE = Settings(dt=0.5e-3, element_length=0.025)  # finer than the workflow's settings
 
 
 def main(
@@ -69,7 +69,7 @@ def heart(t: Array) -> Array:
 
 
 def waves(network: Network) -> dict[str, Array]:
-    """Fourier coefficients of inlet flow and of P, Q, R at the sites, as far as the sampling goes."""
+    """Fourier coefficients of inlet flow and of P, Q, R at the sites, up to the limit of the sampling."""
     beat = simulate_periodic(network, heart, T, settings=FINE, tolerance=1e-6)
     names = ["inlet.Q", *(f"{site}.{kind}" for site in SITES for kind in ("P", "Q", "R"))]
     return {name: np.fft.rfft(beat[name][:-1], norm="forward")[: SAMPLES // 2 + 1] for name in names}

@@ -1,1 +1,1 @@
-"""From measured pressure and radius to a parameter set that the FMU confirms."""
+"""Fits of measured pressure and radius, which give a parameter set, and its check against the FMU."""

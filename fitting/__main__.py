@@ -42,12 +42,12 @@ from .wall_model import model
 
 app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich_markup_mode=None)
 
-_ERRORS = (NonPhysicalState, NotPeriodic, RunFailed, HostDied)  # what a user can put right, too
+_ERRORS = (NonPhysicalState, NotPeriodic, RunFailed, HostDied)  # further errors that a user can correct
 
 Law = Annotated[
     str | None,
     typer.Option(
-        help="Elastic law: beta (the paper's network) or regression (the paper's fit); default: both, weighed."
+        help="Elastic law: beta (the paper's network) or regression (the paper's fit); default: both, by evidence."
     ),
 ]
 
@@ -66,7 +66,7 @@ def fit_command(
     law: Law = None,
     eta: Annotated[float, typer.Option(help="Poisson's ratio.")] = 0.5,
     period: Period = None,
-    lag: Annotated[bool, typer.Option("--lag", help="Fit a time lag between P and R, too.")] = False,
+    lag: Annotated[bool, typer.Option("--lag", help="Also fit a time lag between P and R.")] = False,
     replicates: Annotated[int, typer.Option("--bootstrap", help="Bootstrap replicates; 0: none.")] = 200,
     out: Annotated[Path | None, typer.Option(help="Write the parameter set: .json or .ssv.")] = None,
     figure: Annotated[
@@ -251,7 +251,7 @@ def check_command(
 
 
 def _beside(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[WallFit]:
-    """The linear model beside another one, where it has a fit."""
+    """The linear model for comparison with another one, if it has a fit."""
     with suppress(NoFit):
         if kept.model.name != "linear":
             return [fit(beats, kept.site, kept.h, model("linear", kept.model.elastic), **options)]
@@ -259,12 +259,12 @@ def _beside(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[WallFi
 
 
 def _objection(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[str]:
-    """A sentence where the record speaks against the law that was given."""
+    """A sentence if the record favours a law other than the given one."""
     with suppress(NoFit):
         if kept.evidence is None:
             best = fit(beats, kept.site, kept.h, kept.model.name, **options)
             if best.evidence is not None and best.evidence.decided and best.model.elastic != kept.model.elastic:
-                return [f"{kept.site}: --law {kept.model.elastic} was given, but the record speaks for {best.law}."]
+                return [f"{kept.site}: --law {kept.model.elastic} was given, but the record favours {best.law}."]
     return []
 
 
@@ -277,14 +277,14 @@ def _drawn(fits: list[WallFit], beats: Beats) -> bytes:
 
 
 def _with_indices(parameters: ParameterSet, found: dict[str, Any]) -> ParameterSet:
-    """The set with what a physiologist reads among its provenance."""
+    """The set with the physiological indices in its provenance."""
     return replace(parameters, provenance={**parameters.provenance, "indices": found})
 
 
 def _check_destinations(
     *paths: Path | None, parameters: Path | None = None, given: Iterable[str | Path | None] = ()
 ) -> None:
-    """Raise ValueError before hours of work if a file cannot be written at the end."""
+    """Raise ValueError before the work if a file cannot be written."""
     check_destinations(*paths, given=given)
     if parameters is not None:
         set_format(parameters)
@@ -305,7 +305,7 @@ def _fit_tables(
 
 
 def _fit_notes(kept: WallFit) -> list[str]:
-    """What is to be known of a fit, in sentences."""
+    """Notes on a fit, in sentences."""
     if math.isnan(kept.lag[1]):
         return list(kept.warnings)
     lag, half = 1e3 * kept.lag[0], 1.96e3 * kept.lag[1]

@@ -1,4 +1,4 @@
-"""How well a simulated beat agrees with a measured one, channel by channel and loop by loop."""
+"""Agreement of a simulated beat with a measured one, channel by channel and loop by loop."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NOISELESS = 1e-8  # of the pulse: less noise than this is round-off
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well one channel agrees: simulated less measured, in SI.
+    """The agreement of one channel: simulated minus measured, in SI.
 
     relative : L2 norm of the difference over that of the measured beat, without its mean for P and R.
     largest : largest difference over the measured pulse. mean_error, pulse_error : of the mean and of max - min.
@@ -55,7 +55,7 @@ class LoopArea:
 
 @dataclass(frozen=True)
 class Waveform:
-    """A mean beat, what the FMU says, and the standard deviation between beats: (N,) each, in SI."""
+    """A mean beat, the FMU's beat, and the standard deviation between beats: (N,) each, in SI."""
 
     measured: Array
     simulated: Array

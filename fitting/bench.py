@@ -56,7 +56,7 @@ def on_bench(
 
 
 def own_values(site: str, parameters: ParameterSet) -> ParameterSet:
-    """What of a set counts on the bench of one site: the wall of that site but its length, eta and the laws."""
+    """The part of a set for the bench of one site: its wall without the length, eta and the laws."""
     counts = {
         name: value
         for name, value in parameters.values.items()

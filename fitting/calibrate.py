@@ -1,14 +1,14 @@
 """Network calibration: parameters of a whole network from a record of its inflow and of P, Q and R at some sites.
 
-Gauss–Newton on the whitened harmonics of :mod:`fitting.records.noise`. With the residual z(x), unknowns x counted from
+Gauss–Newton on the whitened harmonics of :mod:`fitting.records.noise`. With the residual z(x), unknowns x relative to
 the network's own values and Gaussian priors of standard deviation s, it minimises
 
     |z(x)|² + Σ (x_i/s_i)²
 
-One batch of harmonic balances gives z and its derivatives, by finite differences. What the model lacks is an error of
-the channels, whose size is found in turn with x (:mod:`fitting.inference.granted`). A first search comes near. At what
-it found the elements are halved once to measure the solver's own error, and the response to the inflow's noise is taken
-there; with these weights a second search ends.
+One batch of harmonic balances gives z and its derivatives, by finite differences. A model error of the channels
+represents missing physics; its size is estimated alternately with x (:mod:`fitting.inference.calibration`). A first
+search approaches the minimum. There, a halved element length measures the solver's own error, and the response to the
+inflow's noise is computed; a second search with these weights gives the result.
 """
 
 from __future__ import annotations
@@ -29,12 +29,11 @@ from solver.units import INFLOW
 from .calibrated import Calibration, Recording, labels_of, noise_known
 from .first_search import first_error, first_search
 from .inference.asked import parse_unknowns, varied
-from .inference.calibration import DERIVATIVE_ERROR, Problem, part_of
+from .inference.calibration import CHANCE, DERIVATIVE_ERROR, Ended, Problem, granted, minimum, part_of, widening
 from .inference.gauss_newton import Point, Rules
-from .inference.granted import CHANCE, Ended, granted, minimum, widening
 from .inference.identify import Determined, sentences
 from .inference.simulator import Meter
-from .inference.unknown import Unknown, parameter_intervals, parameter_values
+from .inference.unknown import Unknown, bounds, parameter_intervals, parameter_values
 from .records.amounts import sizes
 from .records.beats import Beats
 from .records.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
@@ -65,15 +64,15 @@ def calibrate(
 ) -> Calibration:
     """Find the unknowns ("all.E", "CA.phi0:0.1", "CA.outlet.R_t:none" …) of a network from recordings of it.
 
-    beats : recordings with inlet.Q and channels named as the network's outputs; of these ``channels``, default all.
-    varies : unknowns with a value for each recording, "*.outlet.R2"; others, walls and geometry, are in common.
-    settings : of the solver: the elements' length, and dt, default 1 ms, where balances have no room. x0 : (p,) where
-    the search begins (:mod:`fitting.starts` tries many). Default: the network's own values, and where nothing repeats
-    there, or the search ends far from the record, up to 8 other starts. progress : called with a fraction of the work
-    and a label.
-    Raises ValueError, one sentence, for unknowns that the network has not, channels that it has not, a record without
-    inlet.Q or with a phase that was never measured, a beat shorter than 20 steps, and a network that breaks down with
-    this inflow wherever the search begins.
+    beats : recordings with inlet.Q and channels named as the network's outputs; ``channels`` selects some, default all.
+    varies : unknowns with a value for each recording, "*.outlet.R2"; others, walls and geometry, are common.
+    settings : of the solver: the element length, and dt, default 1 ms, for networks too large for harmonic balance.
+    x0 : (p,) start of the search (:mod:`fitting.starts` uses many). Default: the network's own values, and if these
+    have no periodic beat, or the search ends far from the record, up to 8 other starts. progress : called with a
+    fraction of the work and a label.
+    Raises ValueError, one sentence, for unknowns or channels that the network does not have, a record without inlet.Q
+    or with a phase that was never measured, a beat shorter than 20 steps, and a network that fails with this inflow
+    from every start.
     """
     started = time.perf_counter()
     settings = settings or Settings()
@@ -106,15 +105,16 @@ def calibrate(
 
 
 def _weighted(problem: Problem, near: Ended) -> tuple[Problem, list[str]]:
-    """The problem with the weights of where the first search ended, the solver's own error among them."""
+    """The problem with the weights at the end of the first search, including the solver's own error."""
     x, errors, unmeasured = near.search.x, [], list[str]()
     for part, batch in zip(problem.parts, near.batches, strict=True):
         pulse = pulses(part.beats, part.simulator.names)
         errors.append(first_error(part))
+        finer = replace(part, simulator=part.simulator.finer())
         try:
-            errors[-1] = solver_error(batch[0], part.finer().simulate(x[part.which][None])[0], pulse)
+            errors[-1] = solver_error(batch[0], finer.simulate(x[part.which][None])[0], pulse)
         except BROKEN:
-            unmeasured = ["with shorter elements no beat was found, so that the solver's own error is not measured"]
+            unmeasured = ["no beat was found with shorter elements, so the solver's own error was not measured"]
     return problem.with_targets(x, errors), unmeasured
 
 
@@ -144,7 +144,7 @@ def _channels(beats: Beats, network: Network, chosen: Sequence[str] | None) -> t
 
 
 def _harmonics(beats: Beats, names: Sequence[str], settings: Settings) -> int:
-    """K: as far as any channel is above its noise, both record and solver resolve it, and at most 40."""
+    """K: the highest harmonic of any channel above its noise that both record and solver resolve, at most 40."""
     steps = math.ceil(beats.T / settings.dt - 1e-9)
     if steps < _FEWEST_STEPS:
         raise InputError(
@@ -158,7 +158,7 @@ def _harmonics(beats: Beats, names: Sequence[str], settings: Settings) -> int:
 
 
 class _Stages:
-    """Tells how far each stage of the search is, which takes some four simulations."""
+    """Reports the progress of each stage of the search, which takes about four simulations."""
 
     def __init__(self, progress: Progress | None) -> None:
         self.progress = progress
@@ -186,7 +186,8 @@ def _result(
     chi2 = float(point.z @ point.z)
     dof = max(1.0, len(point.z) - problem.determined(point, 1.0).effective)
     known = _known(problem, best, chi2 / dof)
-    close = np.minimum(x - problem.bounds[0], problem.bounds[1] - x) <= 1e-9 * problem.typical
+    low, high = bounds(unknowns)
+    close = np.minimum(x - low, high - x) <= 1e-9 * problem.typical
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
     common = [i for i in range(len(x)) if all(i in part.which for part in problem.parts)]
     own = {variable for i, u in enumerate(unknowns) if i not in common for variable in u.variables}
@@ -238,7 +239,7 @@ def _result(
 
 
 def _known(problem: Problem, best: Ended, ratio: float) -> Determined:
-    """What the data determine with the errors of the model beside them; ratio : χ²/dof without."""
+    """The parameters that the data determine, given the model error; ratio : χ²/dof without it."""
     if not best.errors.any():
         return problem.determined(problem.point(best.search.x, best.batches), max(1.0, ratio))
     weighted = granted(problem, best.errors)
@@ -250,7 +251,7 @@ def _recordings(
     problem: Problem, point: Point, x: Array, known: Determined, labels: Sequence[str], names: Sequence[str],
     own: Collection[str],
 ) -> tuple[Recording, ...]:  # fmt: skip
-    """Each recording: what its data say, and the values that it alone has."""
+    """Each recording: the fit to its data, and its own values."""
     found, one = [], problem.determined(point)
     paid = np.einsum("np,pq,nq->n", point.J, one.covariance, point.J)  # of each datum, for the unknowns
     paid *= one.effective / max(float(paid.sum()), np.finfo(float).tiny)
@@ -270,7 +271,7 @@ def _recordings(
 
 
 def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: Array) -> list[str]:
-    """A sentence if χ²/dof is above 1 by more than chance."""
+    """A sentence if χ²/dof is significantly above 1."""
     if ratio <= 1.0 + CHANCE * math.sqrt(2.0 / dof):
         return []
     one = max(recordings, key=lambda each: max(each.channels.values()))
@@ -281,6 +282,6 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
     weighed = f"weighed as if harmonics were off by {rest} of each channel's pulsation (rms), means by {means} (sd)"
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
-        f"({one.channels[worst]:.3g} times its noise); rms of what is left{there}: {sizes(one.rms, one.channels)}; "
+        f"({one.channels[worst]:.3g} times its noise); rms residual{there}: {sizes(one.rms, one.channels)}; "
         + (weighed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
     ]

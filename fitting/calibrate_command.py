@@ -1,4 +1,4 @@
-"""The command ``calibrate``: parameters of a network from one recording of it, or from several of one animal."""
+"""The command ``calibrate``: fit parameters of a network to one recording of it, or to several of one animal."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ from .records.record import read_record
 
 Varies = Annotated[
     list[str] | None,
-    typer.Option(help='What of --free has a value for each recording, repeatable: "*.outlet.R2", "all.outlet.R2".'),
+    typer.Option(
+        help='Unknowns of --free with a value for each recording, repeatable: "*.outlet.R2", "all.outlet.R2".'
+    ),
 ]
 
 
@@ -56,7 +58,7 @@ def calibrate_command(
     free: Annotated[
         list[str],
         typer.Option(
-            help='What to find, repeatable: "all.E", "CA.phi0:0.1" (prior sd), "CA+FA.E:none", "all.outlet.R_t".'
+            help='Unknowns to fit, repeatable: "all.E", "CA.phi0:0.1" (prior sd), "CA+FA.E:none", "all.outlet.R_t".'
         ),
     ],
     out: Annotated[
@@ -95,6 +97,8 @@ def calibrate_command(
 
     paths, judged = [record, *(further or ())], hold_out or []
     with sentences(NonPhysicalState, NotPeriodic), bar(quiet, pace=PACE) as progress:
+        if varies and not further:
+            raise InputError(f"--varies {varies[0]}: there is one recording to fit; give others with --and.")
         progress(0.0, "reading")
         check_one(beside, len(paths) + len(judged))
         sets = _sets(out, labels_of(list(map(str, paths))))
@@ -147,7 +151,7 @@ def calibrate_command(
 
 
 def _sets(out: Path | None, labels: Sequence[str]) -> list[Path]:
-    """The files of the values in common and, of several recordings, of each: set.json, set.A.json, set.B.json."""
+    """The files of the common values and, for several recordings, of each: set.json, set.A.json, set.B.json."""
     if out is None:
         return []
     return [out, *(out.with_name(f"{out.stem}.{label}{out.suffix}") for label in labels if len(labels) > 1)]
@@ -163,6 +167,6 @@ def _beats(path: Path, how: Reading, network: Network, as_measured: bool, period
 def _with(
     parameters: ParameterSet, extra: dict[str, object], found: dict[str, dict[str, Estimate]] | None
 ) -> ParameterSet:
-    """The set with what else is to be known among its provenance: the indices that a physiologist reads, too."""
+    """The set with further provenance, including the physiological indices."""
     indices = {} if found is None else {"indices": {site: plain(each) for site, each in found.items()}}
     return replace(parameters, provenance={**parameters.provenance, **indices, **extra})

@@ -1,4 +1,4 @@
-"""What a calibration found: values in common, and what each recording has of its own."""
+"""The result of a calibration: common values, and the values of each recording."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from solver.units import SIGNAL_UNITS
 
 from .inference.unknown import Unknown, quantile
 from .parameter_set import ParameterSet, Value, unit_of
-from .provenance import software
+from .provenance import engine, software
 from .records.noise import degrees_of_freedom
 
 Array = np.ndarray
 Interval = tuple[float, float]
 
-_ALL_PRIOR = 0.95  # of a prior's standard deviation: who knows no better than that has learned nothing from the data
+_ALL_PRIOR = 0.95  # of a prior's standard deviation: above it, the data add no information
 
 
 @dataclass(frozen=True)
 class Recording:
     """One recording in a calibration.
 
-    label : its name among the others. which : numbers of the unknowns that act in it; names : their names without it.
-    values, ci95 : SI, of what varies between recordings, by FMU variable name. chi2, dof : of its data. channels :
-    whitened RMS per channel (1 = noise); rms : the same over the beat [SI]. harmonics : K. beats : in it.
+    label : its name. which : numbers of the unknowns that affect it; names : their names without its label.
+    values, ci95 : SI, of the varying unknowns, by FMU variable name. chi2, dof : of its data. channels : whitened RMS
+    per channel (1 = noise); rms : the same over the beat [SI]. harmonics : K. beats : their number.
     """
 
     label: str
@@ -53,14 +53,14 @@ class Recording:
 class Calibration:
     """The result. Covariances are of x (:class:`~fitting.inference.unknown.Unknown`), data and prior together.
 
-    values, ci95 : SI, by FMU variable name, of what the recordings have in common. shrinkage : posterior over prior
-    standard deviation, None without a prior. chi2, dof : of the data, by their noise alone. model_errors : of means and
-    of harmonics, parts of each channel's pulsation (rms; :mod:`fitting.inference.granted`), 0 where the model explains
-    the record; they are in the covariance. singular_values : of the whitened Jacobian in prior units, largest first, 0
-    where its own error is as large. report : what is not determined, at a bound, or not explained, one sentence each.
-    history : cost after each iteration of both searches. simulations : parameter
-    sets that were simulated. others : the network's parameters that did not move [SI]. Intervals are Student's t with
-    4 (beats - 1) degrees of freedom of every recording, what is known of the noise.
+    values, ci95 : SI, by FMU variable name, common to the recordings. shrinkage : posterior over prior standard
+    deviation, None without a prior. chi2, dof : of the data, by their noise alone. model_errors : of means and of
+    harmonics, relative to each channel's pulsation (rms; :mod:`fitting.inference.calibration`), 0 if the model explains
+    the record; the covariance includes them. singular_values : of the whitened Jacobian in prior units, largest first,
+    0 below its own error. report : undetermined parameters, active bounds, misfit, one sentence each.
+    history : cost after each iteration of both searches. simulations : number of simulated parameter sets. others : the
+    network's fixed parameters [SI]. Intervals are Student's t with 4 (beats - 1) degrees of freedom per recording, from
+    the estimate of the noise.
     """
 
     network: str
@@ -86,8 +86,7 @@ class Calibration:
 
     @property
     def cost(self) -> float:
-        """What the search made small: -2 ln of likelihood and priors, up to a constant; χ² where the model lacks
-        nothing."""
+        """The minimised cost: -2 ln of likelihood and priors, up to a constant; χ² without a model error."""
         return self.history[1][-1]
 
     @property
@@ -107,24 +106,24 @@ class Calibration:
 
     @property
     def rms(self) -> dict[str, float]:
-        """RMS of what is left over the beat [SI] per channel, over all recordings that have it."""
+        """RMS residual over the beat [SI] per channel, over all recordings that have it."""
         return _over_all([each.rms for each in self.recordings])
 
     @property
     def undetermined(self) -> frozenset[str]:
-        """Values of which the data say next to nothing: their intervals are those of their priors, or have no end."""
+        """Values that the data do not determine: their intervals are those of their priors, or unbounded."""
         weak = {name for u, part in zip(self.unknowns, self.shrinkage, strict=True)
                 if part is not None and part > _ALL_PRIOR for name, _ in u.moves}  # fmt: skip
         return frozenset(name for name, value in self.values.items() if name in weak or endless(value, self.ci95[name]))
 
     @property
     def harmonics(self) -> int:
-        """K, of the recording with most."""
+        """The largest K of all recordings."""
         return max(each.harmonics for each in self.recordings)
 
     def of(self, i: int) -> Calibration:
-        """What is known of one recording: the values in common and its own. How the search went, what it reports and
-        the singular values stay those of all."""
+        """The calibration of one recording: the common values and its own. History, report and singular values are
+        those of all recordings."""
         one = self.recordings[i]
         at = list(one.which)
         unknowns = tuple(replace(self.unknowns[j], name=name) for j, name in zip(at, one.names, strict=True))
@@ -135,10 +134,10 @@ class Calibration:
         )  # fmt: skip
 
     def parameter_set(self, name: str | None = None, complete: bool = False) -> ParameterSet:
-        """The values that moved, with their intervals: start values of the network's FMU. What varies between
-        recordings is in the sets of each, ``of(i).parameter_set()``.
+        """The fitted values with their intervals: start values of the network's FMU. Values that vary between
+        recordings are in the sets of each, ``of(i).parameter_set()``.
 
-        complete : with all other parameters of the network too, for an FMU that was built with other values.
+        complete : include all other parameters of the network, for an FMU built with other values.
         """
         values = {each: Value(value, unit_of(each), self.ci95[each]) for each, value in self.values.items()}
         if complete:
@@ -166,11 +165,12 @@ class Calibration:
             **({"recordings": {each.label: _plain(each) for each in self.recordings}} if more else {}),
             "report": list(self.report),
             "software": software(),
+            "engine": engine(),
         }  # fmt: skip
         return ParameterSet(name or f"{self.network} calibrated", values, self.laws, provenance)
 
     def _of_all(self, i: int) -> bool:
-        """Whether an unknown acts in every recording."""
+        """Whether an unknown affects every recording."""
         return all(i in each.which for each in self.recordings)
 
 
@@ -184,7 +184,7 @@ def _over_all(rms: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def noise_known(beats: Sequence[int]) -> float:
-    """Degrees of freedom from which the noise of recordings of so many beats is known."""
+    """Degrees of freedom of the noise estimate from recordings with these numbers of beats."""
     return sum(degrees_of_freedom(n, at_ends=True) for n in beats)
 
 

@@ -1,14 +1,15 @@
-"""Check of a parameter set: the FMU, run with it, is compared with the record.
+"""Check of a parameter set: run the FMU with it, and compare with the record.
 
-Network: the record's mean inflow drives the FMU until its beat repeats, and every channel that both have is compared.
-Bench: there is no inflow; the measured pressure of one site drives the FMU of one short segment, and the radius is
-compared. The simulated beat has the record's phase because what drives it has. Filters that the FMU's network file or
-the user says of channels are undone in what drives (:mod:`fitting.records.inflow`), and laid over what is compared.
+Network: the record's mean inflow drives the FMU until its beat repeats; the check compares all common channels. Bench:
+there is no inflow; the measured pressure of one site drives the FMU of one short segment, and the check compares the
+radius. The simulated beat has the record's phase because its drive has. Known filters of channels, from the FMU's
+network file or the user, are removed from the drive (:mod:`fitting.records.inflow`) and applied to the simulated
+channels.
 
-Residuals are *whitened*: the harmonics of measured less simulated mean beat over the standard deviation that the noise
-alone gives them. To that belongs the noise of what drives the FMU: a second run, with a slightly different beat, tells
-how the FMU answers each harmonic of it. The top quarter of the harmonics is left out, because there a sampled beat is
-not what drove the artery; the solver's own error is not in the noise.
+Residuals are *whitened*: the harmonics of the measured minus the simulated mean beat, over their standard deviation due
+to noise. This includes the noise of the drive: a second run, with a slightly different beat, gives the FMU's response
+to each of its harmonics. The top quarter of the harmonics is excluded, because a sampled beat does not determine the
+drive there; the noise does not include the solver's own error.
 """
 
 from __future__ import annotations
@@ -46,16 +47,16 @@ Progress = Callable[[str], None]
 
 _TRUSTED = 0.75  # of the Nyquist frequency
 _NUDGE = 0.01  # of the driving beat's pulsatile standard deviation: the second run's difference
-_LOUD, _WHITE = 5.0, 1.3  # z of one harmonic, whitened RMS of one channel: below them all, the record is met
+_LOUD, _WHITE = 5.0, 1.3  # limits of z of a harmonic and of the whitened RMS of a channel for agreement
 ANOTHER = 3.0  # ratio of R0 or h: animals of a species differ by less, fits of one artery by far less
 _SEED = 11  # phases of the nudge
 
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What :func:`check` found. mode : "network" or "bench". waveforms : by channel, with what drove the FMU.
+    """The result of :func:`check`. mode : "network" or "bench". waveforms : by channel, including the drive.
 
-    ``sources`` says which record, FMU and set it was; ``run`` how the FMU was run; ``warnings`` what to know.
+    sources : record, FMU and set. run : how the FMU was run. warnings : notes, one sentence each.
     """
 
     mode: str
@@ -120,11 +121,11 @@ def check(
     as_measured: bool = False,
     progress: Progress | None = None,
 ) -> CheckReport:
-    """Run the FMU with the set as start values, driven by the record, and compare every channel that both have.
+    """Run the FMU with the set as start values, driven by the record, and compare all common channels.
 
-    period : of the beat [s], by default found. filters : of channels, "inlet.Q=lowpass 10 Hz". as_measured : values
-    that no artery has are taken as they are.
-    progress : told what is being done.
+    period : of the beat [s], by default found. filters : of channels, "inlet.Q=lowpass 10 Hz". as_measured : accept
+    values that no artery has.
+    progress : called with the current task.
     Raises ValueError, one sentence, if set, FMU and record do not belong together; RunFailed with the FMU's sentence.
     """
     tell = progress or (lambda _: None)
@@ -180,7 +181,7 @@ def check(
 def _plan(
     parameters: ParameterSet, fmu: FMU, record: Record
 ) -> tuple[str, str, str, tuple[str, ...], dict[str, float | str]]:
-    """Mode, input that is driven, channel that drives it, channels to compare, start values."""
+    """Mode, driven input, driving channel, channels to compare, start values."""
     starts = parameters.start_values()
     further = [name for name in fmu.inputs if name.endswith((".inlet.Q", ".inlet.P"))]
     if further:
@@ -214,7 +215,7 @@ def _plan(
 
 
 def _check_arteries(parameters: ParameterSet, fmu: FMU) -> None:
-    """Raise ValueError if an artery of the set is not that of its name in the FMU: R0 or h are of another."""
+    """Raise ValueError if R0 or h show that an artery of the set differs from that of its name in the FMU."""
     for name, entry in parameters.values.items():
         if not name.endswith((".R0", ".h")) or name not in fmu.starts:
             continue
@@ -288,7 +289,7 @@ def _warnings(
 
 
 def _shown(network: Network, name: str, values: Array, beats: Beats) -> Array:
-    """(N,) a simulated beat as the filter of its channel shows it."""
+    """(N,) a simulated beat after the known filter of its channel."""
     X = np.fft.rfft(fourier(values, beats.N))
     return np.fft.irfft(X * filtered(network, name, beats.omega * np.arange(len(X))), beats.N)
 
@@ -303,9 +304,10 @@ def _response(
     names: tuple[str, ...],
     K: int,
 ) -> dict[str, Array]:
-    """H_k of every channel : (K + 1,): its change of harmonic k over that of what drives the FMU.
+    """H_k of every channel : (K + 1,): its change of harmonic k over that of the drive.
 
-    All harmonics are nudged at once, in random phase and by 1 % together: the network is close to linear in so little.
+    All harmonics are perturbed at once, in random phase and by 1 % together: the network is nearly linear in such a
+    small change.
     """
     phases = np.random.default_rng(_SEED).uniform(0.0, 2.0 * np.pi, K + 1)
     phases[0] = 0.0

@@ -1,4 +1,4 @@
-"""Tasks on an existing cluster of dask.distributed, which is imported when one is asked for."""
+"""Tasks on an existing cluster of dask.distributed, which is imported on first use."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ APPEAR = 60.0  # s in which it is to have a worker
 def stream(function: Callable[[Task], Answer], tasks: Sequence[Task], scheduler: str) -> Iterator[tuple[int, Answer]]:
     """(i, function(task i)) of every task as they end, each once.
 
-    The scheduler gives the tasks of a worker that dies to others, those that it had done and still held, too; an answer
-    that is here is not asked for again. Linear algebra is on one thread: start as many workers as there are cores.
-    Raises ValueError where distributed is not installed, no scheduler answers, it has no workers, or they have another
-    version of this package; and what the function raises.
+    If a worker dies, the scheduler gives its tasks to others, including finished ones whose result was not yet
+    returned; returned results are not computed again. Linear algebra uses one thread: start one worker per core. Raises
+    ValueError if distributed is not installed, no scheduler answers, it has no workers, or they have another version of
+    this package; and what the function raises.
     """
     try:
         from distributed import Client, as_completed

@@ -1,4 +1,4 @@
-"""What to know before trusting the fit of a wall: one sentence each, and the thresholds behind them."""
+"""Warnings about the fit of a wall, one sentence each, and their thresholds."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .wall_model import relative_viscosity
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
 USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously
 MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
-LOOSE, LOOSE_WITH_LAG = 0.1, 0.04  # of φ0: at a larger standard deviation the problem is not linear within the interval
-NEAR_THE_TURN = 0.25  # of φ0: where the quadratic law's viscosity falls to this, second order is not enough
-NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R is not worth a sentence
+LOOSE, LOOSE_WITH_LAG = 0.1, 0.04  # of φ0: for a larger standard deviation the problem is nonlinear within the interval
+NEAR_THE_TURN = 0.25  # of φ0: below this viscosity of the quadratic law, second order is insufficient
+NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R gets no sentence
 
 
 def doubts(fitted: WallFit) -> tuple[str, ...]:
@@ -61,7 +61,7 @@ def _collinear(fitted: WallFit) -> str:
 
 
 def _noise_of_R(fitted: WallFit) -> str:
-    if _misfit(fitted):  # then ordinary least squares differs for another reason
+    if _misfit(fitted):  # ordinary least squares then differs for another reason
         return ""
     worst = max(
         fitted.model.free,
@@ -77,7 +77,7 @@ def _noise_of_R(fitted: WallFit) -> str:
 
 
 def _misfit(fitted: WallFit) -> str:
-    if _noise_free(fitted.loop):  # rounding is no measure of a misfit
+    if _noise_free(fitted.loop):  # rounding does not measure a misfit
         missed = float(np.sqrt(max(0.0, 1.0 - fitted.r2)))
         return (
             f"the {fitted.model.name} model misses the noise-free loop by {missed:.2g} of the pulse; "
@@ -95,7 +95,7 @@ def _misfit(fitted: WallFit) -> str:
 
 
 def _noise_free(loop: Loop) -> bool:
-    """Whether the beats are the same to rounding."""
+    """Whether the beats are identical to rounding."""
     return bool(loop.noise[1:, 0, 0].mean() < 1e3 * loop.floor[0] and loop.noise[1:, 1, 1].mean() < 1e3 * loop.floor[1])
 
 

@@ -1,4 +1,4 @@
-"""How a record speaks for elastic laws, in numbers and in words; :mod:`fitting.weighing` finds it."""
+"""The evidence of a record for the elastic laws, in numbers and in words; :mod:`fitting.weighing` computes it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from typing import Any
 
 DECIDED = math.log(20.0)
-"""Lead in ln evidence from which a law is called decided: odds of 20 to 1, "strong" by R. E. Kass and A. E. Raftery,
-J. Am. Stat. Assoc. 90 (1995) 773. benchmarks/elastic_laws.py counts how often the wrong law has it."""
+"""Lead in ln evidence above which a law is called decided: odds of 20 to 1, "strong" by R. E. Kass and A. E. Raftery,
+J. Am. Stat. Assoc. 90 (1995) 773. benchmarks/elastic_laws.py measures how often the wrong law reaches it."""
 
 MISFIT = 1e-3  # probability of a larger χ² below which a model does not describe the loop
 
 
 @dataclass(frozen=True)
 class LawEvidence:
-    """How a record speaks for elastic laws.
+    """The evidence of a record for the elastic laws.
 
-    of : ln evidence by name of the law, 0 for the most probable. refused : laws of which no wall describes the loop.
+    of : ln evidence by name of the law, 0 for the most probable. refused : laws without a wall that fits the loop.
     """
 
     of: Mapping[str, float]
@@ -32,7 +32,7 @@ class LawEvidence:
 
     @property
     def lead(self) -> float:
-        """By which it leads the next one; infinite if there is no other."""
+        """Its lead over the next law; infinite if there is no other."""
         return -max((x for law, x in self.of.items() if law != self.kept), default=-math.inf)
 
     @property
@@ -41,12 +41,12 @@ class LawEvidence:
 
     @property
     def probability(self) -> dict[str, float]:
-        """Of each law, if all are equally likely beforehand."""
+        """The probability of each law, for equal prior probabilities."""
         weights = {law: math.exp(x) for law, x in self.of.items()}
         return {law: w / sum(weights.values()) for law, w in weights.items()}
 
     def __str__(self) -> str:
-        """One sentence without its end: which law, and by how much."""
+        """The law and its lead, as a sentence without a full stop."""
         refused = f"; no wall of the {' or '.join(self.refused)} law was found" if self.refused else ""
         if len(self.of) == 1:
             return f"elastic law {self.kept}, the only one with a fit{refused}"
@@ -67,7 +67,7 @@ class LawEvidence:
 
     @staticmethod
     def together(records: Sequence[LawEvidence]) -> LawEvidence:
-        """Of records that have one law in common, from those where every law has a fit."""
+        """The evidence of several records for a common law, from those where every law has a fit."""
         fits = Counter(law for each in records for law in each.of)
         whole = [each for each in records if not each.refused]
         if not whole:

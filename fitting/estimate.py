@@ -1,4 +1,4 @@
-"""A number with its interval: what every fit, index and verdict hands on."""
+"""A number with its interval: the result type of every fit, index and verdict."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Estimate:
         return f"{value} ({low} to {high}) {unit}".rstrip()
 
     def within(self, low: float, high: float) -> Estimate:
-        """The same with its interval in the range of what it is a number of."""
+        """The same with its interval clipped to a range."""
         below, above = (min(max(end, low), high) for end in self.ci95)
         return replace(self, ci95=(below, above))
 
@@ -41,9 +41,9 @@ class Estimate:
 
 
 def mixture(parts: Sequence[tuple[float, float, float, float]]) -> tuple[float, float]:
-    """95 % interval of a mixture of Student's t: of each probability, centre, standard deviation, degrees of freedom.
+    """95 % interval of a mixture of Student's t: probability, centre, standard deviation, degrees of freedom of each.
 
-    A part that is a number (standard deviation 0) or improbable (below 1e-6) is left to the first one.
+    A component without width (standard deviation 0) or with probability below 1e-6 is merged into the first one.
     """
     first = parts[0]
     told = [part for part in parts if part[0] > _IMPROBABLE and part[2] > 0.0] or [first]

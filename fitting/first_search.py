@@ -1,10 +1,9 @@
-"""The first search of a calibration, and other starts where it ends far from the record.
+"""The first search of a calibration, and other starts if it ends far from the record.
 
-A search that ends in a wrong minimum shows it: what the model leaves is then a part of the pulsation, not of the noise.
-A right model leaves noise and the faults of its sensors, whose gains are off by a few per cent: at most a twentieth of
-the pulsation. Where more is left, other starts are tried until one ends nearer, or until three have not: then it is the
-model that lacks something, not the search, and what began at the network's own values stands. A model that is wrong
-finds lower costs far off, with numbers that no artery has.
+A wrong minimum is recognisable, because its residual is a fraction of the pulsation rather than noise. A correct model
+leaves noise and sensor faults, gain errors of a few per cent: at most a twentieth of the pulsation. If more is left,
+other starts follow until one ends nearer, or until three have not: then the model is deficient, not the search, and the
+result from the network's own values stands. A wrong model has lower costs far away, at values that no artery has.
 """
 
 from __future__ import annotations
@@ -16,11 +15,9 @@ import numpy as np
 from solver.errors import InputError
 from solver.simulate import BROKEN
 
-from .inference.calibration import Part, Problem
+from .inference.calibration import Ended, Part, Problem, minimum
 from .inference.gauss_newton import Rules
-from .inference.granted import Ended, minimum
-from .inference.starting_points import starting_points
-from .inference.unknown import absent
+from .inference.unknown import absent, starting_points
 from .records.noise import pulses
 
 Array = np.ndarray
@@ -29,13 +26,13 @@ OTHER_STARTS = 8
 _SEED = 1
 _FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
 FAR = 0.05  # of the RMS of the pulsation
-ENOUGH = 3  # of 6 of 100 synthetic tubes whose own start ends far or has no beat, none needs more that end
+ENOUGH = 3  # 6 of 100 synthetic tubes need other starts (own start far off or without a beat), and none needs more
 
 
 def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Ended, list[str]]:
-    """Where the search ended that comes near, and a sentence if it began elsewhere than asked.
+    """The end of the first successful search, and a sentence if its start is not the requested one.
 
-    x0 : (p,) where to begin; None: the network's own values, then others. Raises ValueError where no start has a beat.
+    x0 : (p,) start; None: the network's own values, then others. Raises ValueError if no start has a beat.
     """
     weighted: Problem | None = None
     ended: dict[int, Ended] = {}
@@ -56,7 +53,7 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Ende
         name = problem.parts[0].simulator.network.name
         raise InputError(f"{sources}: with its inflow, network {name} {where} cannot be simulated: {failure}") from None
     near = [i for i in ended if not far(weighted, ended[i])]
-    best = min(near or ended, key=lambda i: (not near and i > 0, ended[i].cost))
+    best = min(near or ended, key=lambda i: (not near and i > 0, ended[i].search.cost))
     asked = x0 is not None or list(ended) == [0]
     return ended[best], [] if asked else [_said(weighted, ended, best)]
 
@@ -68,13 +65,13 @@ def _starts(problem: Problem) -> Iterator[Array]:
 
 
 def first_error(part: Part) -> Array:
-    """(K+1, m) the solver's own error as long as it is not measured."""
+    """(K+1, m) an assumed error of the solver, until it is measured."""
     s = part.simulator
     return np.full((s.K + 1, len(s.names)), _FIRST_ERROR) * pulses(part.beats, s.names)
 
 
 def left(problem: Problem, found: Ended) -> float:
-    """RMS of what is left, as a part of the RMS of the pulsation, over all channels of all recordings."""
+    """RMS of the residual over that of the pulsation, over all channels of all recordings."""
     parts = [
         np.array(list(part.rms(batch[0]).values())) / pulses(part.beats, part.simulator.names)
         for part, batch in zip(problem.parts, found.batches, strict=True)

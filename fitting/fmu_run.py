@@ -1,6 +1,6 @@
-"""An FMU as seen from outside: what its description says, and its periodic answer to a periodic input.
+"""An FMU from the outside: its description, and its periodic response to a periodic input.
 
-Each run is a fresh process, because a process that has run one FMU keeps its code.
+Each run uses a new process, because a process that has run one FMU keeps its code.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from .threads import ENVIRONMENT
 
 Array = np.ndarray
 
-BEATS = (5, 10, 20, 40, 60)  # of the runs that are tried, until the last two beats agree
+BEATS = (5, 10, 20, 40, 60)  # numbers of beats of successive runs, until the last two beats agree
 PERIODIC = 1e-4  # largest relative change of an output between them
-_SHOTS = 4  # runs of the fewest beats by which the start is corrected
-_SLOW = 0.3, 0.99  # λ of what fills so slowly that five beats leave 1e-3 of it, and more
+_SHOTS = 4  # runs with the fewest beats, to correct the start
+_SLOW = 0.3, 0.99  # range of λ for slow filling, where more than 1e-3 remains after five beats
 _START = ("network.start", "inlet.Q_mean", "inlet.T")
 
 
 class RunFailed(RuntimeError):
-    """The FMU did not reach its stop time; the message is its own sentence."""
+    """The FMU did not reach its stop time; the message is the FMU's sentence."""
 
 
 @dataclass(frozen=True)
 class FMU:
-    """What modelDescription.xml says. inputs, parameters : names.
+    """The content of modelDescription.xml. inputs, parameters : names.
 
-    starts : values of inputs and parameters, of an Enumeration the name of its item.
-    outputs : names of pressures, flows and radii, not of ports, nor of volumes, which count up from beat to beat.
+    starts : values of inputs and parameters; for an Enumeration the name of its item.
+    outputs : names of pressures, flows and radii, without ports and volumes, which accumulate from beat to beat.
     """
 
     path: str
@@ -68,7 +68,7 @@ class FMU:
 class Answer:
     """The last beat of a run: ``values`` : name -> (n,) [SI], sample j at time j T/n of the beat.
 
-    beats : that were run. change : largest relative change of an output from the beat before.
+    beats : number of beats in the run. change : largest relative change of an output from the beat before.
     """
 
     values: Mapping[str, Array]
@@ -77,7 +77,7 @@ class Answer:
 
 
 def read_fmu(path: str | os.PathLike[str]) -> FMU:
-    """The description of an FMU of this project. Raises ValueError, one sentence, if the file is none."""
+    """The description of an FMU of this project. Raises ValueError, one sentence, for any other file."""
     source = os.fspath(path)
     try:
         description = fmpy.read_model_description(source)
@@ -112,7 +112,7 @@ def _start(variable: ScalarVariable) -> float | str:
 
 
 def steps_per_beat(fmu: FMU, T: float) -> int:
-    """Internal steps of a beat: a whole number, each at most the FMU's dt (and the round-off of a period)."""
+    """Internal steps of a beat: a whole number, each at most the FMU's dt (plus the round-off of a period)."""
     return max(8, int(np.ceil(T / fmu.dt - 1e-3)))
 
 
@@ -124,11 +124,11 @@ def periodic_answer(
     start_values: Mapping[str, float | str],
     beats: int | None = None,
 ) -> Answer:
-    """The FMU driven by a beat that repeats until its answer does.
+    """Drive the FMU with a periodic beat until its response is periodic.
 
     driver : an input. beat : (N,) [SI], its samples at j T/N, Fourier-interpolated. The internal step is T over a
-    whole number, so that beats fall on the grid. beats : run just so many from rest; else 5 to 60, until two agree to
-    1e-4. If the inflow drives it, it starts near the periodic state where there is one.
+    whole number, so that beats fall on the grid. beats : run exactly this number from rest; otherwise 5 to 60, until
+    two agree to 1e-4. If the inflow drives it, it starts near the periodic state if there is one.
     Raises RunFailed with the FMU's sentence, HostDied if it ended the process that ran it.
     """
     n = steps_per_beat(fmu, T)
@@ -137,7 +137,7 @@ def periodic_answer(
         return _run(fmu, driver, beat, T / n, n, m, {**start_values, "solver.dt": T / n, **starts})
 
     if beats is None and driver == INFLOW and {*_START} <= {*fmu.parameters}:
-        with suppress(RunFailed):  # no steady state with that mean flow: from rest
+        with suppress(RunFailed):  # without a steady state at that mean flow, start from rest
             return _from_periodic(run, float(beat.mean()), T)
     for m in (beats,) if beats else BEATS:
         answer = _answer(run(m, {}))
@@ -147,11 +147,11 @@ def periodic_answer(
 
 
 def _from_periodic(run: Callable[[int, Mapping[str, float | str]], dict[str, Array]], mean: float, T: float) -> Answer:
-    """The answer from network.start = periodic, near the beats of the network's own pulse.
+    """The response from network.start = periodic, near the beats of the network's own pulse.
 
-    Windkessels then start with the right mean, but not at the right moment of the beat, and would go on filling for
-    long. The mean Q for which the start is made is therefore corrected, by secants, until the mean pressure does not
-    drift from the last but one beat of the shortest run to its last, D(Q) = 0. What drives the FMU stays as it is.
+    Windkessels then start with the correct mean, but not at the correct phase of the beat, and would fill slowly. The
+    secant method therefore corrects the mean Q of the start until the mean pressure does not drift between the last two
+    beats of the shortest run, D(Q) = 0. The drive of the FMU does not change.
     """
     Q, shots = mean, list[tuple[float, float]]()
     for m in (*BEATS[:1] * _SHOTS, *BEATS[1:]):
@@ -164,10 +164,10 @@ def _from_periodic(run: Callable[[int, Mapping[str, float | str]], dict[str, Arr
 
 
 def _corrected(table: Mapping[str, Array], mean: float, Q: float, shots: list[tuple[float, float]]) -> float:
-    """The next Q after a run that began with Q, which is added to the ``shots`` (Q, D).
+    """The next Q after a run with start Q, which is appended to the ``shots`` (Q, D).
 
-    The distance of the mean pressure P in beat m from its limit is λ^m e_0, so that λ is the ratio of two drifts. After
-    the first run e_0 follows from the last of them, and Q from P ~ Q.
+    The distance of the mean pressure P in beat m from its limit is λ^m e_0, so λ is the ratio of two drifts. After the
+    first run the last drift gives e_0, and P ~ Q gives Q.
     """
     P = np.mean([x.mean(axis=1) for name, x in table.items() if name.endswith(".P")], axis=0)[: BEATS[0]]
     before, drift = np.diff(P)[-2:]
@@ -182,14 +182,14 @@ def _corrected(table: Mapping[str, Array], mean: float, Q: float, shots: list[tu
 
 
 def _answer(table: Mapping[str, Array]) -> Answer:
-    """The last of the beats of a run, outputs (beats, n) by name, and what changed from the one before."""
+    """The last beat of a run, outputs (beats, n) by name, and its change from the one before."""
     before, last = (np.column_stack([x[beat] for x in table.values()]) for beat in (-2, -1))
     values = {name: x[-1] for name, x in table.items()}
     return Answer(values, len(next(iter(table.values()))), change_of(last, before, tuple(table)))
 
 
 def fourier(beat: Array, M: int) -> Array:
-    """The trigonometric interpolant of a beat (N,) at M even phases: (M,), sampled, not cut, where M is too coarse."""
+    """The trigonometric interpolant of a beat (N,) at M equidistant phases: (M,), sampled without truncation."""
     every = -(-len(beat) // M)
     return resample(beat, every * M)[::every]
 
@@ -197,11 +197,11 @@ def fourier(beat: Array, M: int) -> Array:
 def _run(
     fmu: FMU, driver: str, beat: Array, h: float, n: int, beats: int, starts: Mapping[str, float | str]
 ) -> dict[str, Array]:
-    """All beats of a run in a fresh process : (beats, n) of every output.
+    """All beats of a run in a new process : (beats, n) of every output.
 
     Raises RunFailed, or HostDied if that process died.
     """
-    # an input other than the inflow is held at its value in the middle of each step: half steps hold it exactly
+    # an input other than the inflow has its mid-step value during each step: half steps represent it exactly
     parts = 1 if driver == INFLOW else 2
     values = np.tile(fourier(beat, parts * n), beats)
     values = np.append(values, values[0])
@@ -230,7 +230,7 @@ def _run(
 
 
 def run_module(*line: str) -> tuple[int, str]:
-    """Run ``python -m line`` in a process of its own: its exit code, and its last error sentence ("" if none)."""
+    """Run ``python -m line`` in a new process: its exit code, and its last error sentence ("" if none)."""
     command, environment = [sys.executable, "-m", *line], {**os.environ, **ENVIRONMENT}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     said = [text.strip() for text in done.stderr.splitlines() if text.strip()]

@@ -1,4 +1,4 @@
-"""What a calibration says of recordings that it has not seen."""
+"""Prediction of held-out recordings by a calibration."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A recording that was not fitted. rms : over the beat [SI] by channel, with the values in common and, of what
-    varies, the mean of the recordings. refitted : the same where what varies was fitted to this recording, and
-    ``values`` [SI] that it then has; nothing where all is in common."""
+    """A held-out recording. rms : over the beat [SI] by channel, with the common values and, for varying unknowns, the
+    mean of the recordings. refitted : the same with the varying unknowns fitted to this recording, and their ``values``
+    [SI]; empty if all unknowns are common."""
 
     source: str
     rms: Mapping[str, float]
@@ -45,9 +45,9 @@ def judge(
     channels: Sequence[str] | None = None,
     settings: Settings | None = None,
 ) -> HeldOut:
-    """What a calibration of a network leaves of another recording of the same animal.
+    """The residual of a calibration in another recording of the same animal.
 
-    network, channels, settings : as it was calibrated. Raises ValueError as :func:`fitting.calibrate.calibrate`.
+    network, channels, settings : those of the calibration. Raises ValueError as :func:`fitting.calibrate.calibrate`.
     """
     one, x = found.of(0), np.mean([found.x[list(each.which)] for each in found.recordings], axis=0)
     varies = [any(each.which[j] != found.recordings[0].which[j] for each in found.recordings) for j in range(len(x))]

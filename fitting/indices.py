@@ -1,7 +1,7 @@
-"""What a physiologist reads from a fitted wall: stiffness, distensibility, wave velocity, losses; with 95 % intervals.
+"""Physiological indices of a fitted wall: stiffness, distensibility, wave velocity, losses, with 95 % intervals.
 
-All at the mean pressure of the beat, from the elastic part of the law (dP/dA, dP/dR below are of P_el), so that they do
-not depend on how fast the wall moves.
+All are at the mean pressure of the beat, from the elastic part of the law (dP/dA, dP/dR below are of P_el), so they do
+not depend on the strain rate.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ Array = np.ndarray
 Values = Mapping[str, float]
 
 _STEP = 1e-5  # relative, of the central differences: their error is then 1e-10
-_ABOVE_NOISE = 3.0  # standard deviations: harmonics of a measured loop that count
+_ABOVE_NOISE = 3.0  # standard deviations: threshold for harmonics of a measured loop
 
 
 def read_in(unit: str) -> tuple[str, float]:
-    """The unit that an index is read in, and its factor from SI; one in Pa is a modulus."""
+    """The display unit of an index, and its factor from SI; an index in Pa is a modulus."""
     return readable(unit, "MPa" if unit == "Pa" else None)
 
 
@@ -62,8 +62,8 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
     ====================  ====================================================================================
 
     Intervals follow from the fit's covariance by the delta method (derivatives by central differences), with the loop
-    and its mean pressure as they are, averaged over the elastic laws that were fitted; that of loss_measured from the
-    noise of the harmonics.
+    and its mean pressure treated as exact, averaged over the fitted elastic laws; that of loss_measured from the noise
+    of the harmonics.
     Raises ValueError if the beats lack the site's channels, or the fitted wall cannot carry their mean pressure.
     Sources: D. H. Bergel, J. Physiol. 156 (1961) 445; J. C. Bramwell and A. V. Hill, Proc. R. Soc. B 93 (1922) 298.
     """
@@ -110,7 +110,7 @@ OF_LAW = (
 def of_wall(wall: Wall, A: Array, loss: Array, ends: tuple[Array, Array]) -> Array:
     """The indices of ``OF_LAW`` of some walls, as the last axis.
 
-    A : area where it is asked for [m²]. loss : ∮ P dA [J/m]. ends : smallest and largest area of the beat [m²].
+    A : area of evaluation [m²]. loss : ∮ P dA [J/m]. ends : smallest and largest area of the beat [m²].
     """
     stiffness = wall.stiffness(A)  # dP/dA = dP/dR/(2πR)
     s_low, s_high = (np.sqrt(end / wall.A0) for end in ends)
@@ -152,7 +152,7 @@ def _of_law(fit: WallFit, P_mean: float, rho: float) -> Callable[[Values], Array
 
 def _slope(fit: WallFit, made: Callable[[Values], Array]) -> Array:
     """Derivatives by the free parameters : (indices, p)."""
-    # what is counted relative to another parameter may be 0 itself
+    # a parameter with a relative scale may itself be 0
     ratios = {name: q.ratio_to for name, q in quantities(Segment).items() if q.ratio_to}
     columns = []
     for name in fit.model.free:
@@ -163,9 +163,9 @@ def _slope(fit: WallFit, made: Callable[[Values], Array]) -> Array:
 
 
 def loop_area(P: Array, A: Array, harmonics: int | None = None) -> Array:
-    """∮ P dA [J/m] of beats P [Pa], A [m²] : (…, N): the energy that a length of vessel loses in its wall in a beat.
+    """∮ P dA [J/m] of beats P [Pa], A [m²] : (…, N): the energy dissipated in the wall per beat and length of vessel.
 
-    With Fourier coefficients, ∮ P dA = -4π Σ k Im(P_k* A_k), by all harmonics that N samples hold or by the first few.
+    With Fourier coefficients, ∮ P dA = -4π Σ k Im(P_k* A_k), over all harmonics of N samples or over the first few.
     """
     last = (P.shape[-1] - 1) // 2 if harmonics is None else harmonics
     k = np.arange(last + 1)
@@ -176,8 +176,8 @@ def loop_area(P: Array, A: Array, harmonics: int | None = None) -> Array:
 def measured_loss(beats: Beats, site: str) -> tuple[float, float]:
     """∮ P dA of the mean beats of P and R [J/m] and its standard deviation.
 
-    Independent noise of P and R does not bias it. Harmonics beyond the last one where both are above their noise are
-    left out.
+    Independent noise of P and R does not bias it. Harmonics beyond the last one with both above their noise are
+    excluded.
     """
     names = (f"{site}.P", f"{site}.R")
     P, R = (beats.mean(name) for name in names)

@@ -1,4 +1,4 @@
-"""What a physiologist reads from a calibrated network, site by site, with 95 % intervals."""
+"""Physiological indices of a calibrated network, site by site, with 95 % intervals."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ def network_indices(
 ) -> dict[str, dict[str, Estimate]]:
     """The indices of :func:`fitting.indices.indices` at every site of a calibrated network, by site and name.
 
-    network : the one that was calibrated, with the values it had before. beats : the record, whose inflow drives it.
+    network : the calibrated one, with its values before the calibration. beats : the record, whose inflow drives it.
     settings : of the solver, default dt 1 ms. E_inc, distensibility, compliance and wave_velocity are those of the
     segment's elastic law at the site's mean radius; loss = ∮ P dA and loss_ratio are of the simulated beat.
-    E_inc uses the unstressed thickness h, as the wall law does. Where the record has P and R of the site,
-    loss_measured is the same of its mean beats.
+    E_inc uses the unstressed thickness h, as the wall law does. If the record has P and R of the site, loss_measured is
+    the loss of its mean beats.
 
     One batch of beats gives all of them at x and a small step away along each unknown; intervals are
-    G C Gᵀ (delta method) with the calibration's covariance C and Student's t. They hold what moves with the unknowns
-    alone: parameters that were not sought, h among them, count as exact.
-    Raises ValueError for another network than the one that was calibrated, or a record without inflow.
+    G C Gᵀ (delta method) with the calibration's covariance C and Student's t. They include the uncertainty of the
+    unknowns only: parameters that were not fitted, h among them, count as exact.
+    Raises ValueError for a network other than the calibrated one, or a record without inflow.
     """
     _check_network(calibration, network)
     steps = finite_steps(calibration.unknowns, calibration.x, STEP)
@@ -81,7 +81,7 @@ def indices_at(
 
 
 def _check_network(calibration: Calibration, network: Network) -> None:
-    """x is counted from the values that the network had: with others, every index would be another's."""
+    """Raise ValueError unless the network has its values from before the calibration, to which x is relative."""
     given = network.parameters() | {
         name: float(value) for name, value in parameter_values(calibration.unknowns, network, calibration.x).items()
     }

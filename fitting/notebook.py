@@ -22,7 +22,7 @@ from .wall_model import PARAMETERS, UNITS
 
 
 def html(fitted: WallFit) -> str:
-    """Every parameter in the unit that people read, what else tells how good the fit is, and its warnings."""
+    """Every parameter in its display unit, measures of the quality of the fit, and its warnings."""
     rows = [_row(fitted, name) for name in PARAMETERS if name in fitted.model.free or fitted.values[name]]
     stiffness = E_inc(fitted)
     low, high = (1e-6 * end for end in stiffness.ci95)
@@ -39,7 +39,7 @@ def html(fitted: WallFit) -> str:
 
 
 def columns(fitted: WallFit) -> Mapping[str, Sequence[Any]]:
-    """The five parameters, h and eta; both ends of the interval are the value itself where it was given."""
+    """The five parameters, h and eta; both ends of the interval equal the value if it was given."""
     units = {**UNITS, "h": "m", "eta": "1"}
     ends = [fitted.ci95(name) for name in units]
     return {

@@ -1,12 +1,11 @@
-"""Parameter sets: what a fit hands to an FMU, as JSON or as SSV 1.0.
+"""Parameter sets: the start values that a fit passes to an FMU, as JSON or as SSV 1.0.
 
-A set holds values by FMU variable name ("AA.E", "CA.outlet.R_t"), in SI, with 95 % intervals and where they come from.
-So a set *is* a list of start values.
+A set contains values by FMU variable name ("AA.E", "CA.outlet.R_t"), in SI, with 95 % intervals and provenance.
 
-**JSON** is this project's own format: everything, exactly, readable and editable. **SSV 1.0** (System Structure and
-Parameterization, Modelica Association) is what FMI tools apply to an FMU by themselves: plain parameter names and SI
-values, because importers set the number and ignore its unit. SSV has no place for intervals and provenance. They
-travel in an annotation of the file, which the standard provides for such things and other readers pass over.
+**JSON** is this project's own format: complete, exact, readable and editable. **SSV 1.0** (System Structure and
+Parameterization, Modelica Association) is the format that FMI tools apply to an FMU themselves: plain parameter names
+and SI values, because importers set the number and ignore its unit. SSV has no fields for intervals and provenance. An
+annotation of the file contains them, as the standard allows; other readers ignore it.
 """
 
 from __future__ import annotations
@@ -56,8 +55,8 @@ class ParameterSet:
     """Values and texts by FMU variable name, checked when the set is made.
 
     texts : the wall laws the values were fitted with ("network.elastic_law", "network.viscous_law").
-    provenance : where the values come from (record and its hash, law, γ, software), JSON-ready.
-    Whether a value lies in its allowed range is for the network or the FMU to say: a fit may leave it.
+    provenance : origin of the values (record and its hash, law, γ, software), JSON-ready.
+    The network or the FMU checks the allowed range of a value, which a fit may exceed.
     Raises ValueError, one sentence, for an unknown name, another unit or a number that is not finite.
     """
 
@@ -98,7 +97,7 @@ def unit_of(name: str) -> str:
 
 
 def quantity_of(name: str) -> Quantity:
-    """What an FMU parameter is, by its name: "CA.phi0".
+    """The quantity of an FMU parameter, by its name: "CA.phi0".
 
     Raises ValueError if no segment, outlet, junction, fluid or network has such a parameter.
     """
@@ -117,7 +116,7 @@ def read_set(path: str | os.PathLike[str]) -> ParameterSet:
     """The parameter set in a .json or .ssv file, or the bundled one of that name ("sheep_table1").
 
     Units are converted to the variable's own. JSON must give every unit; in SSV a missing one means the variable's.
-    Raises ValueError: one sentence that starts with the file name and says where, what and how to put it right.
+    Raises ValueError: one sentence that starts with the file name and gives the place, the error and the remedy.
     """
     path = _find(path)
     reader = _from_json if set_format(path) == ".json" else _from_ssv
@@ -139,7 +138,7 @@ def write_set(parameters: ParameterSet, path: str | os.PathLike[str]) -> None:
 
 
 def set_content(parameters: ParameterSet, path: str | os.PathLike[str]) -> str | bytes:
-    """What a file of that name holds. Raises ValueError for another suffix than .json or .ssv."""
+    """The content of a file of that name. Raises ValueError for a suffix other than .json or .ssv."""
     return set_json(parameters) if set_format(Path(path)) == ".json" else _to_ssv(parameters)
 
 
@@ -170,7 +169,7 @@ _OWNERS: Mapping[str, type] = {"network": Network, "fluid": Fluid, "segment": Se
 
 
 def _quantities(what: str) -> dict[str, Quantity]:
-    """Quantities of an owner by key, as the solver has them: a new one needs no change here."""
+    """Quantities of an owner by key, from the solver: a new one needs no change here."""
     kinds = outlets.OUTLETS if what == "outlet" else (_OWNERS[what],)
     return {key: q for kind in kinds for key, q in (quantities(kind) | terms_of(what)).items()}
 
@@ -362,7 +361,7 @@ def _annotation(root: ElementTree.Element) -> dict[str, Any]:
 
 
 def _with_intervals(values: Mapping[str, Value], extra: Mapping[str, Any]) -> dict[str, Value]:
-    """Values with their intervals; a value that another tool has changed has none."""
+    """Values with their intervals; a value changed by another tool has none."""
     result = dict(values)
     for name, entry in extra.get("value_and_ci95", {}).items():
         if name in result and entry[0] == result[name].value:

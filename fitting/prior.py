@@ -1,4 +1,4 @@
-"""The result of ``arterial-fmu calibrate`` as what is known of a network beforehand: values and covariance."""
+"""The result of ``arterial-fmu calibrate`` as the prior of a network: values and covariance."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _ASYMMETRY = 1e-9  # of a covariance's largest entry: round-off
 
 @dataclass(frozen=True)
 class Prior:
-    """The network with the values of a calibration, and unknowns along the directions that it left uncertain.
+    """The network with the values of a calibration, and unknowns along its uncertain directions.
 
-    source : the file; sha256 : of the records calibrated with, joined by " + ", "" where it does not say.
+    source : the file; sha256 : of the records of the calibration, joined by " + ", "" if unknown.
     """
 
     network: Network
@@ -37,7 +37,7 @@ class Prior:
     sha256: str = ""
 
     def doubts(self, record: Record) -> tuple[str, ...]:
-        """What to know, in sentences, where a record is compared with this."""
+        """Warnings, in sentences, for the comparison of a record with this prior."""
         if not self.sha256 or record.sha256 not in self.sha256.split(" + "):
             return ()
         return (
@@ -47,19 +47,19 @@ class Prior:
 
 
 def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
-    """What a calibration file says of a network.
+    """The prior from a calibration file.
 
-    Raises ValueError, one sentence, for a file that is no calibration, one without covariance, one of another network,
-    and for parameters that the network has not.
+    Raises ValueError, one sentence, for a file that is not a calibration, one without covariance, one of another
+    network, and for parameters that the network does not have.
     """
     if not Path(path).is_file():
         raise InputError(f"{path}: there is no such file; {_AGAIN}.")
     if Path(path).suffix.lower() != ".json":  # an .ssv file has values alone
-        raise InputError(f"{path}: is no .json file, and other files hold no covariance; {_AGAIN}.")
+        raise InputError(f"{path}: is not a .json file, and other files contain no covariance; {_AGAIN}.")
     found = read_set(path)
     origin = found.provenance
     if origin.get("method") != "network calibration":
-        raise InputError(f"{path}: is no result of a calibration of a network, and has no covariance; {_AGAIN}.")
+        raise InputError(f"{path}: is not the result of a calibration of a network, and has no covariance; {_AGAIN}.")
     if origin.get("network") != network.name:
         raise InputError(
             f"{path}: is the calibration of network {origin.get('network')}, not of {network.name}; give the network "

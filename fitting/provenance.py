@@ -1,8 +1,10 @@
-"""Which software made a result."""
+"""The software that made a result."""
 
 from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
+
+from solver.native import NoEngine, library
 
 
 def software() -> str:
@@ -11,3 +13,12 @@ def software() -> str:
         return f"arterial-fmu {version('arterial-fmu')}"
     except PackageNotFoundError:
         return "arterial-fmu (not installed)"
+
+
+def engine() -> str:
+    """What makes beats here: "native", the compiled engine, or "numpy" and why."""
+    try:
+        library()
+    except NoEngine as reason:
+        return f"numpy: {reason}"
+    return "native"

@@ -1,4 +1,4 @@
-"""Options of every command that reads a record: which column is what, and a look at the columns."""
+"""Options of every command that reads a record: assignment and preview of the columns."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .records.preview import preview, preview_questions, preview_table
 
 
 def _look(ctx: typer.Context, wanted: bool) -> None:
-    """Show the columns and end, before anything else is asked for."""
+    """Show the columns and stop, before other arguments are checked."""
     if not wanted or ctx.resilient_parsing:
         return
     given: dict[str, Any] = ctx.params
@@ -37,7 +37,7 @@ def _look(ctx: typer.Context, wanted: bool) -> None:
     raise typer.Exit
 
 
-# The options that --columns needs are eager: they are known when it is, wherever they stand.
+# The options that --columns needs are eager, so that they are known with it, in any order.
 RECORD_HELP = "CSV, text of LabChart or AcqKnowledge, .mat or .edf"
 Mapped = Annotated[
     list[str] | None,
@@ -45,8 +45,8 @@ Mapped = Annotated[
         "--map",
         metavar="TITLE=VARIABLE",
         is_eager=True,
-        help='Which column is what, by title or number, repeatable: "Druck=AA.P [mmHg]", "2=inlet.Q [mL/s]", '
-        '"Q.csv:2=…" of one file of several; "ECG=" leaves one out.',
+        help='Assign a column to a variable, by title or number, repeatable: "Druck=AA.P [mmHg]", "2=inlet.Q [mL/s]", '
+        '"Q.csv:2=…" for one file of several; "ECG=" ignores one.',
     ),
 ]
 Beside = Annotated[
@@ -70,22 +70,23 @@ Decimal = Annotated[
     str | None, typer.Option("--decimal", is_eager=True, help="Decimal mark: comma or point; default: found.")
 ]
 AsMeasured = Annotated[
-    bool, typer.Option("--as-measured", help="Take values that no artery has as they are: a phantom, a vein.")
+    bool, typer.Option("--as-measured", help="Accept values that no artery has, as of a phantom or a vein.")
 ]
 Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
 Columns = Annotated[
-    bool, typer.Option("--columns", callback=_look, help="Show the columns of the record and end; with --json, too.")
+    bool, typer.Option("--columns", callback=_look, help="Show the columns of the record and exit; also with --json.")
 ]
 
 
-# Not further arguments: `RECORD --columns` names no network, and which of several files one is would be open
+# Options rather than further arguments: `RECORD --columns` has no network, and the role of each file must be
+# unambiguous
 Further = Annotated[
     list[Path] | None,
     typer.Option("--and", metavar="FILE", help="A further recording of the same animal, repeatable."),
 ]
 HeldOutFiles = Annotated[
     list[Path] | None,
-    typer.Option("--hold-out", metavar="FILE", help="A recording that is not fitted but judged by, repeatable."),
+    typer.Option("--hold-out", metavar="FILE", help="A held-out recording for validation, repeatable."),
 ]
 
 
@@ -96,11 +97,11 @@ def check_one(beside: Sequence[object] | None, recordings: int) -> None:
 
 
 def not_judged(path: str | os.PathLike[str], error: Exception) -> str:
-    """The sentence on a recording that was held out and cannot be judged by: the result stands without it."""
+    """The sentence for a held-out recording that cannot be used; the result stands without it."""
     source = os.fspath(path)
-    return f"{source}: it was held out and is not judged: {str(error).removeprefix(f'{source}: ')}"
+    return f"{source}: it was held out and cannot be compared: {str(error).removeprefix(f'{source}: ')}"
 
 
 def seconds(text: str | None, name: str) -> float | None:
-    """What an option says in seconds; None where it is not given."""
+    """The value of an option in seconds; None if it is not given."""
     return None if text is None else parse_quantity(text, "s", name)

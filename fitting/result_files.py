@@ -1,4 +1,4 @@
-"""Results on disk: folders that do not mix, and JSON that every reader takes."""
+"""Results on disk: separate folders for each command, and standard JSON."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ _SIGNS = {"study": ("plan.json",), "discover": ("verdict.json", ".state")}  # bo
 
 
 def check_unmixed(folder: Path, command: str) -> None:
-    """Raise ValueError if a folder holds the results of another command, whose files would mix with this one's."""
+    """Raise ValueError if a folder contains the results of another command."""
     for other, names in _SIGNS.items():
         if other != command and any((folder / name).exists() for name in names):
-            raise InputError(f"{folder}: it holds the results of {other}; give {command} another folder (--out).")
+            raise InputError(f"{folder}: it contains the results of {other}; give {command} another folder (--out).")
 
 
 def json_text(content: Any, indent: int = 2) -> str:
-    """JSON text of what :func:`plain` takes."""
+    """JSON text of a value, converted by :func:`plain`."""
     return json.dumps(plain(content), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def plain(value: Any) -> Any:
-    """Plain data: dataclasses by field, None for what is not a finite number, which JSON has not."""
+    """Plain data: dataclasses by field, None for numbers that are not finite, which JSON does not support."""
     if is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):

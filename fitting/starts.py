@@ -1,8 +1,7 @@
-"""Calibrations from many starts: whether the minimum that a search finds is the lowest, and the only one.
+"""Multistart calibration, which shows whether a minimum is the lowest and the only one.
 
-A search goes downhill from where it begins. The first start is the network's own values, the others are points of a
-scrambled Sobol' sequence, drawn from the priors, twice as wide. The lowest minimum is kept; what other starts found is
-reported beside it.
+A search finds a local minimum. The first start is the network's own values, the others are points of a scrambled Sobol'
+sequence, drawn from the priors with twice their width. The result is the lowest minimum; the report lists the others.
 """
 
 from __future__ import annotations
@@ -21,8 +20,7 @@ from solver.network import Network
 from .calibrate import Calibration, Progress, calibrate
 from .calibrated import labels_of
 from .inference.asked import parse_unknowns, varied
-from .inference.starting_points import starting_points
-from .inference.unknown import Unknown
+from .inference.unknown import Unknown, starting_points
 from .records.beats import Beats
 from .tasks import done
 
@@ -30,16 +28,16 @@ Array = np.ndarray
 
 SAME = 0.1  # standard deviations of every unknown within which two ends are one minimum
 MOST = 10_000  # starts
-_ALIKE = 3.84  # difference of cost, -2 log likelihood, that is no evidence: 95 % of χ²(1)
-_SHOWN = 3  # other ends that have a sentence
+_ALIKE = 3.84  # largest insignificant difference of cost, -2 log likelihood: 95 % of χ²(1)
+_SHOWN = 3  # other minima with a sentence
 _SHOWN_VALUES = 4  # unknowns in such a sentence
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where some starts ended: the calibration of the first of them, and their numbers, from 0.
+    """A minimum: the calibration of the first start that ended there, and the numbers of these starts, from 0.
 
-    settled : whether any of their searches settled there.
+    settled : whether any of their searches converged there.
     """
 
     found: Calibration
@@ -54,7 +52,7 @@ class Minimum:
         return {**told, "recordings": own} if own else told
 
     def value(self, i: int) -> str:
-        """The first variable of an unknown, with its value in SI; with its recording, if it is of one alone."""
+        """The first variable of an unknown, with its value in SI, and with its recording if it belongs to one only."""
         name = self.found.unknowns[i].variables[0]
         if name in self.found.values:
             return f"{name} {self.found.values[name]:.4g}"
@@ -64,7 +62,7 @@ class Minimum:
 
 @dataclass(frozen=True)
 class Starts:
-    """What many starts found. minima : lowest cost first. failures : sentences of starts that broke down, by number."""
+    """The result of a multistart. minima : lowest cost first. failures : sentences of failed starts, by number."""
 
     starts: int
     seed: int
@@ -73,13 +71,13 @@ class Starts:
 
     @property
     def best(self) -> Calibration:
-        """The lowest minimum; its report says what else was found."""
+        """The lowest minimum; its report lists the others."""
         found = self.minima[0].found
         return replace(found, report=(*found.report, *self.report))
 
     @property
     def report(self) -> tuple[str, ...]:
-        """How many starts ended where, one sentence each."""
+        """The number of starts that ended in each minimum, one sentence each."""
         if self.starts == 1:
             return ()
         first, *others = self.minima
@@ -90,10 +88,10 @@ class Starts:
         settled = [each for each in others if each.settled]
         said += [self._other(each) for each in settled[:_SHOWN]]
         if len(settled) > _SHOWN:
-            said.append(f"{len(settled) - _SHOWN} more ends with higher cost are in the parameter set")
+            said.append(f"{len(settled) - _SHOWN} further minima with higher cost are in the parameter set")
         lost = sum(len(each.starts) for each in others if not each.settled)
         if lost:
-            said.append(f"{lost} of {self.starts} starts did not settle anywhere")
+            said.append(f"{lost} of {self.starts} starts did not converge")
         if self.failures:
             (why, _), *_ = Counter(self.failures.values()).most_common(1)
             said.append(f"{len(self.failures)} of {self.starts} starts could not be simulated: {why.rstrip('.')}")
@@ -107,7 +105,7 @@ class Starts:
         return (
             f"{len(other.starts)} of {self.starts} starts settled elsewhere, with cost {cost:.4g} instead of "
             f"{lowest:.4g}: {values} (SI)"
-            + ("; the record does not tell the two apart" if cost - lowest < _ALIKE else "")
+            + ("; the record cannot distinguish the two" if cost - lowest < _ALIKE else "")
         )
 
     def plain(self) -> dict[str, Any]:
@@ -134,9 +132,10 @@ def calibrate_from(
 ) -> Starts:
     """Calibrate from several starts, on processes of this computer or on a cluster; the numbers are the same.
 
-    beats … settings : as in :func:`fitting.calibrate.calibrate`. jobs, scheduler : who calibrates
-    (:func:`fitting.tasks.done`). seed : same seed, same starts; with more of them the first are the same.
-    Raises ValueError, one sentence, for numbers that cannot be, and as that function where no start leads anywhere.
+    beats … settings : as in :func:`fitting.calibrate.calibrate`. jobs, scheduler : as in :func:`fitting.tasks.done`.
+    seed : the same seed gives the same starts; more starts extend the sequence.
+    Raises ValueError, one sentence, for invalid numbers, and as :func:`~fitting.calibrate.calibrate` if every start
+    fails.
     """
     if not 1 <= starts <= MOST:
         raise InputError(f"--starts = {starts}: must be a whole number of starts from 1 to {MOST}.")
@@ -167,10 +166,10 @@ def calibrate_from(
 
 
 def minima(ended: Mapping[int, Calibration]) -> tuple[Minimum, ...]:
-    """The minima of where searches ended, by number of their start; lowest cost first.
+    """Group the ends of searches, by number of their start, into minima; lowest cost first.
 
-    Two ends are one minimum if no unknown differs by more than 0.1 of its standard deviation in the lower one. A
-    minimum is told by the first of its starts that settled: more starts change no number of the same minimum.
+    Two ends are one minimum if no unknown differs by more than 0.1 of its standard deviation in the lower one. The
+    first converged start represents a minimum, so more starts do not change its numbers.
     """
     groups: list[list[int]] = []
     for i in sorted(ended, key=lambda i: (ended[i].cost, i)):
@@ -193,7 +192,7 @@ def minima(ended: Mapping[int, Calibration]) -> tuple[Minimum, ...]:
 
 @dataclass(frozen=True)
 class _Task:
-    """A calibration from one start; None: the network's own values, and others where these lead nowhere."""
+    """A calibration from one start; None for the network's own values, and others if these fail."""
 
     beats: Sequence[Beats]
     network: Network
@@ -210,7 +209,7 @@ def _calibration(task: _Task, progress: Progress | None = None) -> Calibration:
 
 
 def _calibrated(task: _Task) -> Calibration | str:
-    """The calibration of a task, or the sentence that says why there is none."""
+    """The calibration of a task, or the sentence with the reason for its failure."""
     try:
         return _calibration(task)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""Independent tasks on the processes of this computer, or on a cluster: results as they end, each once."""
+"""Independent tasks on the processes of this computer, or on a cluster: each result once, as its task ends."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ def done(
     """(i, function(task i)) of every task, as they end.
 
     function : of a module, found by its name in other processes; tasks and answers are pickled.
-    jobs : processes of this computer, this one among them; None: one for each core. What one that dies has not done is
-    done here. scheduler : the address of one of dask.distributed, whose workers do it instead (:mod:`.cluster`).
-    Raises ValueError for a number of jobs that is none, or a scheduler that does not answer; what the function raises.
+    jobs : number of processes on this computer, including this one; None: one per core. This process does the
+    unfinished tasks of a worker that dies. scheduler : the address of a scheduler of dask.distributed, whose workers do
+    the tasks instead (:mod:`.cluster`). Raises ValueError for an invalid number of jobs, or a scheduler that does not
+    answer; and what the function raises.
     """
     if scheduler is not None:
         from .cluster import stream

@@ -1,7 +1,7 @@
 """One thread for small matrices.
 
-The matrices here are 100 × 100: the threads of a BLAS library wait for one another longer than they work, and on a busy
-machine a fit takes ten times its time.
+The matrices here are 100 × 100: the threads of a BLAS library spend more time waiting than working, and on a busy
+machine a fit takes ten times as long.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 ENVIRONMENT = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
-"""What makes a process of its own do the same."""
+"""Environment that does the same for a new process."""
 
 
 def single_threaded(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

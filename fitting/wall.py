@@ -1,10 +1,10 @@
-"""From the beats of one site to the wall's E, R0, φ0, φ_NL and E_NL, with intervals that can be trusted.
+"""Fit of the wall's E, R0, φ0, φ_NL and E_NL to the beats of one site, with reliable intervals.
 
 1. The paper's loop over γ gives a filtered radius and, by its regression, the start (:mod:`fitting.records.spectral`).
-2. Errors in variables: the mean beats of P *and* R are noisy, each harmonic with the variance that the scatter between
-   beats shows (:mod:`fitting.inference.errors_in_variables`). This gives the estimate and its covariance.
-3. What a careful reader asks: residual spectrum, condition, the effect of a time lag between the two channels, what
-   ignoring the noise of R would have given, and warnings in words.
+2. Errors in variables: the mean beats of P *and* R are noisy; the scatter between beats gives the variance of each
+   harmonic (:mod:`fitting.inference.errors_in_variables`). This gives the estimate and its covariance.
+3. Diagnostics: residual spectrum, condition, the effect of a time lag between the two channels, the estimate that
+   ignores the noise of R, and warnings in words.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from .weighing import evidence, weighing_model
 
 Array = np.ndarray
 
-_LAG_HARMONICS = 12  # of the radius, for the search of a lag: enough for its shape, few enough for its noise
-_THIN = (2.0, 300.0)  # R0/h of arteries, generously: outside, a unit or a channel is wrong
+_LAG_HARMONICS = 12  # of the radius, to find a lag: enough for its shape, few enough to limit its noise
+_THIN = (2.0, 300.0)  # wide range of R0/h of arteries: outside, a unit or a channel is wrong
 
 
 @single_threaded
@@ -50,9 +50,9 @@ def fit(
     """The wall at ``site`` from its channels P and R.
 
     wall : a model, or the name of one (:func:`~fitting.wall_model.model`), which is fitted with every elastic law: the
-    most probable law is the result, the others and the evidence stand beside it (:mod:`fitting.weighing`).
+    result is the fit by the most probable law, with the others and the evidence (:mod:`fitting.weighing`).
     h : measured wall thickness [m]. R0 : measured unstressed radius [m]; fitted if not given. eta : Poisson's ratio.
-    lag_free : fit a delay of P against R beside the wall; the loop hardly tells it from φ0.
+    lag_free : also fit a delay of P against R, which the loop hardly distinguishes from φ0.
     Raises ValueError if the channels are missing or do not pulsate, or no wall describes the loop (NoFit).
     """
     quantities(Segment)["h"].check(f"{site}.h", h)
@@ -67,7 +67,7 @@ def fit(
 
 
 def _by_evidence(by: Callable[[WallModel], WallFit], name: str) -> WallFit:
-    """The wall by the most probable elastic law, the others beside it."""
+    """The wall by the most probable elastic law, with the others."""
     fits, refused = _by_laws(by, name)
     if not fits:
         raise list(refused.values())[-1]
@@ -81,7 +81,7 @@ def _by_evidence(by: Callable[[WallModel], WallFit], name: str) -> WallFit:
 
 
 def _by_laws(by: Callable[[WallModel], WallFit], name: str) -> tuple[list[WallFit], dict[str, NoFit]]:
-    """The fits of a model, a law each, and why there is none of a law."""
+    """The fits of a model, one per law, and the reasons for missing ones."""
     fits: list[WallFit] = []
     refused: dict[str, NoFit] = {}
     for law in ELASTIC_LAWS:
@@ -112,7 +112,7 @@ def _fitted(
 
 
 def without_lag(beats: Beats, fitted: WallFit) -> Beats:
-    """The beats with the lag taken out that the fit found between P and R of its site: P moved, gaps with it."""
+    """The beats without the fitted lag between P and R of the site: P is shifted, including its gaps."""
     lag = fitted.lag[0]
     if not lag:
         return beats
@@ -128,10 +128,10 @@ def without_lag(beats: Beats, fitted: WallFit) -> Beats:
 def bootstrap(
     fitted: WallFit, beats: Beats, replicates: int = 200, seed: int = 0, progress: Callable[[float], None] | None = None
 ) -> dict[str, tuple[float, float]]:
-    """95 % intervals from beats drawn with replacement: the check of the intervals of :func:`fit`.
+    """95 % bootstrap intervals from beats drawn with replacement, to check the intervals of :func:`fit`.
 
-    Each replicate refits the mean of as many beats, drawn anew; the noise of the harmonics stays that of the record.
-    Percentile intervals, for ``model.free``, widened by √(n/(n - 1)) as n drawn beats scatter less than n measured.
+    Each replicate refits the mean of n drawn beats; the noise of the harmonics stays that of the record. Percentile
+    intervals, for ``model.free``, widened by √(n/(n - 1)), because n drawn beats scatter less than n measured ones.
     """
     rng = np.random.default_rng(seed)
     beats, lag = paired(without_lag(beats, fitted), fitted.site), 0.0 if np.isfinite(fitted.lag[1]) else None
@@ -154,7 +154,7 @@ def bootstrap(
 
 
 def _mean(beats: Array, instead: Array) -> Array:
-    """The mean of drawn beats, and another one at phases where all that were drawn have a gap."""
+    """The mean of drawn beats, and ``instead`` at phases where all drawn beats have a gap."""
     there = ~np.isnan(beats)
     counts = there.sum(axis=0)
     return np.where(counts > 0, np.where(there, beats, 0.0).sum(axis=0) / np.maximum(counts, 1), instead)
@@ -164,7 +164,7 @@ def _mean(beats: Array, instead: Array) -> Array:
 
 
 def _start_lag(chosen: WallModel, loop: Loop) -> float:
-    """The lag of P, among some to a tenth of a beat either way, with which the paper's regression explains P best."""
+    """The lag of P, up to a tenth of a beat in either direction, with which the paper's regression explains P best."""
     lags = np.linspace(-0.1, 0.1, 41) * loop.T
     R_t = spectral.derivative(spectral.without_high(loop.R, _LAG_HARMONICS), loop.T)
     M = columns(chosen, loop.R, R_t)
@@ -179,7 +179,7 @@ def _start(
 ) -> dict[str, float]:
     """The paper's regression on the filtered radius.
 
-    Noise may leave the column of E_NL without a wall; then the start is the regression without it.
+    With noise, the regression with E_NL may not correspond to any wall; then the start is the regression without it.
     """
     R, R_t = filtered.R, filtered.R_t
     if R0 is None:
@@ -189,7 +189,7 @@ def _start(
         values = parameters_of(chosen, C, h, eta)
         if "ENL" in chosen.free and not (np.isfinite(values["R0"]) and values["E"] > 0.0 and values["phi0"] > 0.0):
             return _start(chosen.without("ENL"), loop, filtered, h, eta, None)
-    else:  # linear in all the rest, whatever the values it is linearised at, as long as phiNL and ENL are 0
+    else:  # with phiNL = ENL = 0 it is linear in all other parameters, whatever the point of linearisation
         values = {"E": 1.0, "R0": R0, "phi0": 1.0, "phiNL": 0.0, "ENL": 0.0, "h": h, "eta": eta}
         M = evaluate(chosen, values, R, R_t).by_parameter
         scale = np.linalg.norm(M, axis=0)

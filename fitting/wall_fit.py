@@ -1,4 +1,4 @@
-"""The wall of one site as it was fitted: values, intervals, residual, and the parameter set that an FMU starts from."""
+"""The fitted wall of one site: values, intervals, residual, and the parameter set with the start values of an FMU."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class WallFit(Shown):
     """The wall of one site.
 
     values : the five parameters in SI, and h and eta as given. covariance : (p, p) of ``model.free``.
-    lag : by which P comes later than the wall law says [s], with its standard deviation (NaN unless it was free).
-    r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. dof : of the residual; where its chi2 is
-    larger, the covariance has been scaled up by chi2/dof. by_lag : relative change of E, R0 … for 1 ms by which P is
-    delayed, if the lag was not free. ignored_noise : the values that ordinary least squares gives, without regard to
-    the noise of R. filtered : the γ-loop. loop : the mean beats that were fitted, without the lag. solution : how.
-    n_beats, source, sha256, told : of the record. warnings : what to know, one sentence each. evidence : of the elastic
-    laws, None if the law was given. others : the fits by the other laws.
+    lag : delay of P relative to the wall law [s], with its standard deviation (NaN unless it was free).
+    r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. dof : of the residual; if its chi2 is
+    larger, the covariance is scaled by chi2/dof. by_lag : relative change of E, R0 … for a delay of P by 1 ms, if the
+    lag was not free. ignored_noise : the values by ordinary least squares, which ignores the noise of R. filtered : the
+    γ-loop. loop : the fitted mean beats, without the lag. solution : details of the search. n_beats, source, sha256,
+    told : of the record. warnings : one sentence each. evidence : of the elastic laws, None if the law was given.
+    others : the fits by the other laws.
 
     As data frame: a row for each parameter, with its 95 % interval, in SI.
     """
@@ -102,7 +102,7 @@ class WallFit(Shown):
 
     @property
     def alone(self) -> WallFit:
-        """This fit with its law taken for the true one."""
+        """This fit, assuming that its law is the true one."""
         return replace(self, evidence=None, others=())
 
     def half(self, name: str) -> float:
@@ -129,12 +129,12 @@ class WallFit(Shown):
 
     @property
     def P_fitted(self) -> Array:
-        """P of the fitted law on the most probable radius : (N,) [Pa], on the same times as loop.P."""
+        """P of the fitted law on the most probable radius : (N,) [Pa], at the times of loop.P."""
         s = self.solution
         return evaluate(self.model, self.values, s.R, s.R_t).P
 
     def residual_spectrum(self) -> tuple[Array, Array, Array]:
-        """Harmonic k, |residual_k| [Pa], and the standard deviation it should have [Pa] : (N//2 + 1,) each."""
+        """Harmonic k, |residual_k| [Pa], and its expected standard deviation [Pa] : (N//2 + 1,) each."""
         size = np.abs(spectral.coefficients(self.solution.residual))
         return np.arange(len(size)), size, self.solution.expected
 
@@ -143,7 +143,7 @@ class WallFit(Shown):
         return wall_model.wall(self.model, self.values if values is None else values, rho)
 
     def parameter_set(self) -> ParameterSet:
-        """E, R0, h and viscosities as start values of segment ``site``, with intervals and where they come from."""
+        """E, R0, h and viscosities as start values of segment ``site``, with intervals and provenance."""
         fitted = {
             f"{self.site}.{name}": Value(
                 self.values[name], UNITS[name], self.ci95(name) if name in self.model.free else None
@@ -176,7 +176,7 @@ class WallFit(Shown):
 
     @property
     def law(self) -> str:
-        """Which elastic law, and by how much: a sentence without its end."""
+        """The elastic law and its lead, as a sentence without a full stop."""
         return f"elastic law {self.model.elastic}, as given" if self.evidence is None else str(self.evidence)
 
     @property

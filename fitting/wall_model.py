@@ -1,6 +1,6 @@
 """The wall law as a function of its parameters: P(R, dR/dt; E, R0, φ0, φ_NL, E_NL) and its derivatives.
 
-The terms are those of :mod:`solver.wall`, so that what is fitted is what the solver and the FMU compute.
+The terms are those of :mod:`solver.wall`, so the fit uses the same law as the solver and the FMU.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ Array = np.ndarray
 Values = Mapping[str, float]
 
 PARAMETERS = ("E", "R0", "phi0", "phiNL", "ENL")
-"""What may be fitted. A wall's values are these and ``h`` [m] and ``eta``, which are given."""
+"""The parameters of a fit. A wall's values are these and ``h`` [m] and ``eta``, which are given."""
 
 UNITS = {name: quantities(Segment)[name].unit for name in PARAMETERS}
 
 
 @dataclass(frozen=True)
 class WallModel:
-    """Which law is fitted, and which of its parameters: names of :mod:`solver.wall`, and a part of ``PARAMETERS``.
+    """The fitted law and its free parameters: names of :mod:`solver.wall`, and a subset of ``PARAMETERS``.
 
     P = K (ε + e ε²)[/s] + K_h/s σ_v(ε̇) with s = R/R0, ε = s - 1, ε̇ = R'/R0 (`eq:general`, `sheep_pressure_radius`).
     """
@@ -58,9 +58,9 @@ _NONLINEAR = (*_LINEAR, "phiNL")
 def model(name: str, elastic: str) -> WallModel:
     """One of the models below with an elastic law, ``beta`` or ``regression``. Raises ValueError for an unknown name.
 
-    ``linear``: E, R0, φ0. ``nonlinear``: and φ_NL as in the paper (quadratic). ``extended``: and E_NL.
+    ``linear``: E, R0, φ0. ``nonlinear``: also φ_NL as in the paper (quadratic). ``extended``: also E_NL.
     ``monotone``: φ_NL in the monotone form φ0 (e^{2rε̇} - 1)/(2r), which has no negative viscosity.
-    ``extended monotone``: that and E_NL; on loops of a monotone wall, ``extended`` takes the bend of the viscosity for
+    ``extended monotone``: also E_NL; on loops of a monotone wall, ``extended`` attributes the nonlinear viscosity to
     E_NL.
     """
     laws = {
@@ -135,7 +135,7 @@ def evaluate(model: WallModel, values: Values, R: Array, R_t: Array) -> Evaluate
 
 
 def relative_viscosity(model: WallModel, values: Values, R_t: Array) -> Array:
-    """dσ_v/dε̇ / φ0 along a loop: where it is not positive, no wall follows the law: the equation runs backward."""
+    """dσ_v/dε̇ / φ0 along a loop: if it is not positive, the equation is ill-posed and no wall can follow the law."""
     return model.viscous_law.slope(values["phiNL"] / values["phi0"] * R_t / values["R0"])
 
 

@@ -1,18 +1,17 @@
-"""Which elastic law a record speaks for, and by how much.
+"""Selection of the elastic law by the evidence of a record.
 
-Every law is fitted to the same loop. By Laplace's approximation the evidence of each is
+Every law is fitted to the same loop. By Laplace's approximation its evidence is
 
     -2 ln p(loop | law) = Σ z²/c - ln det S,
 
-with the whitened residual z of the harmonics that pulse above their noise, and the covariance S of ln E, ln R0, ln φ0,
-φ_NL/φ0 and E_NL/E, whose priors are flat and the same for all laws. The true radius has Jeffreys' prior, uniform along
-the loop in units of the noise of both channels; so ln det V does not enter. With a flat prior of the radius it would,
-and with one of the pressure the opposite would, and either prefers a law for what it makes of harmonics that hold noise
-alone.
+with the whitened residual z of the harmonics above their noise, and the covariance S of ln E, ln R0, ln φ0, φ_NL/φ0 and
+E_NL/E, whose priors are flat and the same for all laws. The true radius has Jeffreys' prior, uniform along the loop in
+units of the noise of both channels, so ln det V does not enter. With a flat prior of the radius it would enter, and
+with one of the pressure its negative; either would favour a law for its effect on harmonics that contain only noise.
 
-c is 1 where a law describes the loop, or the mean of z² of the best one (quasi-likelihood; R. W. M. Wedderburn,
-Biometrika 61 (1974) 439). What the best one misses beyond noise is added to c: it is one error, whatever the number of
-harmonics it shows in, and a law may only have taken up a part of it.
+c is 1 if a law describes the loop, otherwise the mean of z² of the best one (quasi-likelihood; R. W. M. Wedderburn,
+Biometrika 61 (1974) 439). The misfit of the best law beyond noise is added to c: it is a single error, however many
+harmonics it affects, and a law may have absorbed only a part of it.
 """
 
 from __future__ import annotations
@@ -29,17 +28,17 @@ from .elastic_law import MISFIT, LawEvidence
 from .records import spectral
 from .wall_fit import WallFit
 
-_ABOVE_NOISE = 4.0  # standard deviations: harmonics of P and R that count
+_ABOVE_NOISE = 4.0  # standard deviations: threshold for harmonics of P and R
 
 
 def weighing_model(name: str) -> str:
-    """The model by whose fits laws are weighed, with φ_NL free: a bend of the viscosity that a model lacks looks like
-    a bend of the elastic law."""
+    """The model for the comparison of laws, with φ_NL free, because missing nonlinear viscosity resembles a nonlinear
+    elastic law."""
     return "extended monotone" if name.startswith("extended") else "monotone"
 
 
 def evidence(fits: Sequence[WallFit], refused: Sequence[str] = ()) -> LawEvidence:
-    """That of fits of one loop, a law each. refused : laws without a fit."""
+    """The evidence from fits of one loop, one per law. refused : laws without a fit."""
     missed, dof = min(map(_missed, fits)), 2 * _harmonics(fits[0]) + 1 - len(fits[0].model.free)
     c = max(1.0, missed / dof) + max(0.0, missed - float(chi2.isf(MISFIT, dof)))
     ln = {f.model.elastic: -0.5 * (_missed(f) / c - _log_volume(f)) for f in fits}
@@ -48,7 +47,7 @@ def evidence(fits: Sequence[WallFit], refused: Sequence[str] = ()) -> LawEvidenc
 
 
 def _harmonics(fitted: WallFit) -> int:
-    """K, the last harmonic at which both P and R stand above their noise; enough of them to fit the wall."""
+    """K, the last harmonic with both P and R above their noise; at least enough to fit the wall."""
     loop = fitted.loop
     sizes = (np.abs(spectral.coefficients(x)) for x in (loop.P, loop.R))
     noise = (np.sqrt(loop.noise[:, i, i].real) for i in (0, 1))

@@ -1,8 +1,8 @@
-"""Other processes of this computer that share the parts of a computation: ``python -m fitting.workers``.
+"""Worker processes on this computer that share a computation: ``python -m fitting.workers``.
 
-Such a process reads tasks from a pipe and writes what came of them to another. It does not import the script that
-started it, which therefore needs no ``if __name__ == "__main__"``; and it ends with its pipe, in whatever way the
-process at the other end does.
+A worker reads tasks from a pipe and writes their results to another. It does not import the script that started it,
+which therefore needs no ``if __name__ == "__main__"``; and it ends when its pipe closes, however the other process
+ends.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _READY = b"!"  # a worker's first word
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """The number of cores available to this process."""
     try:
         return len(os.sched_getaffinity(0))
     except AttributeError:  # not on this system
@@ -37,10 +37,10 @@ def cores() -> int:
 
 
 class Workers:
-    """``jobs`` processes, this one among them; the others begin with the first work that has parts.
+    """``jobs`` processes, including this one; the others start with the first shared work.
 
-    This process never waits for one that only begins, and does itself what another one failed to do: an error is then
-    raised here as if there were no other process. After the first failure all is done here.
+    This process never waits for a starting worker, and repeats the tasks that a worker failed to do: it then raises an
+    error as if there were no other process. After the first failure this process does all tasks.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -61,7 +61,7 @@ class Workers:
     ) -> list[Result]:  # fmt: skip
         """The result of every task: by ``here`` in this process, or by ``there`` in another and ``taken`` in this one.
 
-        there : a function of a module, which is found there by its name; tasks and answers are pickled.
+        there : a function of a module, which the worker finds by its name; tasks and answers are pickled.
         """
         if self.jobs < 2 or len(tasks) < 2:
             return [here(task) for task in tasks]
@@ -103,7 +103,7 @@ class Workers:
                 answer.cancel()
 
     def close(self) -> None:
-        """End the other processes, whatever they do; what is asked later is done here."""
+        """End the other processes, whatever they do; this process does later tasks."""
         with self._lock:
             self.jobs, processes, self._processes = 1, self._processes, []
         for process in processes:
@@ -115,7 +115,7 @@ class Workers:
                 pass
 
     def _asked(self, tasks: Sequence[Task], there: Callable[[Task], Answer]) -> list[Future[Answer]]:
-        """What other processes will answer to all tasks that are not cancelled before one begins them."""
+        """The future answers of other processes to all tasks that are not cancelled before they start."""
         self._pool = self._pool or ThreadPoolExecutor(self.jobs - 1, "worker", self._begin, (there.__module__,))
         return [self._pool.submit(self._ask, there, task) for task in tasks]
 
@@ -128,7 +128,7 @@ class Workers:
     # --- in the thread of a process ---------------------------------------------------------------------------------
 
     def _begin(self, module: str) -> None:
-        """Start a process that has imported a module; without one, what is asked of it fails."""
+        """Start a process that has imported a module; if it does not start, its tasks fail."""
         self._mine.process = None
         paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
         command = [sys.executable, "-P", "-m", __name__, module]
@@ -141,7 +141,7 @@ class Workers:
                     env={**os.environ, **ENVIRONMENT, "PYTHONPATH": paths},
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
-                    stderr=subprocess.DEVNULL,  # what goes wrong there is said here
+                    stderr=subprocess.DEVNULL,  # this process reports errors there
                     process_group=0,  # so that Ctrl-C comes here alone, and all that it starts can be ended with it
                 )
             except OSError:

@@ -2,9 +2,9 @@
 
     P = (V - V_unstressed) / C,     V = V_start + V_arteries - V_heart
 
-It exchanges counted volumes with its neighbours, not flows: what has left the arteries and what the heart has taken,
-both since the start. So the total volume is that of the start, to round-off, whatever the communication step and the
-order in which a master runs the components.
+Its inputs are volumes, not flows: the volume that has left the arteries and the volume that has entered the heart, both
+since the start. So the total volume is constant to round-off, for any communication step and any order in which a
+master runs the components.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Reservoir:
 
 @dataclass(frozen=True)
 class Body:
-    """A reservoir of veins. reference : where its numbers come from."""
+    """A reservoir of veins. reference : the source of its numbers."""
 
     name: str
     reference: str
@@ -48,7 +48,7 @@ class Body:
 
 @dataclass(frozen=True)
 class BodyState:
-    """V_start [m³]; net [m³] : gained since the start, as known at the time ``known`` [s]; and that of a step ago."""
+    """V_start [m³]; net [m³] : gain since the start, at the time ``known`` [s]; and that of the previous step."""
 
     t: float
     V_start: float
@@ -61,9 +61,9 @@ class BodyState:
 class BodyComponent(Component):
     """The reservoir as a component of an FMU.
 
-    ``body.exchange`` says for which time the inputs are that are set before a step: its ``end``, by a master that runs
-    the body last, or its ``start``, by one that runs all components side by side. The volume at the end of the step
-    is then extrapolated from the last two.
+    ``body.exchange`` gives the time of the inputs that are set before a step: its ``end``, for a master that runs the
+    body last, or its ``start``, for one that runs all components in parallel. In the latter case the volume at the end
+    of the step is extrapolated from the last two.
     """
 
     remade = frozenset(("own",))
@@ -72,11 +72,11 @@ class BodyComponent(Component):
         self.own = self.body = body
 
     def kinds(self) -> dict[type, Kind]:
-        """What a saved state holds."""
+        """The types of objects in a saved state."""
         return dataclasses(Body, Reservoir, BodyState)
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
-        """Begin with the reservoir at P_start."""
+        """Start with the reservoir at P_start."""
         self.body = self.own.with_values(values)
         self.extrapolates = values["body.exchange"] == "start"
         reservoir = self.body.body
@@ -85,11 +85,11 @@ class BodyComponent(Component):
         self.state = BodyState(t0, V_start, t0, gained, t0, gained)
 
     def retune(self, changed: Mapping[str, Any]) -> None:
-        """Take over tunable parameters."""
+        """Apply tunable parameters."""
         self.body = self.body.with_values(changed)
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
-        """Take over the volumes."""
+        """Apply the volumes."""
         s = self.state
         check_time(t, h, s.t)
         net = values["arteries.V"] - values["heart.V"]

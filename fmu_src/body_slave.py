@@ -34,7 +34,7 @@ class BodySlave(ComponentSlave):
 
 
 def to_data(body: Body) -> dict[str, Any]:
-    """A body as JSON holds it."""
+    """A body as JSON data."""
     return asdict(body)
 
 

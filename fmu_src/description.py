@@ -11,23 +11,25 @@ from .host import PACKAGES, PYTHONS
 from .variable import Variable
 
 
-def complete(root: Element, table: tuple[Variable, ...], version: str) -> Element:
-    """Add to the description that pythonfmu made of the same variables, and return it."""
+def complete(root: Element, table: tuple[Variable, ...], version: str, python: bool = True) -> Element:
+    """Add to a description of the same variables, as pythonfmu makes it, and return it. python : whether the host
+    needs one."""
     root.set("generationTool", f"arterial-fmu {version} with {root.get('generationTool')}")
     root.attrib.pop("generationDateAndTime", None)  # so that the same input builds the same FMU, byte for byte
     after = list(root).index(root.find("CoSimulation")) + 1  # type: ignore[arg-type]
     root.insert(after, _unit_definitions(table))
     if any(variable.choices for variable in table):
-        root.insert(after + 1, _type_definitions(table))
+        root.insert(after + 1, type_definitions(table))
     variables = root.find("ModelVariables")
     assert variables is not None
-    root.insert(list(root).index(variables), _annotations())
+    if python:
+        root.insert(list(root).index(variables), _annotations())
     for node, variable in zip(variables, table, strict=True):
         if variable.quantity is not None:
             _add_range(node[0], variable)
         else:
             node[0].tag = "Enumeration"
-            node[0].set("declaredType", _type_name(variable))
+            node[0].set("declaredType", type_name(variable))
     structure = root.find("ModelStructure")
     assert structure is not None
     for child in list(structure):
@@ -56,29 +58,34 @@ def _annotations() -> Element:
 
 def _unit_definitions(table: tuple[Variable, ...]) -> Element:
     definitions = Element("UnitDefinitions")
-    quantities = [v.quantity for v in table if v.quantity is not None]
-    for name in sorted({q.unit for q in quantities}):
+    for name, asked in unit_names(table).items():
         unit = SubElement(definitions, "Unit", name=name)
         SubElement(unit, "BaseUnit", {base: str(power) for base, power in base_units(name).items()})
-        asked = {q.display for q in quantities if q.unit == name and q.display}
         for display in sorted(asked.union(display_units(name)), key=str.lower):
             SubElement(unit, "DisplayUnit", name=display, factor=repr(display_factor(display)))
     return definitions
 
 
-def _type_definitions(table: tuple[Variable, ...]) -> Element:
+def unit_names(table: tuple[Variable, ...]) -> dict[str, set[str]]:
+    """The units, and in which others each is shown."""
+    quantities = [v.quantity for v in table if v.quantity is not None]
+    names = sorted({q.unit for q in quantities})
+    return {name: {q.display for q in quantities if q.unit == name and q.display} for name in names}
+
+
+def type_definitions(table: tuple[Variable, ...]) -> Element:
     """An Enumeration for every variable with choices."""
     definitions = Element("TypeDefinitions")
     for variable in table:
         if variable.choices:
-            simple = SubElement(definitions, "SimpleType", name=_type_name(variable))
+            simple = SubElement(definitions, "SimpleType", name=type_name(variable))
             enumeration = SubElement(simple, "Enumeration")
             for choice in variable.choices:
                 SubElement(enumeration, "Item", name=choice, value=str(variable.number(choice)))
     return definitions
 
 
-def _type_name(variable: Variable) -> str:
+def type_name(variable: Variable) -> str:
     """network.elastic_law -> NetworkElasticLaw, which is no name of a variable."""
     return "".join(part.capitalize() for part in variable.name.replace(".", "_").split("_"))
 

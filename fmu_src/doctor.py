@@ -1,7 +1,7 @@
-"""Whether an FMU of this project runs here, and what is missing: ``arterial-fmu doctor MODEL.fmu``.
+"""Check whether an FMU of this project runs here, and list what is missing: ``arterial-fmu doctor MODEL.fmu``.
 
-Exit code 0: it runs. 1: it is whole but does not run here, or not in every host; the table says why. 2: the file is no
-whole FMU of this project. Nothing that a file contains makes the doctor fail.
+Exit code 0: it runs. 1: it is complete but does not run here, or not in every host; the table gives the reason. 2: the
+file is not a complete FMU of this project. No file content makes the doctor fail.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from solver.host_died import ended as died
 from solver.options import Json, files_for, one_command
 from solver.progress import bar
 
-from . import content, trial
+from . import content, native_doctor, trial
 from .drive import DRIVES
 from .host import PYTHONS, TESTED
 from .interpreter import Interpreter, interpreter
@@ -53,7 +53,7 @@ _ANEW = "build it anew with arterial-fmu build, or copy it once more"
 _START, _INSTALL = "start them with: ", "install it with: "
 _LARGEST = 200e6  # bytes unpacked; an FMU of this project has one
 _PATIENCE = 120.0  # s for the trial
-# what zipfile raises for archives that are damaged, encrypted or packed in ways of their own
+# errors of zipfile for archives that are damaged, encrypted or in an unsupported format
 _UNREADABLE = (zlib.error, lzma.LZMAError, NotImplementedError, RuntimeError, EOFError, ValueError, OverflowError,
                LookupError,
                MemoryError, struct.error)  # fmt: skip
@@ -61,7 +61,7 @@ _UNREADABLE = (zlib.error, lzma.LZMAError, NotImplementedError, RuntimeError, EO
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at: its name, how it stands (ok, note, problem, or no FMU), what was found, and what to do."""
+    """The result of one check: its name, its state (ok, note, problem, or no FMU), the finding, and the remedy."""
 
     what: str
     state: str
@@ -71,9 +71,9 @@ class Finding:
 
 @dataclass(frozen=True)
 class Archive:
-    """What the doctor reads of an FMU: its files, and of its description the model, GUID, flags and Pythons.
+    """The content of an FMU: its files, and from its description the model, GUID, flags and Pythons.
 
-    inflow : what drives arteries that no host drives, "input" or "network"; "" of other FMUs.
+    inflow : the default drive of arteries, "input" or "network"; "" for other FMUs.
     """
 
     names: tuple[str, ...]
@@ -83,21 +83,27 @@ class Archive:
     execution_tool: bool
     python: str
     inflow: str
+    fmi3: bool
 
 
 def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[Finding]:
-    """Everything about an FMU and the Python it is to run in. Never raises, whatever the file is."""
+    """All findings about an FMU and the Python that will run it. Never raises, whatever the file is."""
     path = Path(fmu)
     try:
         archive = _archive(path)
     except _NoFMU as reason:
         return [Finding("file", FATAL, *reason.args)]
     findings = [Finding("file", OK, f"{len(archive.names)} files, {archive.size / 1024:.0f} kB, checksums right")]
+    if native_doctor.is_native(archive.names):
+        rows = native_doctor.rows(path, archive.names, archive.guid, archive.model, archive.fmi3)
+        findings += [*(Finding(*row) for row in rows), *_drive(archive)]
+        whole = not archive.fmi3 and all(finding.state == OK for finding in findings)
+        return findings + ([_trial(path, sys.executable, "report it, with this table")] if whole else [])
     findings.append(_made_here(path, archive))
     findings += [*_drive(archive), *_binaries(archive)]
     if archive.execution_tool:
         remedy = "for importers that refuse it (PyFMI), build with --no-execution-tool"
-        findings.append(Finding("execution tool", NOTE, "the FMU says that it needs Python on the host", remedy))
+        findings.append(Finding("execution tool", NOTE, "the FMU requires Python on the host", remedy))
     try:
         where = interpreter(python)
     except InputError as error:
@@ -105,12 +111,14 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
     findings += [*_python(where, archive.python), _numpy(where), *_host(where), *_paths(path)]
     if not any(finding.state == FATAL for finding in findings):
         known = any(finding.state == PROBLEM for finding in findings)
-        findings.append(_trial(path, where, "mend what is said above" if known else "report it, with this table"))
+        findings.append(
+            _trial(path, where.command, "correct the problems above" if known else "report it, with this table")
+        )
     return findings
 
 
 def state(findings: list[Finding]) -> str:
-    """The worst of all."""
+    """The worst state of all findings."""
     return max((finding.state for finding in findings), key=list(EXIT).index)
 
 
@@ -118,7 +126,7 @@ def state(findings: list[Finding]) -> str:
 
 
 class _NoFMU(Exception):
-    """What was found instead of an FMU, and what to do."""
+    """The file is not an FMU; carries the finding and the remedy."""
 
     def __init__(self, found: str, remedy: str = _ANEW) -> None:
         super().__init__(found, remedy)
@@ -145,35 +153,38 @@ def _archive(path: Path) -> Archive:
     except OSError as error:
         raise _NoFMU(f"cannot be read ({error.strerror or error})", "check the path and its permissions") from None
     except zipfile.BadZipFile:
-        raise _NoFMU("is no FMU, or was cut off (not a zip archive)") from None
+        raise _NoFMU("is not an FMU, or is truncated (not a zip archive)") from None
     except KeyError:
         if "SystemStructure.ssd" in names:
             raise _NoFMU("is a system of FMUs (SSP)", "unpack it and ask about resources/*.fmu") from None
-        raise _NoFMU("is no FMU (no modelDescription.xml)") from None
+        raise _NoFMU("is not an FMU (no modelDescription.xml)") from None
     except ElementTree.ParseError as error:
         raise _NoFMU(f"modelDescription.xml is damaged ({error})") from None
     except _UNREADABLE as error:
         raise _NoFMU(f"cannot be unpacked ({type(error).__name__}: {error})") from None
     simulation = root.find("CoSimulation")
-    if root.tag != "fmiModelDescription" or root.get("fmiVersion") != "2.0" or simulation is None:
-        raise _NoFMU("is no FMU for co-simulation by FMI 2.0", "build one with arterial-fmu build")
+    fmi3 = root.get("fmiVersion") == "3.0" and native_doctor.is_native(names)
+    if root.tag != "fmiModelDescription" or not (fmi3 or root.get("fmiVersion") == "2.0") or simulation is None:
+        raise _NoFMU("is not an FMU for co-simulation by FMI 2.0", "build one with arterial-fmu build")
     model = simulation.get("modelIdentifier", "")
     if not model or any(letter in model for letter in "/\\\0"):
         raise _NoFMU("modelDescription.xml has no usable modelIdentifier")
     execution_tool = simulation.get("needsExecutionTool") in ("true", "1")
     host = root.find("VendorAnnotations/Tool[@name='arterial-fmu']/Host")
     python = "" if host is None else f"Python {host.get('python')} with {host.get('packages')}"
-    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool, python, _inflow(root))
+    guid = root.get("instantiationToken" if fmi3 else "guid", "")
+    return Archive(names, path.stat().st_size, model, guid, execution_tool, python, _inflow(root), fmi3)
 
 
 def _inflow(root: ElementTree.Element) -> str:
     variable = root.find("ModelVariables/ScalarVariable[@name='inlet.drive']/Enumeration")
+    variable = root.find("ModelVariables/Enumeration[@name='inlet.drive']") if variable is None else variable
     start = "" if variable is None else variable.get("start", "")
     return dict(zip("12", DRIVES, strict=True)).get(start, "")
 
 
 def _drive(archive: Archive) -> Iterator[Finding]:
-    """What arteries do in a host that drives nothing."""
+    """The behaviour of arteries in a host that sets no inflow."""
     if archive.inflow == "input":
         found = "an input: a host that never sets inlet.Q (or inlet.P) runs at rest"
         yield Finding("inflow", OK, found, "for a first run set inlet.drive = network (2): the file's own inflow")
@@ -187,27 +198,27 @@ def _drive(archive: Archive) -> Iterator[Finding]:
 
 
 def _made_here(path: Path, archive: Archive) -> Finding:
-    """The code and data of the FMU are those from which its GUID was made, and all of them are there."""
+    """Check that the code and data of the FMU match its GUID, and that all of them exist."""
     with zipfile.ZipFile(path) as file:
         files = {name: file.read(name) for name in archive.names if not name.startswith("binaries/")}
     module = files.get("resources/slavemodule.txt", b"").decode("utf-8", "replace").strip()
     if not re.fullmatch(r"arterial_[0-9a-f]{8}", module):
-        return Finding("contents", FATAL, "is none of this project", "build one with arterial-fmu build")
+        return Finding("contents", FATAL, "is not an FMU of this project", "build one with arterial-fmu build")
     missing = _missing(files, module)
     if missing:
         return Finding("contents", FATAL, f"{missing} is missing", _ANEW)
     wrapper = re.search(rb'"(.*)"', files["resources/pythonfmu/_version.py"])
     version = wrapper[1].decode("utf-8", "replace") if wrapper else ""
     inside = content.without_names(files, module, archive.guid)
-    # the flag is also a matter of taste of the importer: whoever changed it by hand has the same FMU
+    # a user may change this flag by hand for an importer: it is still the same FMU
     digests = [content.digest(inside, flag, version) for flag in (True, False)]
     if not any(archive.guid == content.guid(digest) and module == content.name(digest) for digest in digests):
         return Finding("contents", FATAL, "code or data were changed after the FMU was built (GUID)", _ANEW)
-    return Finding("contents", OK, f"{archive.model}, built by this project; code and data are those of the GUID")
+    return Finding("contents", OK, f"{archive.model}, built by this project; code and data match the GUID")
 
 
 def _missing(files: Mapping[str, bytes], module: str) -> str | None:
-    """The first file that the FMU's code needs and has not: the script, a module that another imports."""
+    """The first missing file that the FMU's code needs: the script, or an imported module."""
     package = f"resources/_{module}"
     for name in (f"resources/{module}.py", f"{package}/__init__.py", "resources/pythonfmu/_version.py"):
         if name not in files:
@@ -223,7 +234,7 @@ def _missing(files: Mapping[str, bytes], module: str) -> str | None:
 
 
 def _binaries(archive: Archive) -> Iterator[Finding]:
-    """The platforms that the FMU has a binary for; this machine's must be among them."""
+    """The platforms with a binary in the FMU; this machine's must be among them."""
     found = {PurePosixPath(name).parts[1] for name in archive.names if re.match(r"binaries/[^/]+/.", name)}
     here = trial.binary(Path(), archive.model)
     listed = ", ".join(_PLATFORMS.get(name, name) for name in sorted(found)) or "none"
@@ -261,7 +272,7 @@ def _numpy(where: Interpreter) -> Finding:
 
 
 def _host(where: Interpreter) -> Iterator[Finding]:
-    """How a host that is not Python finds this Python."""
+    """How a host that is not written in Python finds this Python."""
     what = "hosts in C, C++, …"
     if sys.platform == "win32":
         remedy = f"put {os.path.dirname(where.executable)} (python3.dll) on the PATH of the host"
@@ -275,13 +286,13 @@ def _host(where: Interpreter) -> Iterator[Finding]:
 
 
 def _shell(value: str) -> str:
-    """A value for the shell, in which $PATH is still replaced."""
+    """A value quoted for the shell, with $PATH still expanded."""
     quoted = shlex.quote(value.replace("$PATH", ""))
     return quoted if "$PATH" not in value else f"{quoted}$PATH"
 
 
 def _paths(path: Path) -> Iterator[Finding]:
-    """Hosts pass the place of the resources as a URI; the wrapper decodes blanks in it and nothing else."""
+    """Check paths: hosts pass the resource folder as a URI, and the wrapper decodes only blanks in it."""
     temporary = _temporary()
     for what, folder in (("temporary folder", temporary), ("folder of the FMU", path.absolute().parent)):
         bad = "".join(sorted(set(undecoded(folder))))
@@ -296,7 +307,7 @@ def _paths(path: Path) -> Iterator[Finding]:
 
 
 def _temporary() -> Path:
-    """Where hosts unpack an FMU; Python alone looks for another place if this one cannot be written."""
+    """The folder where hosts unpack an FMU; only Python uses another one if this one is not writable."""
     given = [os.environ[name] for name in ("TMPDIR", "TEMP", "TMP") if os.environ.get(name)]
     try:
         return Path(given[0] if given else tempfile.gettempdir()).absolute()
@@ -304,14 +315,14 @@ def _temporary() -> Path:
         return Path("/tmp")
 
 
-def _trial(path: Path, where: Interpreter, remedy: str) -> Finding:
-    """One step in a process of its own; remedy : what to do if it fails."""
+def _trial(path: Path, python: str, remedy: str) -> Finding:
+    """One step in a new process; remedy : the remedy if it fails."""
     what = "one step"
     try:
         with unpacking_folder("doctor_") as folder:
             with zipfile.ZipFile(path) as file:
                 file.extractall(folder)
-            line = [where.command, os.fspath(Path(trial.__file__).resolve()), folder]
+            line = [python, os.fspath(Path(trial.__file__).resolve()), folder]
             done = subprocess.run(line, capture_output=True, cwd=folder, timeout=_PATIENCE)
     except subprocess.TimeoutExpired:
         return Finding(what, PROBLEM, f"not done within {_PATIENCE:.0f} s", remedy)
@@ -342,10 +353,11 @@ def _told(output: bytes) -> list[dict[str, str]]:
 
 def main(
     fmu: Annotated[Path, typer.Argument(help="The FMU.", autocompletion=files_for)],
-    python: Annotated[str, typer.Option(help="The Python that is to run it.")] = sys.executable,
+    python: Annotated[str, typer.Option(help="The Python that will run it.")] = sys.executable,
     as_json: Json = False,
 ) -> None:
-    """Say whether an FMU runs here and what is missing: exit code 0 runs, 1 does not, 2 no FMU of this project."""
+    """Check whether an FMU runs here, and list what is missing: exit code 0 runs, 1 does not, 2 no FMU of this
+    project."""
     with sentences(), bar(False, f"{fmu.name}: one step of it"):
         findings = examine(fmu, python)
     if as_json:
@@ -364,7 +376,7 @@ def _print(fmu: Path, findings: list[Finding]) -> None:
     for finding in findings:
         remedy = finding.remedy
         for begin, what in ((_START, "Start hosts in C, C++, … with: "), (_INSTALL, "Install numpy with: ")):
-            if remedy.startswith(begin):  # to be copied, so on a line of its own
+            if remedy.startswith(begin):  # on a separate line, to be copied
                 lines.append(what + remedy.removeprefix(begin))
                 remedy = "see below"
         mark = f"[{style[finding.state]}]{finding.what}: {finding.state}[/]"
@@ -375,7 +387,7 @@ def _print(fmu: Path, findings: list[Finding]) -> None:
 
 
 def _plain(text: str) -> str:
-    """Text of a file, without the marks of the terminal."""
+    """Text of a file, without terminal markup."""
     return "".join(letter if letter.isprintable() else "?" for letter in text).replace("[", "\\[")
 
 

@@ -18,22 +18,19 @@ from .host import PACKAGES, PYTHONS
 from .variable import Variable
 
 
-def documents(network: Network, table: tuple[Variable, ...], version: str) -> dict[str, bytes]:
-    """The files by their path in the FMU."""
-    return {
-        "documentation/index.html": index_html(network, table, version).encode(),
-        "model.png": model_png(network),
-        **licences(),
-    }
+def documents(network: Network, table: tuple[Variable, ...], version: str, fmi: int = 0) -> dict[str, bytes]:
+    """The files by their path in the FMU. fmi : version of the standard of one that needs no Python, 0 of others."""
+    html = index_html(network, table, version)
+    if fmi:
+        html = html.replace(HOST, NATIVE_HOST).replace(_CRASHES, _REFUSES).replace("(FMI 2.0)", f"(FMI {fmi}.0)")
+    return {"documentation/index.html": html.encode(), "model.png": model_png(network), **licences(not fmi)}
 
 
-def licences() -> dict[str, bytes]:
-    """The licence of this project, where FMI looks for it, and that of pythonfmu, which every FMU carries."""
+def licences(wrapped: bool = True) -> dict[str, bytes]:
+    """The licence of this project, where FMI looks for it, and that of pythonfmu, if the FMU carries it."""
     own = Path(__file__).resolve().parent.parent / "LICENSE"
-    return {
-        "documentation/licenses/license.txt": own.read_bytes() if own.is_file() else _licence("arterial-fmu"),
-        "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
-    }
+    found = {"documentation/licenses/license.txt": own.read_bytes() if own.is_file() else _licence("arterial-fmu")}
+    return found | ({"documentation/licenses/pythonfmu.txt": _licence("pythonfmu")} if wrapped else {})
 
 
 def _licence(package: str) -> bytes:
@@ -135,6 +132,17 @@ crashes on others.</li>
 <li>Linux x86-64, where it is tested. The Windows binary is pythonfmu's and untested.</li>
 </ul>
 """
+
+NATIVE_HOST = """
+<h2>What the host needs</h2>
+<p>Nothing: no Python, no other program. Its folder may be unpacked anywhere. Of the network it holds one mesh and the
+physics that it had when the FMU was built: a length that needs other elements, and a value that switches on what acts
+on a part of a segment, are refused with a sentence. <code>network.start</code> = <code>periodic</code> holds for the
+start values in the model description. Directional derivatives are not offered.</p>
+"""
+_CRASHES = """A state that was freed, or is none, crashes the host: the wrapper of pythonfmu does not check
+it."""
+_REFUSES = "A state that was freed, or is none, is refused; to another instance it goes as bytes."
 
 
 def _use(network: Network) -> str:

@@ -4,11 +4,11 @@ Chambers (Suga, Sagawa, Shoukas, Circ. Res. 32, 314 (1973)), with an activation 
 
     P = P_0 + E(t) (V - V_0),     E(t) = E_min + (contractility E_max - E_min) e(t)
 
-In the ventricle less R Q, Q its flow into the aorta: a ventricle that ejects develops less pressure than one that does
-not, at the same volume.
+In the ventricle minus R Q, with Q its flow into the aorta: an ejecting ventricle develops less pressure than an
+isovolumic one at the same volume.
 
 Valves (Mynard, Davidson, Penny, Smolich, Int. J. Numer. Meth. Biomed. Eng. 28, 626 (2012), doi:10.1002/cnm.1466), with
-the open part s = r + (1 - r) ζ of the area A, r the part that never closes; a resistance R lies in series:
+the open fraction s = r + (1 - r) ζ of the area A, r the fraction that never closes, and a resistance R in series:
 
     ΔP = (ρ l / A s) dQ/dt + R Q + ρ |Q| Q / 2 (A s)²
     dζ/dt = K_open ΔP (1 - ζ)  where ΔP > 0,   K_close ΔP ζ  where ΔP < 0
@@ -46,21 +46,21 @@ class HeartComponent(Component):
         self.own = self.heart = heart
 
     def kinds(self) -> dict[type, Kind]:
-        """What a saved state holds."""
+        """The types of objects in a saved state."""
         return dataclasses(Heart, Pace, Chamber, Ventricle, Valve, Filling, Aorta, HeartState, ValveState)
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
-        """Begin at the end of filling; raises ValueError if the parameters do not fit together."""
+        """Start at the end of filling; raises ValueError if the parameters are inconsistent."""
         self.heart = self.own.with_values(values)
         self.known = {name: values[name] for name in INPUTS}
         self.state = initial_state(self.heart, t0, values["venous.P"], values["aorta.P_0"])
 
     def retune(self, changed: Mapping[str, Any]) -> None:
-        """Take over tunable parameters: the phase of the beat goes on from where it is."""
+        """Apply tunable parameters; the phase of the beat is continuous."""
         self.heart = self.heart.with_values(changed)
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
-        """Advance from t to t + h. P_0, Z and Z_0 of 0 in the first step: nothing received, the start values count."""
+        """Advance from t to t + h. If P_0, Z and Z_0 are all 0 in the first step, the start values apply."""
         check_time(t, h, self.state.t)
         received = any(values[f"aorta.{key}"] for key in ("P_0", "Z", "Z_0"))
         known = values if received or self.state.h_before else self.known

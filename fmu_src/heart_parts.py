@@ -1,4 +1,4 @@
-"""What a left heart is made of: chambers, valves, and how it beats."""
+"""The parts of a left heart: chambers, valves and rhythm."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .lumped import with_values
 
 @dataclass(frozen=True)
 class Chamber:
-    """An elastic chamber. Times are parts of a beat, which begins with the contraction of the ventricle."""
+    """An elastic chamber. Times are fractions of a beat, which begins with the contraction of the ventricle."""
 
     E_max: float = quantity(None, "Pa/m^3", "largest elastance", 1e3, 1e11, nominal=1e8, display="mmHg/mL")
     E_min: float = quantity(None, "Pa/m^3", "smallest elastance", 1e3, 1e11, nominal=1e7, display="mmHg/mL")
@@ -38,7 +38,7 @@ class Chamber:
 
 @dataclass(frozen=True)
 class Ventricle(Chamber):
-    """A chamber that ejects, with the pressure P_0 + E (V - V_0) - R Q at the outflow Q."""
+    """An ejecting chamber, with the pressure P_0 + E (V - V_0) - R Q at the outflow Q."""
 
     R: float = quantity(
         None, "Pa.s/m^3", "resistance of the ejecting ventricle (source resistance)", 0.0, 1e9, nominal=1e6,
@@ -62,7 +62,7 @@ class Valve:
 
 @dataclass(frozen=True)
 class Pace:
-    """What a pacemaker and drugs change."""
+    """Heart rate, contractility and density of blood."""
 
     rate: float = quantity(None, "Hz", "heart rate, beats per second", 0.1, 10.0)
     contractility: float = quantity(1.0, "1", "factor of the largest elastance of the ventricle", 0.01, 10.0)
@@ -78,14 +78,14 @@ class Aorta:
 
 @dataclass(frozen=True)
 class Filling:
-    """Between the veins and the atrium."""
+    """The inflow from the veins into the atrium."""
 
     R: float = quantity(None, "Pa.s/m^3", "resistance", 0.0, 1e9, nominal=1e6, display="mmHg.s/mL")
 
 
 @dataclass(frozen=True)
 class Heart:
-    """A left heart. reference : where its numbers come from."""
+    """A left heart. reference : the source of its numbers."""
 
     name: str
     reference: str
@@ -105,7 +105,7 @@ class Heart:
         return {key: getattr(self, key) for key in _GROUPS}
 
     def with_values(self, values: Mapping[str, Any]) -> Heart:
-        """The heart with the parameters in ``values``; raises ValueError if they do not fit together."""
+        """The heart with the parameters in ``values``; raises ValueError if they are inconsistent."""
         heart = replace(self, **{key: with_values(key, owner, values) for key, owner in self.groups.items()})
         for key in ("left_ventricle", "left_atrium"):
             chamber = getattr(heart, key)

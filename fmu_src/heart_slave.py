@@ -35,7 +35,7 @@ _MEANINGS = {
     "aortic_valve.opening": (FRACTION, "how far the aortic valve is open, 0 to 1"),
     "heart.phase": (FRACTION, "part of the beat that has passed; at 0 the ventricle begins to contract"),
 }
-# what an output depends on at the start, when the chambers are at venous.P and the valves are closed
+# initial dependencies of the outputs, when the chambers are at venous.P and the valves are closed
 _SOURCES = {
     "aorta.P": ("aorta.P_0",),
     "left_ventricle.P": ("venous.P",),
@@ -65,7 +65,7 @@ class HeartSlave(ComponentSlave):
 
 
 def to_data(heart: Heart) -> dict[str, Any]:
-    """A heart as JSON holds it."""
+    """A heart as JSON data."""
     return asdict(heart)
 
 

@@ -1,14 +1,14 @@
 """One step of a left heart: its equations, and their solution.
 
-One implicit step per communication step, of second order. Volumes by the trapezoidal rule, so that what leaves the
-ventricle is h (Q(t) + Q(t+h))/2, which is what arteries take up whose inflow is linear in time. Momentum by the second
-backward difference (BDF2) and openings by the exponential of the mean rates, because the trapezoidal rule would ring
-where a valve closes: there the resistance grows without bound.
+One implicit second-order step per communication step. The trapezoidal rule integrates volumes, so the volume that
+leaves the ventricle is h (Q(t) + Q(t+h))/2, consistent with arteries whose inflow is linear in time. BDF2 integrates
+momentum, and the exponential of the mean rates integrates openings, because the trapezoidal rule would oscillate where
+a valve closes and the resistance grows without bound.
 
-The port is that of an inflow that is straight over a step, but the flow is curved. An artery that answers a jump of the
-flow with a pressure that falls as t^-1/2, as a viscoelastic one does at first, answers a curved flow with the pressure
-P + β Z (Q(t+h) - 2 Q(t) + Q(t-h)), β = 0.21; an elastic one, whose pressure does not fall, with β = 0. Without this
-term the pair is of order 1.5.
+The port assumes an inflow that is linear over a step, but the flow is curved. An artery whose pressure response to a
+jump of the flow decays as t^-1/2, as that of a viscoelastic one initially does, responds to a curved flow with the
+pressure P + β Z (Q(t+h) - 2 Q(t) + Q(t-h)), β = 0.21; for an elastic artery, whose response does not decay, β = 0.
+Without this term the pair is of order 1.5.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _ITERATIONS = 40
 
 @dataclass(frozen=True)
 class Port:
-    """What the arteries answer at the end of a step: P = P_0 + Z_0 Q(t) + Z Q(t+h) [Pa, Pa·s/m³]."""
+    """The response of the arteries at the end of a step: P = P_0 + Z_0 Q(t) + Z Q(t+h) [Pa, Pa·s/m³]."""
 
     P_0: float
     Z: float
@@ -83,8 +83,8 @@ def initial_state(heart: Heart, t0: float, P_venous: float, P_aorta: float) -> H
 def step(heart: Heart, state: HeartState, h: float, port: Port, P_venous: float) -> HeartState:
     """Advance by h [s] against the port of the arteries.
 
-    P_venous [Pa] : at the start of the step; its course is extrapolated over the step from the value before.
-    Raises ValueError for a step that is too long, and when the equations of the step have no solution.
+    P_venous [Pa] : at the start of the step; it is extrapolated over the step from the previous value.
+    Raises ValueError for a step that is too long, or if the equations of the step have no solution.
     """
     rate = heart.heart.rate
     if not (math.isfinite(h) and 0.0 < h <= _LARGEST_STEP / rate):
@@ -100,7 +100,7 @@ def step(heart: Heart, state: HeartState, h: float, port: Port, P_venous: float)
 class _Trial:
     """The equations of one step h [s] for the flows [m³/s] at its end.
 
-    E [Pa/m³] : elastances at the end. c [1/s] : of the difference of the flows. P_venous [Pa] : at the end.
+    E [Pa/m³] : elastances at the end. c [1/s] : coefficient of the flow difference. P_venous [Pa] : at the end.
     """
 
     def __init__(self, heart: Heart, state: HeartState, h: float, port: Port, P_venous: float) -> None:
@@ -109,7 +109,7 @@ class _Trial:
         self.E_ventricle = heart.left_ventricle.elastance(self.phase, heart.heart.contractility)
         self.E_atrium = heart.left_atrium.elastance(self.phase)
         ahead = h / state.h_before if state.h_before else 0.0
-        # of second order, but of first order at the start and after a step that was far shorter
+        # second order, but first order at the start and after a much shorter step
         ratio = ahead if ahead <= 2.0 else 0.0
         self.P_venous_now = P_venous
         self.P_venous = P_venous + ratio * (P_venous - state.P_venous)
@@ -119,7 +119,7 @@ class _Trial:
         self.c_now, self.c_before = -(1.0 + ratio) / h, ratio * ratio / (1.0 + ratio) / h
 
     def atrium(self, Q_m: float) -> tuple[float, float]:
-        """Venous inflow [m³/s] and volume [m³] of the atrium at the end, Q_m [m³/s] through the mitral valve."""
+        """Venous inflow [m³/s] and volume [m³] of the atrium at the end, for Q_m [m³/s] through the mitral valve."""
         chamber, s, half = self.heart.left_atrium, self.state, 0.5 * self.h
         V = s.V_atrium + half * (s.Q_venous - s.mitral.Q - Q_m)
         P = chamber.P_0 + self.E_atrium * (V - chamber.V_0)
@@ -127,7 +127,7 @@ class _Trial:
         return Q_venous, V + half * Q_venous
 
     def pressures(self, Q_m: float, Q_a: float) -> tuple[float, float, float]:
-        """In the atrium, in the ventricle and in the aorta [Pa] at the end, Q_m, Q_a [m³/s] through the valves."""
+        """Pressures [Pa] in atrium, ventricle and aorta at the end, for Q_m, Q_a [m³/s] through the valves."""
         s, ventricle, atrium = self.state, self.heart.left_ventricle, self.heart.left_atrium
         V = s.V_ventricle + 0.5 * self.h * (s.mitral.Q + Q_m - s.aortic.Q - Q_a)
         return (
@@ -150,7 +150,7 @@ class _Trial:
         return opening, (opens * slope - before.opening * kept) * (d_opens + d_closes) + d_opens * reached
 
     def law(self, valve: Valve, before: ValveState, Q: float, drop: float) -> tuple[float, float, float]:
-        """The equation of a valve times s² [Pa], which is to be 0, and its derivatives by Q [Pa·s/m³] and drop [-]."""
+        """The residual of a valve's equation times s² [Pa], and its derivatives by Q [Pa·s/m³] and drop [-]."""
         zeta, d_zeta = self.opening(valve, before, drop)
         s, d_s = valve.regurgitation + (1.0 - valve.regurgitation) * zeta, (1.0 - valve.regurgitation) * d_zeta
         L, B = self.heart.heart.rho * valve.l / valve.A, 0.5 * self.heart.heart.rho / valve.A**2
@@ -182,7 +182,7 @@ class _Trial:
         return found
 
     def _newton(self) -> tuple[float, float] | None:
-        """Newton's iterations, with steps cut where they lead away; None where they do not converge."""
+        """Newton iterations with damped steps; None if they do not converge."""
         half, R_in = 0.5 * self.h, self.heart.venous.R
         by_ventricle = half * self.E_ventricle
         by_ejected = by_ventricle + self.heart.left_ventricle.R
@@ -210,7 +210,7 @@ class _Trial:
         return None
 
     def _one_by_one(self) -> tuple[float, float] | None:
-        """One valve after the other, each by bisection: slow, but certain where a valve shuts at once."""
+        """One valve after the other, each by bisection: slow, but robust if a valve closes instantaneously."""
         Q_m, Q_a = self.state.mitral.Q, self.state.aortic.Q
         for _ in range(_ITERATIONS):
             before = Q_m, Q_a
@@ -255,7 +255,7 @@ class _Trial:
 
 
 def _root(function: Callable[[float], float], guess: float) -> float:
-    """Where a function that is negative for low and positive for high flows changes its sign, near a guess."""
+    """The root, near a guess, of a function that is negative for low and positive for high flows."""
     width, low, high = 1e-7, guess, guess
     while function(low) > 0.0 and width < 1.0:
         low, width = low - width, 2.0 * width

@@ -13,14 +13,14 @@ from .variable import Variable
 T = TypeVar("T")
 Groups = Mapping[str, Any]  # dataclass of quantities by the first word of its variables' names
 
-ANY = (float("-inf"), float("inf"))  # what an output may be
+ANY = (float("-inf"), float("inf"))  # range of an output
 PRESSURE = Quantity("Pa", "pressure", *ANY, nominal=1e4, display="mmHg")
 FLOW = Quantity("m^3/s", "flow", *ANY, nominal=1e-4, display="mL/s")
 VOLUME = Quantity("m^3", "volume", *ANY, nominal=1e-4, display="mL")
 IMPEDANCE = Quantity("Pa.s/m^3", "impedance", 0.0, 1e15, nominal=1e7, display="mmHg.s/mL")
 FRACTION = Quantity("1", "fraction", 0.0, 1.0)
-MEMORY = replace(IMPEDANCE, low=-1e15)  # of what a flow at the start of a step does to the pressure at its end
-_GIVEN = {PRESSURE.unit: (-1e5, 1e6), VOLUME.unit: (-1e6, 1e6)}  # ranges of inputs that have none of their own
+MEMORY = replace(IMPEDANCE, low=-1e15)  # effect of the flow at the start of a step on the pressure at its end
+_GIVEN = {PRESSURE.unit: (-1e5, 1e6), VOLUME.unit: (-1e6, 1e6)}  # ranges of inputs without their own
 
 
 def input_variable(name: str, quantity: Quantity, description: str, start: float) -> Variable:
@@ -53,6 +53,6 @@ def parameters(groups: Groups) -> list[Variable]:
 
 
 def with_values(group: str, owner: T, values: Mapping[str, Any]) -> T:
-    """The dataclass with those of its quantities that ``values`` names, as :func:`parameters` names them."""
+    """The dataclass with the quantities in ``values``, which uses the names of :func:`parameters`."""
     names = {key: f"{group}.{key}" for key in quantities(owner)}
     return replace(owner, **{key: values[name] for key, name in names.items() if name in values})  # type: ignore[type-var]

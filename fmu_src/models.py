@@ -50,20 +50,26 @@ class Model:
 def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
     """Arteries; starts : other start values than those of the network, by variable.
 
-    Network and settings take those that they hold: everybody who opens the FMU finds the same values. Raises ValueError
-    for a network that needs more code than the solver's.
+    Raises ValueError as :func:`given_arteries`, and for a network that needs more code than the solver's.
     """
     _check_code(network)
-    given = starts or {}
+    network, settings, table, others = given_arteries(network, settings, starts or {})
+    data = {"settings": asdict(settings), "network": to_dict(network)}
+    resources = {**_data("network.json", data, others), "network.toml": dumps(network)}
+    documents = document.documents(network, table, __version__)
+    return Model(network.name, "slave", "ArterialSlave", table, resources, documents)
+
+
+def given_arteries(network: Network, settings: Settings, given: Starts) -> tuple[Network, Settings, Table, Starts]:
+    """Network and settings with the start values that they hold, so that everybody who opens the FMU finds the same
+    values; the table of variables, and the start values that are its alone. Raises ValueError for one that is not
+    allowed."""
     with_starts(variable_table(network, settings), given)  # refuses names and values
     network, settings = _network_with(network, given), _settings_with(settings, given)
     table, others = _others(variable_table(network, settings), given)
     if "network" in (variable.start for variable in table if variable.name == "inlet.drive"):
         own_drive(network, given)  # raises where there is none
-    data = {"settings": asdict(settings), "network": to_dict(network)}
-    resources = {**_data("network.json", data, others), "network.toml": dumps(network)}
-    documents = document.documents(network, table, __version__)
-    return Model(network.name, "slave", "ArterialSlave", table, resources, documents)
+    return network, settings, table, others
 
 
 def heart_model(species: str = "human", starts: Starts | None = None) -> Model:

@@ -26,7 +26,7 @@ class ArterialSlave(ComponentSlave):
         network, settings = from_dict(data["network"]), Settings(**data["settings"])
         return Subject(
             name=network.name,
-            description=_in_one_line(network),
+            description=in_one_line(network),
             version=data["version"],
             experiment=DefaultExperiment(0.0, 5 * network.inlet.T, settings.dt, settings.tolerance),
             table=with_starts(variable_table(network, settings), data["starts"]),
@@ -34,6 +34,6 @@ class ArterialSlave(ComponentSlave):
         )
 
 
-def _in_one_line(network: Network) -> str:
+def in_one_line(network: Network) -> str:
     text = f"1D blood flow in the arterial network {network.name}. {network.reference}"
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())  # XML has no control characters

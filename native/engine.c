@@ -27,7 +27,7 @@ int arterial_fits(const char *operations, int32_t places, int32_t program, const
 
 static double *at(const memory *m, int32_t address)
 {
-    double *const base[3] = {(double *)m->constant, m->fixed, m->work};
+    double *const base[4] = {(double *)m->constant, m->fixed, m->work, m->held};
     return base[address & 3] + (address >> 2);
 }
 

@@ -46,7 +46,7 @@ ARTERIAL_API int arterial_bind(const arterial_program *p, double *fixed, double 
 ARTERIAL_API int32_t arterial_state_size(const arterial_program *p);
 
 /* n steps of length dt of B members. fixed : (B, n_fixed). state, spare : (B, state size). work : n_work +
-   3 n_y + n_Q + n_H. drive : (n, n_inlets, 4, B or 1, as own_drive says). venous : (B, n_outlets). table :
+   3 n_y + 2 n_Q + n_H. drive : (n, n_inlets, 4, B or 1, as own_drive says). venous : (B, n_outlets). table :
    (n, B, n_report). Returns how many steps were made: fewer where a member stopped, in the state before. */
 ARTERIAL_API int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double dt, const double *fixed,
                                     double *state, double *spare, double *work, const double *drive, int own_drive,

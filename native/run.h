@@ -8,9 +8,35 @@ typedef struct {
     const double *constant;
     double *fixed, *work;
     const int32_t *index;
+    double *held; /* a block of what one phase makes, where a program has several */
 } memory;
+
+memory memory_of(const arterial_program *p, const double *fixed, double *work);
+
+/* Where a program takes or leaves numbers; and n of them put there. */
+double *place(const arterial_program *p, const memory *m, int which);
+void put(const arterial_program *p, const memory *m, int which, const double *x, int32_t n);
 
 /* Runs a phase; 0 where a guard fails. */
 int run(const arterial_program *p, const memory *m, int phase);
+
+/* Numbers at an address that is not a constant's. */
+double *placed(const memory *m, int32_t address);
+
+enum { STAGES = 3 };
+extern const double SDIRK3[STAGES][STAGES];
+
+/* A step of one member, from its state to after, with what drives it in its places: 1; 0 where it is not solved, -1 where
+   it is not physical. */
+int step(const arterial_program *p, const memory *m, double dt, const double *state, double *after);
+
+/* The flows before the last correction. */
+double *last_but_one(const arterial_program *p, const memory *m);
+
+/* The outputs of a state. */
+void report(const arterial_program *p, const memory *m, const double *state, double *row);
+/* Q and H at the end of a stage, from a guess in their places; 0 where it is not solved. guess : (n_Q + n_H) to begin
+   from again. */
+int solve(const arterial_program *p, const memory *m, double *guess);
 
 #endif

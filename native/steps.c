@@ -6,28 +6,38 @@
 #include <math.h>
 #include <string.h>
 
-enum { STAGES = 3, CORRECTIONS = 8, REFRESHES = 5 };
+enum { CORRECTIONS = 8, REFRESHES = 5 };
 
 #define GAMMA 0.43586652150845967
-static const double SDIRK3[STAGES][STAGES] = {
+const double SDIRK3[STAGES][STAGES] = {
     {GAMMA, 0.0, 0.0},
     {(1.0 - GAMMA) / 2.0, GAMMA, 0.0},
     {-1.5 * GAMMA * GAMMA + 4.0 * GAMMA - 0.25, 1.5 * GAMMA * GAMMA - 5.0 * GAMMA + 1.25, GAMMA},
 };
 
-static double *place(const arterial_program *p, const memory *m, int which)
+double *placed(const memory *m, int32_t address)
 {
-    return ((p->place[which] & 3) == 1 ? m->fixed : m->work) + (p->place[which] >> 2);
+    return ((address & 3) == 1 ? m->fixed : m->work) + (address >> 2);
 }
 
-static void put(const arterial_program *p, const memory *m, int which, const double *x, int32_t n)
+double *place(const arterial_program *p, const memory *m, int which)
+{
+    return placed(m, p->place[which]);
+}
+
+double *last_but_one(const arterial_program *p, const memory *m)
+{
+    return m->work + p->n_work + STAGES * p->n_y + p->n_Q + p->n_H;
+}
+
+void put(const arterial_program *p, const memory *m, int which, const double *x, int32_t n)
 {
     memcpy(place(p, m, which), x, sizeof(double) * (size_t)n);
 }
 
-static memory memory_of(const arterial_program *p, const double *fixed, double *work)
+memory memory_of(const arterial_program *p, const double *fixed, double *work)
 {
-    const memory m = {p->constant, (double *)fixed, work, p->index};
+    const memory m = {p->constant, (double *)fixed, work, p->index, 0};
     return m;
 }
 
@@ -54,6 +64,7 @@ static int iterate(const arterial_program *p, const memory *m, int fresh, int *m
         const double *const dH = place(p, m, out + 1), Q_by = *place(p, m, out + 2), H_by = *place(p, m, out + 3);
         *moved = isfinite(Q_by) && isfinite(H_by);
         if (!*moved) return 0;
+        memcpy(last_but_one(p, m), place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
         put(p, m, IN_Q, place(p, m, out), p->n_Q);
         for (int32_t i = 0; i < p->n_H; i++) H[i] += dH[i];
         if (Q_by <= small_Q && H_by <= small_H) return 1;
@@ -61,8 +72,7 @@ static int iterate(const arterial_program *p, const memory *m, int fresh, int *m
     return 0;
 }
 
-/* Q and H at the end of a stage, from a guess in their places. guess : (n_Q + n_H) to begin from again. */
-static int solve(const arterial_program *p, const memory *m, double *guess)
+int solve(const arterial_program *p, const memory *m, double *guess)
 {
     int moved = 1;
     memcpy(guess, place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
@@ -80,8 +90,7 @@ static int solve(const arterial_program *p, const memory *m, double *guess)
     return 0;
 }
 
-/* A step of one member, from its state to after; 0 where it is not solved, or not physical. */
-static int step(const arterial_program *p, const memory *m, double dt, const double *state, double *after)
+int step(const arterial_program *p, const memory *m, double dt, const double *state, double *after)
 {
     const int32_t n = p->n_y, unknowns = p->n_Q + p->n_H;
     const double *const last = state + n + p->n_A + p->n_H, *const before = last + STAGES * unknowns;
@@ -90,6 +99,8 @@ static int step(const arterial_program *p, const memory *m, double dt, const dou
     double *const Q = place(p, m, IN_Q), *const H = place(p, m, IN_H);
     double *const found = after + n + p->n_A + p->n_H, *const start = place(p, m, IN_START);
     int32_t i;
+    put(p, m, IN_Y, state, n);
+    put(p, m, IN_H0, state + n + p->n_A, p->n_H);
     if (!run(p, m, PREPARE)) return 0;
     memcpy(found + STAGES * unknowns, last, sizeof(double) * STAGES * (size_t)unknowns);
     for (int s = 0; s < STAGES; s++) {
@@ -111,14 +122,15 @@ static int step(const arterial_program *p, const memory *m, double dt, const dou
         memcpy(rates, k_s + p->at_Q, sizeof(double) * (size_t)p->n_Q);
         memcpy(rates + p->n_Q, H, sizeof(double) * (size_t)p->n_H);
     }
-    if (!run(p, m, CHECK) || !(*place(p, m, OUT_MARGIN) > 0.0)) return 0;
+    if (!run(p, m, CHECK)) return 0;
+    if (!(*place(p, m, OUT_MARGIN) > 0.0)) return -1;
     memcpy(after, place(p, m, OUT_END), sizeof(double) * (size_t)n);
     memcpy(after + n, place(p, m, OUT_A_T), sizeof(double) * (size_t)p->n_A);
     memcpy(after + n + p->n_A, H, sizeof(double) * (size_t)p->n_H);
     return 1;
 }
 
-static void report(const arterial_program *p, const memory *m, const double *state, double *row)
+void report(const arterial_program *p, const memory *m, const double *state, double *row)
 {
     put(p, m, IN_Y_REPORT, state, p->n_y);
     put(p, m, IN_A_T_REPORT, state + p->n_y, p->n_A);
@@ -141,11 +153,9 @@ int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double d
             const memory m = memory_of(p, fixed + (int64_t)b * p->n_fixed, work);
             double *const from = state + (int64_t)b * size, *const to = spare + (int64_t)b * size;
             const double *const given = drive + (int64_t)i * columns * D + (own_drive ? b : 0);
-            put(p, &m, IN_Y, from, p->n_y);
-            put(p, &m, IN_H0, from + p->n_y + p->n_A, p->n_H);
             for (int32_t j = 0; j < columns; j++) place(p, &m, IN_DRIVE)[j] = given[(int64_t)j * D];
             put(p, &m, IN_VENOUS, venous + (int64_t)b * p->n_outlets, p->n_outlets);
-            if (!step(p, &m, dt, from, to)) break;
+            if (step(p, &m, dt, from, to) <= 0) break;
             report(p, &m, to, table + ((int64_t)i * B + b) * p->n_report);
         }
         if (b < B) break;

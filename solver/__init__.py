@@ -19,7 +19,7 @@ from .waveforms import Waveforms
 
 
 def load(name_or_path: str) -> Network:
-    """The network of a TOML file, or a bundled one by name ("sheep"). Raises ValueError as :func:`read_network`."""
+    """The network of a TOML file, or an included one by name ("sheep"). Raises ValueError as :func:`read_network`."""
     return read_network(find_network(name_or_path))
 
 

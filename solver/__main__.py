@@ -38,7 +38,7 @@ def main(
         str | None, typer.Option(help='Run this long, e.g. "2 s"; default: beats until they repeat.')
     ] = None,
     start: Annotated[
-        str | None, typer.Option(help="rest, or periodic: near the beats that repeat. Default: what is sooner done.")
+        str | None, typer.Option(help="rest, or periodic: near the periodic beat. Default: the faster one.")
     ] = None,
     dt: Annotated[str, typer.Option(help="Time step.")] = "1 ms",
     element_length: Annotated[str | None, typer.Option(help="Longest element; default: 5 cm.")] = None,
@@ -88,13 +88,13 @@ def _settings(
     ends: str | None,
     slopes: str | None,
 ) -> AnySettings:
-    """Of a scheme; an option of the other one is refused."""
+    """The settings of a scheme; raises for an option of the other one."""
     volumes = {"--cell": cell, "--cfl": cfl, "--ends": ends, "--slopes": slopes}
     muscl = scheme == "muscl"
     for option, value in ({"--element-length": element_length} if muscl else volumes).items():
         if value is not None:
             whose = "staggered" if muscl else "muscl"
-            raise InputError(f"{option} belongs to --scheme {whose}; ask for that, or leave {option} out.")
+            raise InputError(f"{option} belongs to --scheme {whose}; select that scheme, or omit {option}.")
     if not muscl:
         return Settings(dt, typed_quantity(element_length or "5 cm", "m", "--element-length"))
     own, length = MusclSettings(), typed_quantity(cell or "5 mm", "m", "--cell")
@@ -102,7 +102,7 @@ def _settings(
 
 
 def _assignments(network: Network, texts: list[str]) -> dict[str, float]:
-    """{"CA.phi0": 0.0} of ["CA.phi0=0 kPa*s"]."""
+    """{"CA.phi0": 0.0} from ["CA.phi0=0 kPa*s"]."""
     units = {name: (q.unit, q.display) for name, q in network.parameter_quantities().items()}
     found = assignments(texts, units)
     return {name: float(value) if name in units else 0.0 for name, value in found.items()}  # others are refused
@@ -144,7 +144,7 @@ def _run(
 
 
 def _plain(network: Network, result: Waveforms, out: Path | None) -> dict[str, Any]:
-    """The run as plain data: the variables of its last beat, or of all of it."""
+    """The run as plain data: the variables of its last beat, or of the whole run."""
     return {
         "network": network.name,
         "beats": result.beats,

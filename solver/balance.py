@@ -41,7 +41,7 @@ _SAMPLES = 4  # of a period for each harmonic, so that products of harmonics hav
 _TOGETHER = 3000  # elements of members and moments in one operation (measured: alike from 800 to 12 000)
 _FINE = 4096  # samples of the drive, whose mean counts
 MOST = _FINE // 4  # harmonics
-_LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
+LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
 _MEAN = 1e4  # s, of the mean as a wave so slow that everything follows it; a longer one has rounding errors
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
@@ -155,16 +155,13 @@ def steady(model: Model, mean: Array) -> State:
     """The steady state under constant inflows [m³/s] or pressures at the inlets [Pa] : (B or 1, n_inlets)."""
     state, c, layout = initial_state(model), model.coefficients, model.layout
     y, H, Q, A_t = state.y, state.H, state.Q, state.A_t
-    # the flow that passes, and the one that P_0 drives on the way
     given = model.inlets.gain * mean
-    driven = np.abs(model.inlets.flow(given, c.P_0)).sum(axis=1)
-    flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
-    settled = flow + model.flow_floor, flow * model.impedance + model.pressure_floor
+    settled = settled_below(model, given)
     try:
-        for tau in _LONG:
+        for tau in LONG:
             stage = Stage.of(model, operators_about(model, tau, y, H), y, given, c.P_venous, 0.0)
             # a guess of the flow that leaves the area as it is: a long step would multiply what does not
-            Q, H, A_t = stage.solve(0.0 * Q + Q.mean(axis=-1, keepdims=True), H, settled)
+            Q, H, A_t = stage.solve(evened(Q), H, settled)
             y = stage.end(Q, A_t)
         check(model, layout.part(y, "A"), A_t, Q, 0.0)
     except (NonPhysicalState, np.linalg.LinAlgError) as error:
@@ -178,6 +175,14 @@ def steady(model: Model, mean: Array) -> State:
             f"change {names[0]} or the outlets, or start from rest."
         ) from None
     return replace(state, y=y, H=H, A_t=np.zeros_like(A_t))
+
+
+def settled_below(model: Model, given: Array) -> tuple[Array, Array]:
+    """How little flows and nodal pressures may change in the last iteration of such a step : two (B,)."""
+    c = model.coefficients  # the flow that passes, and the one that P_0 drives on the way
+    driven = np.abs(model.inlets.flow(given, c.P_0)).sum(axis=1)
+    flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
+    return flow + model.flow_floor, flow * model.impedance + model.pressure_floor
 
 
 # --- the waves ----------------------------------------------------------------------------------------------------
@@ -251,23 +256,31 @@ class Response:
     minus_J_inverse: Array
 
     @staticmethod
+    def of(model: Model, tau: Any, y: Array, H: Array) -> Response:
+        """That at one frequency, of stages of length tau, about the steady state y : (B, n), H : (B, n_nodes)."""
+        o = operators_about(model, tau, y, H)
+        s, _ = start(model, tau, o.inertia, o.memory, o.loads, y, model.coefficients.P_venous)
+        slope = s.storage.slope(s.A, 0.0 * s.A)
+        storage = np.broadcast_to(np.reshape(slope, np.shape(slope)[:-1]), s.A.shape)
+        scale, signs, charge = o.loads.scale, o.loads.signs, o.loads.charge
+        return Response(model, tau, o.at_rest, scale, signs, charge, storage, model.minus_J_inverse)
+
+    @staticmethod
     def about(model: Model, taus: Sequence[Any], rest: State) -> Response:
-        each = [operators_about(model, tau, rest.y, rest.H) for tau in taus]
-        slopes = [_storage(model, o, rest) for o in each]
+        each = [Response.of(model, tau, rest.y, rest.H) for tau in taus]
         return Response(
             model,
             np.repeat(np.array(taus, complex), model.coefficients.B)[:, None, None],
             Condensed(
-                np.concatenate([o.at_rest.K_inverse for o in each]),
-                np.concatenate([o.at_rest.by_ends for o in each]),
-                Factor.joined([o.at_rest.nodal for o in each]),
+                np.concatenate([r.jacobian.K_inverse for r in each]),
+                np.concatenate([r.jacobian.by_ends for r in each]),
+                Factor.joined([r.jacobian.nodal for r in each]),
                 model.mesh.end_nodes,
             ),
-            np.concatenate([o.loads.scale for o in each]),
-            np.concatenate([o.loads.signs for o in each]),
-            np.concatenate([o.loads.charge for o in each]),
-            np.concatenate(slopes),
-            np.tile(model.minus_J_inverse, (len(taus), 1, 1)),
+            *(
+                np.concatenate([getattr(r, name) for r in each])
+                for name in ("scale", "signs", "charge", "storage", "minus_J_inverse")
+            ),
         )
 
     def filled(self, waves: Waves, moments: Moments, drive: Array) -> Waves:
@@ -295,53 +308,51 @@ class Response:
         return waves
 
     def correction(self, R: Array, net: Array) -> tuple[Array, Array]:
-        """Changes of y and H, each (K+1, B, …), that cancel amplitudes R of momentum and of ΣQ at the nodes left over:
+        """Changes of y and H, each (K+1, B, …), that cancel amplitudes R of momentum and of ΣQ at the nodes."""
+        n, B = R.shape[:2]
+        y, H = self.answer(R.reshape(n * B, *R.shape[2:]), net.reshape(n * B, -1), B)
+        return y.reshape(n, B, -1), H.reshape(n, B, -1)
+
+    def answer(self, R: Array, net: Array, means: int) -> tuple[Array, Array]:
+        """Changes of y and H, each (rows, …), that cancel R : (rows, n_e, N+1) and net : (rows, n_nodes),
 
             K δQ = -R + (δH at the ends),    ΣδQ = -net at the nodes,    δA = -τ s ∂δQ/∂x
 
-        with the Jacobian K of momentum in every element, and s of :attr:`storage`.
+        with the Jacobian K of momentum in every element, and s of :attr:`storage`. means : the first rows, of the mean.
         """
-        model, (n, B) = self.model, R.shape[:2]
-        mesh, layout = model.mesh, model.layout
-        Q = -np.einsum("beij,bej->bei", self.jacobian.K_inverse, R.reshape(n * B, *R.shape[2:]))
-        H = self.jacobian.nodal.solve(net.reshape(n * B, -1) + mesh.net_inflow(Q, self.signs))
-        self.jacobian.add_to(Q, H)
-        y = np.zeros((n * B, layout.size), complex)
-        layout.part(y, "A")[:] = self.tau * self.storage * (Q @ mesh.element.d_xi) * self.minus_J_inverse
-        if model.storage.proportional:  # the mean fills nothing for ever: what it does in a long while is no flow
-            Q[:B] = Q[:B].mean(axis=-1, keepdims=True)
-        layout.part(y, "Q")[:] = Q
-        if layout.part(y, "P_C").size:
-            layout.part(y, "P_C")[:] = self.charge * Q[:, mesh.outlet_element, -1]
-        return y.reshape(n, B, -1), H.reshape(n, B, -1)
-
-    def to_sources(
-        self, momentum: Sequence[Array | None], nodes: Sequence[Array | None], size: Array
-    ) -> tuple[Array, Array]:
-        """Amplitudes y : (K+1, S, n) and H : (K+1, S, n_nodes) of small waves by S sources of sizes : (S,), each with
-        the same momentum (n_e, N+1) and ΣQ at the nodes (n_nodes,) at every harmonic; of one parameter set."""
         model, mesh, layout = self.model, self.model.mesh, self.model.layout
-        still = np.zeros((mesh.n_elements, mesh.element.N + 1))
-        R = size[:, None, None] * np.array([still if m is None else m for m in momentum])
-        net = size[:, None] * np.array([np.zeros(mesh.n_nodes) if m is None else m for m in nodes])
-        y = np.zeros((len(self.tau), len(size), layout.size), complex)
-        H = np.zeros((len(self.tau), len(size), mesh.n_nodes), complex)
+        Q = -np.einsum("beij,bej->bei", self.jacobian.K_inverse, R)
+        H = self.jacobian.nodal.solve(net + mesh.net_inflow(Q, self.signs))
+        self.jacobian.add_to(Q, H)
+        y = np.zeros_like(Q, shape=(len(Q), layout.size))
+        layout.part(y, "A")[:] = self.tau * self.storage * (Q @ mesh.element.d_xi) * self.minus_J_inverse
+        if means and model.storage.proportional:  # it fills nothing for ever: what it does in a long while is no flow
+            Q[:means] = evened(Q[:means])
+        layout.part(y, "Q")[:] = Q
+        if layout.shapes["P_C"][0]:
+            layout.part(y, "P_C")[:] = self.charge * Q[:, mesh.outlet_element, -1]
+        return y, H
+
+    def to_sources(self, momentum: Array, nodes: Array) -> tuple[Array, Array]:
+        """Amplitudes y : (K+1, S, n) and H : (K+1, S, n_nodes) of small waves by S sources, each with the same
+        momentum : (S, n_e, N+1) and ΣQ at the nodes : (S, n_nodes) at every harmonic; of one parameter set."""
+        model, mesh, layout = self.model, self.model.mesh, self.model.layout
+        y = np.zeros((len(self.tau), len(nodes), layout.size), complex)
+        H = np.zeros((len(self.tau), len(nodes), mesh.n_nodes), complex)
         for k in range(len(self.tau)):
             of_k = self.jacobian.member(k)
-            Q = -np.einsum("eij,sej->sei", of_k.K_inverse[0], R)
-            H[k] = of_k.nodal.solve(self.scale[k] * net + mesh.net_inflow(Q, self.signs[k : k + 1]))
+            Q = -np.einsum("eij,sej->sei", of_k.K_inverse[0], momentum)
+            H[k] = of_k.nodal.solve(self.scale[k] * nodes + mesh.net_inflow(Q, self.signs[k : k + 1]))
             of_k.add_to(Q, H[k])
             A = self.tau[k] * self.storage[k] * (Q @ mesh.element.d_xi) * self.minus_J_inverse[k]
             layout.part(y[k], "A")[:] = A
-            layout.part(y[k], "Q")[:] = Q.mean(axis=-1, keepdims=True) if k == 0 and model.storage.proportional else Q
+            layout.part(y[k], "Q")[:] = evened(Q) if k == 0 and model.storage.proportional else Q
         return y, H
 
 
-def _storage(model: Model, o: Operators, rest: State) -> Array:
-    """(B, n_e, N) how much of what flows in the area takes."""
-    s, _ = start(model, o.tau, o.inertia, o.memory, o.loads, rest.y, model.coefficients.P_venous)
-    slope = s.storage.slope(rest.A, rest.A_t)
-    return np.broadcast_to(np.reshape(slope, np.shape(slope)[:-1]), model.minus_J_inverse.shape)
+def evened(Q: Array) -> Array:
+    """Flows Q : (…, N+1) that are the same all along an element: its mean."""
+    return np.broadcast_to(Q.sum(axis=-1)[..., None] / Q.shape[-1], Q.shape)
 
 
 def _remembering(model: Model, waves: Waves, taus: Sequence[Any]) -> Waves:
@@ -351,15 +362,32 @@ def _remembering(model: Model, waves: Waves, taus: Sequence[Any]) -> Waves:
     if not stress.size and not history.size:
         return waves
     y, rates = samples(waves.y), samples(waves.rates)
-    A, moment = part(y, "A"), waves.y
-    at_once = np.moveaxis(model.wall.stresses(A, part(rates, "A")), 0, 2)
-    relaxing = np.moveaxis(model.wall.elements[0], 0, 1)
-    U = part(y, "Q") / (A @ model.mesh.element.at_lobatto)
-    at_once, U = (amplitudes(x.reshape(-1, *x.shape[2:]), moment) for x in (at_once, U))
+    n = len(y) * len(y[0])
+    at_once, U = (amplitudes(x.reshape(n, *x.shape[2:]), waves.y) for x in unremembered(model, y, rates))
     for k, tau in enumerate(taus):
-        if stress.size:
-            stress[k] = weights(relaxing, tau) * at_once[k]
-        if history.size:
-            unit = np.ones(A.shape[1:])
-            history[k] = model.force.since(history[k], tau).history(0.0 * history[k], U[k], unit)
+        stress[k], history[k] = remembered(model, tau, at_once[k], U[k])
     return waves
+
+
+def unremembered(model: Model, y: Array, rates: Array) -> tuple[Array, Array]:
+    """At moments y : (…, B, n) the stress that every element of the walls would have without memory, (…, B, m, n_e, N)
+    [Pa], and the velocity, (…, B, n_e, N+1) [m/s]."""
+    part = model.layout.part
+    A = part(y, "A")
+    U = part(y, "Q") / (A @ model.mesh.element.at_lobatto)
+    if not model.wall.remembers:
+        return A[..., None, :, :][..., :0, :, :], U
+    return np.moveaxis(model.wall.stresses(A, part(rates, "A")), 0, -3), U
+
+
+def remembered(model: Model, tau: Any, at_once: Array, U: Array) -> tuple[Array, Array]:
+    """Amplitudes of the stresses (B, m, n_e, N) and of the history (B, m, n_e, N+1) at one frequency, of what
+    :func:`unremembered` is there."""
+    force, unit = model.force, np.ones((1, model.mesh.n_elements, model.mesh.element.N))
+    stress = at_once
+    if model.wall.remembers:
+        stress = weights(np.moveaxis(model.wall.elements[0], 0, 1), tau) * at_once
+    if not force.memories:
+        return stress, U[:, None][:, :0]
+    nothing = 0.0 * np.stack([U] * force.memories, axis=1)
+    return stress, force.since(nothing, tau).history(nothing, U, unit)

@@ -1,7 +1,7 @@
 """Branching of arteries: virtual branches by Murray's law and matched admittance, and the reflection at a junction.
 
 The paper adds three virtual arteries to the aorta. Their radius follows from Murray's law and their Young's modulus
-from the condition that nothing is reflected at the junction; here both are computed from the measured arteries.
+from the condition that the junction reflects nothing; this module computes both from the measured arteries.
 
 C. D. Murray: The physiological principle of minimum work. I. The vascular system and the cost of blood volume,
 Proc. Natl. Acad. Sci. 12 (1926) 207-214, doi:10.1073/pnas.12.3.207.
@@ -21,7 +21,7 @@ def murray_radius(parent: Segment, siblings: Iterable[Segment]) -> float:
     """Radius [m] of the branch that completes a junction by Murray's law, R_p³ = Σ R_c³ (Murray 1926).
 
     parent, siblings : the artery that flows in, and the other arteries that flow out.
-    Raises ValueError if the siblings alone take the whole of R_p³ or more.
+    Raises ValueError if the siblings alone reach or exceed R_p³.
     """
     siblings = list(siblings)
     rest = parent.R0**3 - sum(s.R0**3 for s in siblings)

@@ -1,4 +1,4 @@
-"""The catalogue of effects as a whole: the terms of an owner, what a measurement chain shows, the table of the docs."""
+"""The catalogue of effects as a whole: the terms of an owner, the measurement chain, the table of the docs."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .sensors import Sensor
 
 
 def terms_of(owner: str) -> dict[str, Quantity]:
-    """The terms that an owner of a kind may hold, by key, in the order of the catalogue."""
+    """The terms that an owner of a kind may have, by key, in the order of the catalogue."""
     return {key: q for e in effects.ALL if e.owner == owner and not e.always for key, q in e.terms.items()}
 
 
 def quantities_of(thing: Any) -> dict[str, Quantity]:
-    """The quantities of an object of the network: its fields and the terms that it holds."""
+    """The quantities of an object of the network: its fields and its terms."""
     held = getattr(thing, "terms", {})
     known = terms_of(thing.OWNER) if held else {}
     return quantities(thing) | {key: q for key, q in known.items() if key in held}
@@ -46,9 +46,9 @@ def neutral_value(key: str, variable: str = "") -> float:
 
 
 def observe(terms: Mapping[str, Any], X: Array, omega: Array) -> Array:
-    """What a channel with these terms shows of a periodic signal.
+    """The record of a periodic signal by a channel with these terms.
 
-    The sensors of the catalogue act one after the other, in its order. X : (..., n) complex Fourier coefficients of
+    The sensors of the catalogue act in sequence, in its order. X : (..., n) complex Fourier coefficients of
     e^{iωt} at omega : (n,) [rad/s], the mean where ω = 0.
     The terms are numbers, or arrays that broadcast against X. Returns X's shape. Raises ValueError for an unknown term.
     """
@@ -61,10 +61,10 @@ def observe(terms: Mapping[str, Any], X: Array, omega: Array) -> Array:
 
 
 def filtered(network: Described, channel: str, omega: Array) -> Array:
-    """H : (n,) of the filters that a network says a channel has, at omega : (n,) [rad/s].
+    """H : (n,) of the known filters of a channel in a network, at omega : (n,) [rad/s].
 
-    They are those sensors of the catalogue that no search is for; all else that it says of a channel was found, or is
-    to be.
+    Known filters are the sensors of the catalogue that are no candidates of a search; all other terms of a channel
+    are results of one.
     """
     H = np.ones(np.shape(omega), complex)
     for own in (c for c in network.channels if c.name == channel):

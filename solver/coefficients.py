@@ -1,11 +1,11 @@
-"""The numbers of the equations, from a network's objects, with those of a batch laid over them."""
+"""The coefficients of the equations: the numbers of a network's objects, with those of a batch replaced."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from .effect import Effect
 from .errors import InputError
 from .laws import ELASTIC_LAWS, VISCOUS_LAWS
 from .network import Network
-from .outlets import Outlet
+from .outlets import Condition, Load, Outlet, steady
 from .quantity import quantities
 from .validation import check_parameters
 from .wall import Wall
@@ -26,7 +26,7 @@ Parameters = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Term:
-    """An effect that is on somewhere, and its numbers (B, n): of n segments, outlets or junctions, or of the fluid."""
+    """An active effect, and its numbers (B, n): of n segments, outlets or junctions, or of the fluid."""
 
     effect: Effect
     values: Mapping[str, Array]
@@ -37,10 +37,11 @@ class Term:
 
     @property
     def on(self) -> Array:
-        """(n,) where any member of the batch has it."""
+        """(n,) where it is active in any member of the batch."""
         neutral, how = self.effect.neutral, (*self.effect.how, *self.effect.along)
         switches = {key: value for key, value in self.values.items() if key not in how}
-        return np.any([np.any(value != neutral[key], axis=0) for key, value in switches.items()], axis=0)
+        each = [np.any(value != neutral[key], axis=0) for key, value in switches.items()]
+        return np.any(np.stack(each), axis=0)
 
 
 @dataclass(frozen=True)
@@ -61,11 +62,31 @@ class Ends:
         return self.changed({})
 
     def changed(self, driven: Mapping[str, Array]) -> Mapping[str, Array]:
-        """The numbers where some are driven from outside."""
+        """The numbers, with some driven from outside."""
         numbers: Mapping[str, Array] = {**self.given, **driven}
         for term in self.terms:
             numbers = term.effect.outlet(numbers, term.at(self.index))
         return numbers
+
+    def load(self, wall: Wall, tau: float) -> Load:
+        """The condition over an implicit stage of length tau [s], plus the flow that effects add to it."""
+        load = self.kind.load(self.numbers, wall, tau)
+        for effect, values in self.outflows:
+            load = load.beside(partial(effect.outflow, values=values))
+        return load
+
+    def condition(self, wall: Wall, P_0: Array, omega: Array, Z_ref: Array) -> Condition:
+        """That of small waves, as :meth:`solver.outlets.Outlet.condition`: a (F + Z_ref q) + b P' = r."""
+        a, b, r = self.kind.condition(self.numbers, wall, P_0, omega, Z_ref)
+        for effect, values in self.outflows:
+            q, slope = (Z_ref * x[:, None] for x in effect.outflow(P_0 - self.numbers["P_venous"], values))
+            b, r = b + a * slope, r - a * q * steady(omega)
+        return a, b, r
+
+    @property
+    def outflows(self) -> list[tuple[Effect, Mapping[str, Array]]]:
+        """The effects that let out a further flow, with their numbers."""
+        return [(t.effect, t.at(self.index)) for t in self.terms if changes(t.effect, "outflow")]
 
 
 @dataclass(frozen=True)
@@ -117,7 +138,7 @@ class Coefficients:
         return tuple(tuple(sorted({x for cuts in each for x in cuts})) for each in found)
 
     def venous(self, P_venous: Array) -> Array:
-        """P_venous : (1 or B, n_outlets) [Pa] as the effects of outlets leave it."""
+        """P_venous : (1 or B, n_outlets) [Pa] after the effects of outlets."""
         if all(ends.numbers["P_venous"] is ends.given["P_venous"] for ends in self.outlets):
             return P_venous
         changed = np.empty_like(self.P_venous)
@@ -127,7 +148,7 @@ class Coefficients:
 
 
 def batch_size(parameters: Parameters) -> int | None:
-    """Length of the parameters that are arrays, or None if all are scalars. Raises ValueError unless they agree."""
+    """Common length of the array parameters, or None if all are scalars. Raises ValueError unless they agree."""
     sizes = {name: np.shape(value) for name, value in parameters.items() if np.ndim(value)}
     first = next(iter(sizes), "")
     for name, shape in sizes.items():
@@ -144,11 +165,13 @@ def batch_size(parameters: Parameters) -> int | None:
     return sizes[first][0] if sizes else None
 
 
-def coefficients(network: Network, parameters: Parameters | None = None, *, checked: bool = True) -> Coefficients:
+def coefficients(
+    network: Network, parameters: Parameters | None = None, *, checked: bool = True, every: bool = False
+) -> Coefficients:
     """The coefficients of a network with some parameters replaced by numbers or by arrays of B numbers.
 
     checked : whether the parameters must be allowed: then raises ValueError for an unknown name, a value out of range,
-    or arrays of different lengths.
+    or arrays of different lengths. every : whether effects that the network holds count as on where they are neutral.
     """
     parameters = parameters or {}
     if checked:
@@ -156,9 +179,10 @@ def coefficients(network: Network, parameters: Parameters | None = None, *, chec
     size = batch_size(parameters)
     numbers = _Numbers(network, parameters, size or 1)
     segments, fluid = numbers.owners["segment"], numbers.owners["fluid"]
-    terms = tuple(term for term in map(numbers.term, effects.ALL) if term is not None and term.on.any())
+    held = (term for term in map(numbers.term, effects.ALL) if term is not None)
+    terms = tuple(term for term in held if every or term.on.any())
     rho, nu = numbers.of(fluid, "rho"), numbers.of(fluid, "nu")
-    C_f, alpha = numbers.of(fluid, "friction") * np.pi * nu, np.ones((numbers.size, 1))
+    C_f, alpha = numbers.of(fluid, "friction") * np.pi * nu, np.ones_like(rho)
     junctions: Mapping[str, Array] = {"k": np.zeros((numbers.size, len(network.junctions)))}
     for term in terms:
         if term.effect.owner == "fluid":
@@ -167,7 +191,7 @@ def coefficients(network: Network, parameters: Parameters | None = None, *, chec
         if term.effect.owner == "junction":
             junctions = term.effect.junction(junctions, term.values)
     outlets = _outlets(numbers, tuple(term for term in terms if term.effect.owner == "outlet"))
-    P_venous = np.empty((numbers.size, len(network.outlets)))
+    P_venous = np.empty_like(rho, shape=(numbers.size, len(network.outlets)))
     for ends in outlets:
         P_venous[:, ends.index] = ends.numbers["P_venous"]
     return Coefficients(
@@ -187,29 +211,30 @@ def coefficients(network: Network, parameters: Parameters | None = None, *, chec
 
 
 def changes(effect: Effect, hook: str) -> bool:
-    """Whether an effect has a hook of its own."""
+    """Whether an effect overrides a hook."""
     return getattr(type(effect), hook, None) is not getattr(Effect, hook, None)
 
 
 class _Numbers:
-    """The numbers of a network's objects as arrays of B, those of a batch laid over them."""
+    """The numbers of a network's objects as arrays of B, with those of a batch replaced."""
 
     def __init__(self, network: Network, parameters: Parameters, size: int) -> None:
         self.network, self.parameters, self.size = network, parameters, size
+        self.like = next(iter(parameters.values()), 0.0)  # of the kind of array that numbers are
         self.owners: dict[str, list[tuple[str, Any]]] = defaultdict(list)
         for prefix, owner in network.owners():
             self.owners[owner.OWNER].append((prefix, owner))
 
     def of(self, owners: Sequence[tuple[str, Any]], key: str, otherwise: float | None = None) -> Array:
-        """(B, n): the number behind a key of every owner, ``otherwise`` where one does not hold it."""
-        values = np.empty((self.size, len(owners)))
+        """(B, n): the number behind a key of every owner, ``otherwise`` if an owner does not have it."""
+        values = np.empty_like(self.like, float, shape=(self.size, len(owners)))
         for i, (prefix, owner) in enumerate(owners):
             values[:, i] = self.parameters.get(f"{prefix}.{key}", _number(owner, key, otherwise))
         return values
 
     def term(self, effect: Effect) -> Term | None:
-        """The numbers of an effect, neutral where an owner does not hold them; None if none does, or if it has no
-        numbers that would switch it off."""
+        """The numbers of an effect, neutral if an owner does not have them; None if no owner has them, or if the effect
+        has no neutral values."""
         owners = self.owners[effect.owner]
         held = effect.always or any(key in owner.terms for _, owner in owners for key in effect.terms)
         if not held or not effect.neutral:
@@ -218,7 +243,7 @@ class _Numbers:
 
 
 def _number(owner: Any, key: str, otherwise: float | None) -> float | None:
-    """What an owner holds under a key, as a term or as a field."""
+    """The value of an owner's key, a term or a field."""
     held: Mapping[str, float] = getattr(owner, "terms", {})
     if key in held:
         return held[key]
@@ -263,4 +288,12 @@ def _outlets(numbers: _Numbers, terms: tuple[Term, ...]) -> tuple[Ends, ...]:
     def given(kind: type[Outlet], index: list[int]) -> dict[str, Array]:
         return {key: numbers.of([owners[i] for i in index], key) for key in quantities(kind)}
 
-    return tuple(Ends(kind, np.array(index), given(kind, index), terms) for kind, index in by_kind.items())
+    found = tuple(Ends(kind, np.array(index), given(kind, index), terms) for kind, index in by_kind.items())
+    for ends in (each for each in found if each.kind.stores):
+        for effect, values in ends.outflows:
+            if any((values[key] != effect.neutral[key]).any() for key in values):
+                raise InputError(
+                    f"network {numbers.network.name}: {effect.name} is no effect of a {ends.kind.noun}, whose flow is "
+                    "not one of P - P_venous; leave it out, or give another outlet."
+                )
+    return found

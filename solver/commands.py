@@ -21,7 +21,7 @@ from .options import Force, Json, NetworkName
 from .writing import check_destinations, check_new, write_whole
 
 _STYLE: dict[str, Any] = {"add_completion": False, "no_args_is_help": True, "rich_markup_mode": None}
-app = typer.Typer(**_STYLE, help="Networks: which come along, in and out.")
+app = typer.Typer(**_STYLE, help="Networks: list, import and export.")
 importers = typer.Typer(**_STYLE, help="Make a network file of another format.")
 app.add_typer(importers, name="import")
 
@@ -30,7 +30,7 @@ Out = Annotated[Path | None, typer.Option(help="The network file to write; defau
 
 @app.command("list")
 def list_networks(as_json: Json = False) -> None:
-    """The networks that come along."""
+    """List the included networks."""
     networks = [read_network(find_network(name)) for name in bundled_names()]
     if as_json:
         put({"networks": [_plain(n) | {"species": n.species, "reference": n.reference} for n in networks]})
@@ -47,7 +47,7 @@ def _plain(network: Network) -> dict[str, Any]:
 
 
 def _short(reference: str) -> str:
-    """The first author, the year and the DOI or arXiv number of a reference; all of it where it has no year."""
+    """First author, year and DOI or arXiv number of a reference; the whole reference if it has no year."""
     found = re.search(r"(\w+)(,.*?)?:.*?\((\d{4})\)(, (?:doi|arXiv):\S+\w)?", " ".join(reference.split()))
     return f"{found[1]}{' et al.' if found[2] else ''} ({found[3]}){found[4] or ''}" if found else reference
 
@@ -57,12 +57,12 @@ def import_openbf(
     file: Annotated[Path, typer.Argument(help="openBF's YAML file; its inflow lies beside it.")],
     out: Out = None,
     as_run: Annotated[
-        bool, typer.Option("--as-run", help="What openBF 2 computes where that differs from what the file says.")
+        bool, typer.Option("--as-run", help="Import what openBF 2 computes where that differs from its file.")
     ] = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """A network of openBF."""
+    """Import a network of openBF."""
     with sentences():
         check_destinations(out, given=[file])
         _write(read_openbf(file, as_run=as_run), file, out, force, as_json)
@@ -75,20 +75,20 @@ def import_csv(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """A table of vessels."""
+    """Import a table of vessels."""
     with sentences():
         check_destinations(out, given=[table])
         sections = read_sheet(table)
         if set(sections["inlet"]) == {"segment"}:
-            half_sine = "the table says nothing of the inlet, which gets a half-sine of 55 mL/s in 0.5 s"
+            half_sine = "the table does not define the inlet, which gets a half-sine of 55 mL/s in 0.5 s"
             lines = '# inlet.Q_max = "90 mL/s" and # inlet.T = "0.8 s", or # inlet.Q = "flow.csv"'
-            say_notes([f"{half_sine}; for another write above the table {lines}."], aside=as_json)
+            say_notes([f"{half_sine}; to define another, write above the table {lines}."], aside=as_json)
         folder = (out or Path()).parent
         _write(_seen_from(folder, sections, table.parent), table, out, force, as_json, folder)
 
 
 def _seen_from(folder: Path, sections: written.Sections, old: Path) -> written.Sections:
-    """Sections whose files of inflow are found from another folder."""
+    """Sections with the paths of their inflow files relative to another folder."""
     if folder.resolve() == old.resolve():
         return sections
 
@@ -103,7 +103,7 @@ def _seen_from(folder: Path, sections: written.Sections, old: Path) -> written.S
 def _write(
     sections: written.Sections, source: Path, out: Path | None, force: bool, as_json: bool, folder: Path | None = None
 ) -> None:
-    """folder : where files that the sections name are looked for; default: beside the source."""
+    """folder : that of the files which the sections name; default: beside the source."""
     try:
         network = from_sections(sections, folder or source.parent)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""What the command lines of this project have in common on the terminal: sentences, tables, errors, JSON."""
+"""Terminal output shared by all commands: sentences, tables, errors, JSON."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ Array = np.ndarray
 
 @contextmanager
 def sentences(*kinds: type[Exception], interrupted: str = "nothing was written.") -> Iterator[None]:
-    """Turn InputError and errors of these kinds, what a user can put right, into one sentence and an exit code,
-    that of the error where it has one.
+    """Turn InputError and errors of these kinds, which a user can correct, into one sentence and an exit code, that of
+    the error if it has one.
 
-    interrupted : what is said to one who has had enough.
+    interrupted : the sentence after Ctrl-C.
     """
     told: tuple[type[Exception], ...] = (InputError, *kinds)
     try:
@@ -42,13 +42,13 @@ def sentences(*kinds: type[Exception], interrupted: str = "nothing was written."
 
 @contextmanager
 def faults() -> Iterator[None]:
-    """Turn any error that gets this far, a fault of the program, into a traceback, a request and an exit code."""
+    """Turn any other exception, a bug of the program, into a traceback, a request and an exit code."""
     try:
         yield
     except Exception:
         traceback.print_exc()
         complain(
-            "This is a fault of the program, not of what you gave it: please report it, with your command and the "
+            "This is a bug in the program, not an error in your input: please report it, with your command and the "
             "lines above. No file was left half written."
         )
         raise SystemExit(ExitCode.FAULT) from None
@@ -60,7 +60,7 @@ def complain(text: str) -> None:
 
 
 class _Terminal(Console):
-    """A console that leaves it to others to say that nobody reads it."""
+    """A console that passes on the error of a closed output."""
 
     def on_broken_pipe(self) -> None:
         raise  # what is being handled
@@ -68,13 +68,13 @@ class _Terminal(Console):
 
 @contextmanager
 def _printing() -> Iterator[None]:
-    """Where the output cannot be written, end with an exit code, after a sentence unless its reader has closed it."""
+    """If the output cannot be written, end with an exit code, after a sentence unless its reader has closed it."""
     try:
         yield
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is still held back
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for buffered output
         if isinstance(error, BrokenPipeError):
             raise typer.Exit(ExitCode.NOT_READ) from None
         complain(f"Error: the output cannot be written ({error.strerror}); check where it goes.")
@@ -94,7 +94,7 @@ def say_notes(texts: Iterable[str], aside: bool = False) -> None:
 
 
 def say_written(*paths: Path | None, aside: bool = False) -> None:
-    """Print the name of every file that was asked for and is there; aside: on the error stream."""
+    """Print the name of every requested file that exists; aside: on the error stream."""
     for path in paths:
         if path is not None and path.exists():
             say(f"wrote {path}", aside)
@@ -110,7 +110,7 @@ def put(document: str | Mapping[str, Any]) -> None:
 
 
 def ranges(time: Array, columns: Mapping[str, Array], units: Mapping[str, str]) -> dict[str, Any]:
-    """Of every variable (n,) at times (n,) [s]: unit, least and greatest value, and mean over time; for JSON."""
+    """Unit, minimum, maximum and time mean of every variable (n,) at times (n,) [s]; for JSON."""
     return {
         name: {
             "unit": units[name],

@@ -1,4 +1,4 @@
-"""How a search counts a number of an effect: x = 0 where the effect is absent, |x| = 1 for an effect of typical size.
+"""The search coordinate of a number of an effect: x = 0 if the effect is absent, |x| = 1 for an effect of typical size.
 
 scale   value = nominal exp(step x)         shift   value = nominal + step x
 """
@@ -17,9 +17,9 @@ _WIDEST = 5.0
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One number x of a search. moves : (variable, step) pairs. low, high : the x that allowed ranges leave.
+    """One unknown x of a search. moves : (variable, step) pairs. low, high : bounds of x from the allowed ranges.
 
-    unit, size, nominal : of the value that is reported, nominal exp(size x) or nominal + size x.
+    unit, size, nominal : those of the reported value, nominal exp(size x) or nominal + size x.
     ratio : the modulus that this value is relative to ("E" for φ0/E), or None.
     """
 
@@ -43,7 +43,7 @@ def allowed(
 ) -> tuple[float, float]:
     """The lowest and the highest x that keep every variable in the range of its quantity; values : at x = 0.
 
-    widest : how far the logarithm of a scaled number without a lower end may fall.
+    widest : the largest decrease of the logarithm of a scaled number without a lower bound.
     """
     low, high = -math.inf, math.inf
     for variable, step in moves:

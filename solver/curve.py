@@ -1,11 +1,11 @@
-"""A periodic curve through a table of times and values: what a network's inlet is driven by where it is no half-sine.
+"""A periodic curve through a table of times and values: the drive of a network's inlet other than the half-sine.
 
 Cubic: the periodic spline with continuous second derivative, whose second derivatives M at the points solve
 
     h_{i-1} M_{i-1} + 2 (h_{i-1} + h_i) M_i + h_i M_{i+1} = 6 [(y_{i+1} - y_i)/h_i - (y_i - y_{i-1})/h_{i-1}]
 
 with indices modulo the number of points (C. de Boor, A Practical Guide to Splines, ch. IV). Linear: straight pieces.
-Fourier: the series of some harmonics that is nearest to the points, by least squares,
+Fourier: the least-squares series with K harmonics through the points,
 
     y(t) = a_0 + Σ_k a_k cos 2πkt/T + b_k sin 2πkt/T,     k = 1 … K
 """
@@ -24,17 +24,17 @@ Array = np.ndarray
 INTERPOLATIONS = ("cubic", "linear", "fourier")
 _MOST = 2000  # rows
 _MOST_HARMONICS = 100
-_TELLS = 1e-6  # smallest singular value, over the largest, of harmonics at the rows that determine them
-_FINE = 4096  # samples of a period in which the largest value of a series is looked for
-_CLOSED = 1e-6  # of the range of the values: how far the last may be from the first where the table is one period
+_TELLS = 1e-6  # smallest over largest singular value of the harmonics at the rows, if these determine them
+_FINE = 4096  # samples of a period, to find the largest value of a series
+_CLOSED = 1e-6  # of the range of the values: tolerance between the last and the first value of one period
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One period: t : times [s] from 0 to the period, and values there; the last value is the first one again.
+    """One period: t : times [s] from 0 to the period, and values there; the last value repeats the first.
 
-    signal : Q [m³/s] or P [Pa]. harmonics : K of a Fourier series, 0 of the others.
-    Raises ValueError, one sentence that begins with the signal, for what is no such table.
+    signal : Q [m³/s] or P [Pa]. harmonics : K of a Fourier series, 0 for the others.
+    Raises ValueError, one sentence that begins with the signal, for an invalid table.
     """
 
     signal: str
@@ -64,7 +64,7 @@ class Curve:
             raise InputError(f"interpolation = {self.interpolation!r}: must be {' or '.join(INTERPOLATIONS)}.")
         if self.interpolation != "fourier":
             if self.harmonics:
-                raise InputError(f"harmonics = {self.harmonics}: only a Fourier series has them; leave it out.")
+                raise InputError(f"harmonics = {self.harmonics}: only a Fourier series has them; omit it.")
             return
         most = min(_MOST_HARMONICS, (len(self.t) - 2) // 2)
         if not 1 <= self.harmonics <= most:
@@ -87,8 +87,8 @@ class Curve:
     ) -> Curve:
         """The curve through a table, with time counted from its first row.
 
-        period [s] : default the length of a table whose last value is its first; a longer one is closed by that value.
-        Raises ValueError where the table is not one period.
+        period [s] : by default the length of the table, if its last value equals its first; a longer period is closed
+        by the first value. Raises ValueError unless the table is one period.
         """
         t, values = np.array(t, float), np.array(values, float)
         t = t - t[:1]
@@ -110,9 +110,9 @@ class Curve:
 
     @staticmethod
     def series(signal: str, mean: float, cos: Array, sin: Array, period: float) -> Curve:
-        """The Fourier series with the coefficients a_0, a : (K,), b : (K,), by its values at even times.
+        """The Fourier series with the coefficients a_0, a : (K,), b : (K,), by its values at equidistant times.
 
-        Raises ValueError for as many cosines as sines that are not one to a hundred each.
+        Raises ValueError unless there are as many cosines as sines, one to a hundred of each.
         """
         K = len(cos)
         if not 1 <= K <= _MOST_HARMONICS or len(sin) != K:
@@ -141,25 +141,26 @@ class Curve:
         return replace(self, t=t, values=values)
 
     def raised(self, by: float) -> Curve:
-        """All values more by a number."""
+        """All values plus a constant."""
         return replace(self, values=tuple(value + by for value in self.values))
 
     @cached_property
     def mean(self) -> float:
-        """The mean over a period: of the straight pieces, and of what the cubic adds, -h³ (M_i + M_{i+1})/24; a_0."""
+        """The mean over a period: that of the straight pieces plus that of the cubic part, -h³ (M_i + M_{i+1})/24;
+        a_0."""
         if self.interpolation == "fourier":
-            return float(self._coefficients[0].real)
-        t, y, M = self._numbers
+            return float(self.coefficients[0].real)
+        t, y, M = self.numbers
         h = np.diff(t)
         whole = 0.5 * h * (y[1:] + y[:-1]) - h**3 / 24.0 * (M[1:] + M[:-1])
         return float(whole.sum() / self.period)
 
     def at(self, phase: Array | float) -> Array:
-        """Values at parts of the period, any shape; beyond 1 it repeats."""
+        """Values at fractions of the period, any shape; the curve repeats beyond 1."""
         if self.interpolation == "fourier":
             turn = np.exp(2j * np.pi * np.mod(np.asarray(phase, float), 1.0))
-            return np.asarray(np.polyval(self._coefficients[::-1], turn).real)
-        t, y, M = self._numbers
+            return np.asarray(np.polyval(self.coefficients[::-1], turn).real)
+        t, y, M = self.numbers
         x = np.mod(np.asarray(phase, float), 1.0) * self.period
         i = np.clip(np.searchsorted(t, x, side="right") - 1, 0, len(t) - 2)
         h = t[i + 1] - t[i]
@@ -168,7 +169,7 @@ class Curve:
         return left * y[i] + right * y[i + 1] + cubic * h * h / 6.0
 
     @cached_property
-    def _numbers(self) -> tuple[Array, Array, Array]:
+    def numbers(self) -> tuple[Array, Array, Array]:
         """t, values and second derivatives M, the last equal to the first."""
         t, y = np.array(self.t), np.array(self.values)
         if self.interpolation == "linear":
@@ -185,11 +186,11 @@ class Curve:
 
     @property
     def _waves(self) -> Array:
-        """1, the cosines and the sines at the rows but the last, which is the first : (rows, 2 K + 1)."""
+        """1, the cosines and the sines at all rows but the last, which repeats the first : (rows, 2 K + 1)."""
         return _harmonics(np.array(self.t[:-1]) / self.period, self.harmonics)
 
     @cached_property
-    def _coefficients(self) -> Array:
+    def coefficients(self) -> Array:
         """a_k - i b_k : (K + 1,)."""
         K = self.harmonics
         found = np.linalg.lstsq(self._waves, np.array(self.values[:-1]), rcond=None)[0]
@@ -197,6 +198,6 @@ class Curve:
 
 
 def _harmonics(phase: Array, K: int) -> Array:
-    """1, cos 2πkφ and sin 2πkφ, k = 1 … K, at parts φ : (n,) of a period, as (n, 2 K + 1)."""
+    """1, cos 2πkφ and sin 2πkφ, k = 1 … K, at fractions φ : (n,) of a period, as (n, 2 K + 1)."""
     angle = 2.0 * np.pi * phase[:, None] * np.arange(1, K + 1)
     return np.concatenate([np.ones((len(phase), 1)), np.cos(angle), np.sin(angle)], axis=1)

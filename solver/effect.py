@@ -1,4 +1,4 @@
-"""What an effect is: a physical term that a network may hold or lack, with all its own facts, and the hooks by which it
+"""Base class of effects: a physical term that a network has or lacks, with all its own facts, and the hooks by which it
 enters the equations.
 
 The effects themselves are in :mod:`solver.effects`.
@@ -23,7 +23,7 @@ Values = Mapping[str, Array]
 Anatomy = TypeVar("Anatomy", bound="Described")
 
 ALL_PLACES = "all"
-# as which source in the equations an effect shows (:mod:`~solver.sources`)
+# the source in the equations that represents an effect (:mod:`~solver.sources`)
 KINDS = WALL, DROP, OUTFLOW, OUTLET, JUNCTION, CHANNEL = "wall", "drop", "outflow", "outlet", "junction", "channel"
 _SOURCES = {"segment": WALL, "fluid": DROP, "outlet": OUTLET, "junction": JUNCTION, "channel": CHANNEL}
 _NEAR = 1e-9  # of an element: ends that agree with its own
@@ -31,7 +31,7 @@ _SUFFIX = {"outlet": ".outlet", "junction": ".junction"}  # of an owner's variab
 
 
 class Described(Protocol):
-    """What effects and checks ask of a :class:`solver.network.Network`."""
+    """The interface of a :class:`solver.network.Network` that effects and checks use."""
 
     @property
     def name(self) -> str: ...
@@ -71,8 +71,8 @@ class Points:
     """The flow points of a mesh, arrays that broadcast to (B, n_e, N+1).
 
     x : x/L of each point; left, right : x/L of the ends of its element; R0 [m]; L [m]; nu [m²/s].
-    integral : (N+1, N+2) coefficients of ∫ from -1 to ξ of every point's polynomial, over its weight: what of a point
-    belongs to a part of the element.
+    integral : (N+1, N+2) coefficients of ∫ from -1 to ξ of every point's polynomial, over its weight: the share of a
+    point that belongs to a part of the element.
     """
 
     x: Array
@@ -84,7 +84,7 @@ class Points:
     integral: Array
 
     def part(self, start: Array, end: Array) -> Array:
-        """The part of every point, by the integral of its polynomial, that lies between two x/L : 1 well inside, 0
+        """The share of every point that lies between two x/L, by the integral of its polynomial: 1 well inside, 0
         outside."""
         ends = (np.clip(2.0 * (x - self.left) / (self.right - self.left) - 1.0, -1.0, 1.0) for x in (start, end))
         a, b = (np.where(np.abs(xi) > 1.0 - _NEAR, np.sign(xi), xi) for xi in ends)
@@ -114,16 +114,16 @@ class Drag:
 
 @dataclass(frozen=True)
 class SearchSpec:
-    """What only a search for an effect asks: of which size it is, where the search begins, and what shows it.
+    """Settings of an effect that only a search needs: its typical size, start points, and identifiability.
 
-    typical : size of x = 1 by key, in SI, or of the logarithm where the number is a factor; by default the nominal
-    value of its quantity, or 1 of the logarithm. scales : its numbers are factors. relative : keys that are counted,
+    typical : size of x = 1 by key, in SI, or of the logarithm if the number is a factor; by default the nominal value
+    of its quantity, or 1 for the logarithm. scales : its numbers are factors. relative : keys that are expressed,
     typical size included, relative to another key of the owner, with the unit of the ratio.
-    starts : points x, (n,) each, from which a search may begin, beside 0. starts_along : values, (m,) each, of the
-    first m of :meth:`Effect.coordinates_along`, from which a search for where along a segment it acts may begin; the
-    others are searched for where these do not do.
-    local : the pressure and radius of one wall show it. source : the kind of source in the equations as which it shows
-    where a model lacks it; "" stands for that of its owner.
+    starts : start points x, (n,) each, beside 0. starts_along : start values, (m,) each, of the first m of
+    :meth:`Effect.coordinates_along` for a search for its position along a segment; the remaining ones become free only
+    if these do not suffice.
+    local : the pressure and radius of one wall reveal it. source : the kind of source in the equations that represents
+    it in a model that lacks it; "" stands for that of its owner.
 
     Raises InputError for a size that is not above 0, starts that are not finite or differ in length, and an unknown
     source.
@@ -151,18 +151,19 @@ class SearchSpec:
 class Effect:
     """A row of the catalogue.
 
-    owner : what its numbers belong to: segment, fluid, outlet, junction or channel. places : where it may act, "all"
-    being every owner at once. terms : its numbers by key. always : every owner has them as fields; else only those that
-    were given them hold them. neutral : the values that switch it off. how : keys that say how
-    it acts where it is on, and switch nothing; their neutral values are what an owner has that does not hold them.
-    along : such keys that say where along a segment.
-    signature, confusable, separator : what it does to records, what does nearly the same, and what tells them apart.
-    at_rest : whether it moves the radius under a steady pressure. cuts : x/L where elements must end.
-    at_ends : numbers of its owner that may be given at both ends, with the term that holds their relative difference.
-    needs : a key of its owner that must be above 0 for it to act. rewires : it puts another outlet condition in place.
-    remembers : it adds states to the solution, which a batch then carries for all of its members. search : what only a
-    search for it asks. library : of a form that is learned from a record, the keys of its terms: no search tries it as
-    it is, but a law is made of some of them (:meth:`learned`), valid in :meth:`valid`.
+    owner : the kind of object its numbers belong to: segment, fluid, outlet, junction or channel. places : where it may
+    act; "all" means every owner at once. terms : its numbers by key. always : every owner has them as fields; otherwise
+    only owners that were given them have them. neutral : the values that switch it off. how : keys that modify an
+    active effect without switching it; an owner without them uses their neutral values. along : those of these keys
+    that give the position along a segment.
+    signature, confusable, separator : its signature in records, effects with a similar one, and the measurement that
+    distinguishes them.
+    at_rest : whether it changes the radius under a steady pressure. cuts : x/L where elements must end.
+    at_ends : numbers of its owner that may be given at both ends, with the term for their relative difference.
+    needs : a key of its owner that must be above 0 for it to act. rewires : it replaces the outlet condition.
+    remembers : it adds states to the solution, which a batch then carries for all of its members. search : settings of
+    a search for it. library : the keys of its terms, if its form is learned from a record: no search uses it directly,
+    but a learned law combines some of them (:meth:`learned`), valid in :meth:`valid`.
     """
 
     name: ClassVar[str]
@@ -189,13 +190,13 @@ class Effect:
     # --- places -------------------------------------------------------------------------------------------------
 
     def where(self, network: Described, channels: Sequence[str] = ()) -> tuple[str, ...]:
-        """All places where it can act; ``channels`` names the outputs that are measured, for effects of channels."""
+        """All places where it can act; ``channels`` names the measured outputs, for effects of channels."""
         targets = self._targets(network, channels)
         everywhere = (ALL_PLACES,) if ALL_PLACES in self.places and targets else ()
         return everywhere + (targets if set(self.places) - {ALL_PLACES} else ())
 
     def variables(self, network: Described, place: str) -> dict[str, tuple[str, ...]]:
-        """The variable names that each of its numbers moves at a place. Raises ValueError where it cannot act."""
+        """The variables that each of its numbers changes at a place. Raises ValueError where it cannot act."""
         targets = self._targets(network, (place,))
         if place not in self.where(network, (place,)) and not (self.owner == "fluid" and place == "fluid"):
             there = ", ".join(self.where(network)) or "no place in this network"
@@ -218,22 +219,22 @@ class Effect:
         return tuple(name.removesuffix(f".{self.owner}") for name, owner in owners if self.acts_on(owner))
 
     def acts_on(self, owner: Any) -> bool:
-        """Whether it makes sense at this segment, outlet or junction."""
+        """Whether it can act at this segment, outlet or junction."""
         return self.needs is None or _held(owner, self.needs) > 0.0
 
     def of_animal(self, network: Described, place: str) -> bool:
-        """Whether it only says that this animal's artery differs from the network's: no discovery where all differ."""
+        """Whether it only means that this animal's artery differs from the network's: no discovery if all differ."""
         return False
 
-    # --- how a search counts it -----------------------------------------------------------------------------------
+    # --- search coordinates ---------------------------------------------------------------------------------------
 
     @property
     def source(self) -> str:
-        """As which kind of source in the equations it shows where a model lacks it."""
+        """The kind of source in the equations that represents it in a model that lacks it."""
         return self.search.source or _SOURCES[self.owner]
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
-        """The numbers of a search for it at a place, as it usually lies there; none where it has nothing to act on.
+        """The unknowns of a search for it at a place, at its default position; none where it has nothing to act on.
 
         bench : only P and R of one wall are known.
         """
@@ -244,25 +245,25 @@ class Effect:
         return tuple(coordinate for coordinate in found if coordinate is not None)
 
     def learned(self, network: Described, place: str, keys: Sequence[str]) -> tuple[Coordinate, ...]:
-        """The numbers of a search for a law that is made of some terms of the library."""
+        """The unknowns of a search for a law that combines some terms of the library."""
         variables = self.variables(network, place)
         found = (self._coordinate(network, place, key, variables[key]) for key in keys)
         return tuple(coordinate for coordinate in found if coordinate is not None)
 
     def valid(self, strain: Array, rate: Array) -> dict[str, float]:
-        """The numbers that say where a learned law of a wall holds, of strains [-] and rates [1/s] that were seen."""
+        """The numbers that bound the validity of a learned wall law, from observed strains [-] and rates [1/s]."""
         return {}
 
     def formula(self, keys: Sequence[str]) -> str:
-        """A learned law of some terms of the library, as an equation."""
+        """The equation of a learned law that combines some terms of the library."""
         return self.equation
 
     def coordinates_along(self, network: Described, place: str) -> tuple[Coordinate, ...]:
-        """The numbers of a search for where along a segment it acts, beside :meth:`coordinates`."""
+        """The unknowns of a search for its position along a segment, beside :meth:`coordinates`."""
         return ()
 
     def step(self, network: Described, owner: Any, key: str) -> float:
-        """Change of a shifted number of one owner, in SI, for x = 1: of typical size."""
+        """Change of a shifted number of one owner, in SI, for x = 1: its typical size."""
         size, relative = self.search.typical.get(key, self.terms[key].nominal), self.search.relative
         return size * _held(owner, relative[key][0]) if key in relative else size
 
@@ -318,13 +319,18 @@ class Effect:
         """The numbers of outlets of one kind, by key, (B, n), with this effect; ``values`` : (B, n)."""
         return numbers
 
+    def outflow(self, P: Array, values: Values) -> tuple[Array, Array]:
+        """A further flow [m³/s] through outlets under P : (B, n) [Pa] above P_venous, and its derivative; of outlets
+        that store no pressure. ``values`` : (B, n)."""
+        return 0.0 * P, 0.0 * P
+
     def junction(self, numbers: Values, values: Values) -> Values:
         """The numbers of the junctions, by key, (B, n), with this effect; ``values`` : (B, n)."""
         return numbers
 
 
 def _held(owner: Any, key: str) -> float:
-    """A number of an owner, field or term; 0 where it does not hold it."""
+    """A number of an owner, field or term; 0 if the owner does not have it."""
     terms: Mapping[str, float] = owner.terms
     return float(terms.get(key, getattr(owner, key, 0.0)))
 

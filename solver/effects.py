@@ -1,10 +1,10 @@
-"""The catalogue of effects: physical terms that a network may hold or lack, one small class per row, all in ``ALL``.
+"""The catalogue of effects: physical terms that a network has or lacks, one small class per row, all in ``ALL``.
 
-An effect says what it is (name, equation, units, ranges), where it may act, how it enters the equations, by the hooks
-of :class:`solver.effect.Effect`, and how a search counts it. Everything else follows from ``ALL``: the keys of the
-network file, the FMU's variables, batch parameters, candidates and docs/effects.md
-(:mod:`solver.catalogue`). The numbers of some are fields that every network has (phi0, R_t, k …); those of the others
-are *terms*, which only what was given them holds.
+An effect defines its name, equation, units and ranges, the places where it may act, its terms in the equations, by the
+hooks of :class:`solver.effect.Effect`, and its search coordinates. ``ALL`` determines everything else: the keys of the
+network file, the FMU's variables, batch parameters, candidates and docs/effects.md (:mod:`solver.catalogue`). Some
+effects use fields that every network has (phi0, R_t, k …); the numbers of the others are *terms*, which an owner has
+only if they were given.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .effect import (
     small_wave_impedance,
 )
 from .errors import InputError
-from .learned import LearnedWall
+from .learned import LearnedOutlet, LearnedWall
 from .outlets import Reflection, Windkessel
 from .partial import SideBranch, Stenosis, WallStiffness
 from .quantity import Quantity, quantities
@@ -74,11 +74,11 @@ class WallViscosity(Effect):
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
         viscous = [s.phi0 > 0.0 for s in network.segments]
-        mixed = place == "all" and any(viscous) and not all(viscous)  # no one number says what that would be
+        mixed = place == "all" and any(viscous) and not all(viscous)  # no single number describes this
         return () if mixed else super().coordinates(network, place, bench)
 
     def of_animal(self, network: Described, place: str) -> bool:
-        """Viscosity that is there is the animal's; that which is missing is a discovery."""
+        """A different viscosity is the animal's own; a viscosity that the model lacks is a discovery."""
         return any(s.phi0 > 0.0 for s in network.segments if place in (ALL_PLACES, s.name))
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
@@ -97,7 +97,7 @@ class NonlinearWallViscosity(Effect):
     }
     always = True
     neutral = {"phiNL": 0.0}
-    needs = "phi0"  # what bends or delays a viscous stress acts only where there is one
+    needs = "phi0"  # an effect on the viscous stress needs a viscous wall
     search = SearchSpec(
         typical={"phiNL": 0.5}, relative={"phiNL": ("phi0", "s")}, starts=((0.5,), (-0.5,), (-2.0,)), local=True
     )
@@ -184,7 +184,7 @@ class Taper(Effect):
     separator = "several sites"
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
-        """That of the radius: records do not tell the three apart."""
+        """That of the radius: records cannot distinguish the three."""
         return super().coordinates(network, place, bench)[:1]
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
@@ -228,7 +228,7 @@ class VelocityProfile(Effect):
         return values["alpha"]
 
 
-# Σ_n 1/(s + j²_{2,n}) over the zeros of J_2: the first three as they are (weight 1), the rest by five exponentials
+# Σ_n 1/(s + j²_{2,n}) over the zeros of J_2: the first three exactly (weight 1), the rest by five exponentials
 # fitted to the exact sum I_3(√s)/(2√s I_2(√s)) on s = iω and s = ω, within 0.6 % for 1 <= |s| <= 3e4
 WOMERSLEY_RATES = np.array(
     [26.374616427163, 70.849998919096, 135.020708865970, 277.641, 969.124, 3915.91, 16931.0, 159409.0]
@@ -284,7 +284,7 @@ class TerminalReflection(Effect):
 
 
 class TerminalCompliance(Effect):
-    """Another condition at the outlet rather than a number of the one it has, so there is nothing neutral."""
+    """Replaces the outlet condition rather than changing one of its numbers, so it has no neutral value."""
 
     name = "terminal_compliance"
     equation = "the outlet becomes P = P_C + R1 Q, C dP_C/dt = Q - (P_C - P_venous)/R2"
@@ -310,7 +310,7 @@ class TerminalCompliance(Effect):
         return network.with_outlet(Windkessel(place, **given))
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
-        """R1, C and R2 in place of a reflection, around the resistance that the reflection has for small waves."""
+        """R1, C and R2 instead of a reflection, around the reflection's resistance for small waves."""
         outlet = next((o for o in network.outlets if o.segment == place), None)
         if not isinstance(outlet, Reflection) or outlet.R_t > 0.99:
             return ()
@@ -357,6 +357,7 @@ ALL: tuple[Effect, ...] = (
     UnsteadyFriction(),
     TerminalReflection(),
     TerminalCompliance(),
+    LearnedOutlet(),
     SideBranch(),
     Stenosis(),
     JunctionLoss(),

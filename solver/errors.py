@@ -1,7 +1,7 @@
-"""The error of what somebody gave, and that alone: any other is a fault of the program, which nobody may catch."""
+"""The input error. Any other exception is a bug of the program, which no code may catch."""
 
 from __future__ import annotations
 
 
 class InputError(ValueError):
-    """What was given cannot be used; the message is the sentence for whoever gave it: thing, value, what to do."""
+    """An unusable input; the message is the sentence for the user: quantity, value, remedy."""

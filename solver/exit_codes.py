@@ -1,4 +1,4 @@
-"""What every command of this project ends with, in one table."""
+"""The exit codes of all commands of this project, in one table."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class ExitCode(IntEnum):
-    """How a command ended."""
+    """The exit code of a command."""
 
     DONE = 0
     DOES_NOT_RUN = 1
@@ -18,13 +18,13 @@ class ExitCode(IntEnum):
 
 
 MEANING = {
-    ExitCode.DONE: "done, whatever was found: a fit, a check that disagrees, a verdict",
-    ExitCode.DOES_NOT_RUN: "an FMU does not run here, or ended the process that ran it",
-    ExitCode.BAD_INPUT: "something given is wrong; one sentence on the error stream says what, and what to do",
-    ExitCode.UNUSABLE: "`discover`: the record cannot be used; the report says why",
-    ExitCode.FAULT: "a fault of the program: a traceback on the error stream; please report it",
+    ExitCode.DONE: "the command finished, whatever its result: a fit, a check that disagrees, a verdict",
+    ExitCode.DOES_NOT_RUN: "an FMU does not run on this machine, or ended the process that ran it",
+    ExitCode.BAD_INPUT: "an input is wrong; one sentence on the error stream names the error and the remedy",
+    ExitCode.UNUSABLE: "`discover`: the record is unusable; the report gives the reason",
+    ExitCode.FAULT: "a bug in the program, with a traceback on the error stream; please report it",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C",
-    ExitCode.NOT_READ: "what was to read the output, such as `head`, closed it before its end",
+    ExitCode.NOT_READ: "the reader of the output, such as `head`, closed it early",
 }
 
 

@@ -1,4 +1,4 @@
-"""Network files: TOML in and out. Units are read by pint here, once; inside everything is SI.
+"""Network files: read and write TOML. pint reads the units here, once; all other code uses SI.
 
 A value is text with a unit (``L = "4 cm"``) or a bare number in SI. The keys are the quantities of
 :mod:`solver.network`, so a new quantity needs no change here. Reading is exact: the magnitude times the exact
@@ -16,7 +16,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from . import inlet_curves, outlets, spellings
+from . import inlet_curves, outlets, spellings, table_source
 from .catalogue import quantities_of, terms_of, value_of
 from .errors import InputError
 from .inlet import CAUSALITY, Inlet
@@ -37,13 +37,14 @@ from .writing import write_whole
 _NETWORKS = Path(__file__).parent / "networks"
 _TEXTS = ("name", "species", "reference", "elastic_law", "viscous_law")
 _ETA = next(f.default for f in fields(Network) if f.name == "eta")
-_SECTIONS = ("network", "fluid", "inlet", "inlets", "segments", "junctions", "outlets", "sites", "channels")
+_SECTIONS = ("network", "fluid", "inlet", "inlets", "segments", "junctions", "outlets", "sites", "channels",
+             "sources")  # fmt: skip
 
 
 def read_network(path: str | os.PathLike[str]) -> Network:
-    """The network in a TOML file, or in an FMU, which carries its own.
+    """The network in a TOML file, or in an FMU, which contains its own.
 
-    Raises ValueError: one sentence that starts with the file name and says where, what and how to put it right.
+    Raises ValueError: one sentence that starts with the file name and gives the place, the error and the remedy.
     """
     if Path(path).suffix.lower() == ".fmu" or zipfile.is_zipfile(path):
         return loads(_carried(path), f"{path}: network.toml")
@@ -51,12 +52,12 @@ def read_network(path: str | os.PathLike[str]) -> Network:
 
 
 def _carried(fmu: str | os.PathLike[str]) -> str:
-    """The network file that an FMU was built of."""
+    """The network file inside an FMU."""
     try:
         with zipfile.ZipFile(fmu) as archive:
             return archive.read("resources/network.toml").decode("utf-8")
     except KeyError:
-        raise InputError(f"{fmu}: it carries no network of arteries; give the FMU of one, or a network file.") from None
+        raise InputError(f"{fmu}: it contains no network of arteries; give the FMU of one or a network file.") from None
     except OSError as error:
         raise InputError(f"{fmu}: cannot be read ({error.strerror}); check the path.") from None
     except (zipfile.BadZipFile, zlib.error, UnicodeDecodeError):
@@ -66,14 +67,14 @@ def _carried(fmu: str | os.PathLike[str]) -> str:
 def loads(text: str, name: str, folder: Path | None = None) -> Network:
     """The network in TOML text. Raises ValueError as :func:`read_network`; ``name`` starts the sentence.
 
-    folder : that of the files which the text names; text without one names none.
+    folder : that of the files named in the text; without a folder the text may not name any.
     """
     try:
         data = tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, or an integer of thousands of digits
         if text.lstrip("\ufeff").startswith("time"):
             raise InputError(
-                f"{name}: not a network file but a recording (CSV); give the network that it is of."
+                f"{name}: not a network file but a recording (CSV); give the network of this recording."
             ) from None
         if not isinstance(error, tomllib.TOMLDecodeError):
             raise InputError(f"{name}: not valid TOML: an integer of thousands of digits; correct it.") from None
@@ -108,16 +109,17 @@ def dumps(network: Network) -> str:
     blocks += [["[sites]"]]  # also when there are none: without the section there would be one per segment
     blocks += [[f"[sites.{s.name}]", f"segment = {quoted(s.segment)}", *_numbers_out(s)] for s in network.sites]
     blocks += [[f"[channels.{quoted(c.name)}]", *_lines(c.terms, c.quantities())] for c in network.channels]
+    blocks += map(table_source.lines, network.sources)
     return "\n\n".join("\n".join(lines) for lines in blocks) + "\n"
 
 
 def bundled_names() -> list[str]:
-    """The names of the networks that come with the package."""
+    """The names of the included networks."""
     return sorted(path.stem for path in _NETWORKS.glob("*.toml"))
 
 
 def bundled(name: str) -> Path:
-    """The file of a network that comes with the package ("sheep"). Raises ValueError that lists them."""
+    """The file of an included network ("sheep"). Raises ValueError that lists them."""
     names = bundled_names()
     if name not in names:
         raise InputError(
@@ -128,7 +130,7 @@ def bundled(name: str) -> Path:
 
 
 def find_network(name_or_path: str | os.PathLike[str]) -> Path:
-    """An existing file, or else the bundled network of that name. Raises ValueError that lists the bundled names."""
+    """An existing file, or otherwise the included network of that name. Raises ValueError that lists their names."""
     return Path(name_or_path) if Path(name_or_path).is_file() else bundled(os.fspath(name_or_path))
 
 
@@ -136,7 +138,7 @@ def find_network(name_or_path: str | os.PathLike[str]) -> Path:
 
 
 def from_sections(data: Mapping[str, Any], folder: Path | None = None) -> Network:
-    """The network of a file's sections, as TOML has them. Raises ValueError as :func:`loads`, without the file."""
+    """The network of a file's TOML sections. Raises ValueError as :func:`loads`, without the file name."""
     check_keys("top level", data, (*_TEXTS, *_SECTIONS))
     texts: dict[str, Any] = {key: _text(data, key, "top level") for key in _TEXTS if key in data or key == "name"}
     whole = _numbers(Network, "network", _table(data, "network"))
@@ -155,6 +157,7 @@ def from_sections(data: Mapping[str, Any], folder: Path | None = None) -> Networ
         sites=_sites(data) if "sites" in data else tuple(Site(s.name, s.name) for s in segments),
         channels=tuple(_channel(name, table) for name, table in _tables(data, "channels")),
         further_inlets=tuple(_further_inlet(name, t, folder, inlet.T) for name, t in _tables(data, "inlets")),
+        sources=tuple(table_source.read(t, folder) for t in _list(data, "sources")),
     )
 
 
@@ -173,10 +176,10 @@ def _segment(name: str, table: Mapping[str, Any], eta: float, rho: float) -> Seg
 
 
 def _further_inlet(segment: str, table: Mapping[str, Any], folder: Path | None, T: float) -> Inlet:
-    """An inlet beside the first one, whose period T [s] is its own too."""
+    """A further inlet, which shares the period T [s] of the first one."""
     where = f"{segment}.inlet"
     if "segment" in table:
-        raise InputError(f"{where}.segment: the name of the section says it; leave it out.")
+        raise InputError(f"{where}.segment: the name of the section defines it; omit it.")
     period = {} if inlet_curves.signals(table) else {"T": T}
     return _inlet({**period, **table, "segment": segment}, folder, where)
 
@@ -187,7 +190,7 @@ def _inlet(table: Mapping[str, Any], folder: Path | None, where: str = "inlet") 
     numbers = _numbers(Inlet, where, {key: table[key] for key in quantities(Inlet) if key in table})
     segment, signals = _text(table, "segment", where), inlet_curves.signals(table)
     for other in (*signals[1:], *(["Q_max"] if signals and "Q_max" in table else [])):
-        raise InputError(f"{where}: {signals[0]} and {other} each say what is given there; keep one of them.")
+        raise InputError(f"{where}: {signals[0]} and {other} both prescribe the inlet; keep one of them.")
     curve = inlet_curves.read(table, where, folder, numbers.get("T"))
     given = "flow" if curve is None else CAUSALITY[curve.signal]
     causality = _text({"causality": given, **table}, "causality", where)
@@ -200,7 +203,7 @@ def _inlet(table: Mapping[str, Any], folder: Path | None, where: str = "inlet") 
 
 
 def _inlet_out(inlet: Inlet) -> list[str]:
-    """Its numbers, or what drives it; a flow that a given pressure took the place of is not written."""
+    """Its numbers, or its drive; a flow that a given pressure replaces is not written."""
     curve = inlet.curve
     drives = curve is not None and CAUSALITY[curve.signal] == inlet.causality
     return inlet_curves.lines(curve) if curve is not None and drives else _numbers_out(inlet)
@@ -258,7 +261,8 @@ def _channel(name: str, table: Mapping[str, Any]) -> Channel:
 
 
 def _numbers(kind: Any, where: str, table: Mapping[str, Any], others: Iterable[str] = ()) -> dict[str, Any]:
-    """The quantities of ``kind`` in a section, in SI, with its terms of effects; ``others`` are no numbers."""
+    """The quantities of ``kind`` in a section, in SI, with its terms of effects; ``others`` are keys without
+    numbers."""
     own, held = quantities(kind), terms_of(getattr(kind, "OWNER", ""))
     check_keys(where, table, (*own, *held, *others))
     for f in fields(kind):

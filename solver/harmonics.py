@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from .balance import MOST, Waves, amplitudes, balanced, moments_of, samples, spe
 from .coefficients import Parameters
 from .errors import InputError
 from .inflow import Drives, Inflows, drives_of
+from .native import NoEngine, refuse_without
+from .native_balance import BalanceEngine, Unsolved, engine_for
 from .network import Network
 from .outputs import reporter
 from .scheme.guards import physical
@@ -21,12 +24,15 @@ from .sources import NO_FORCING, Forcing, Source, shown
 Array = np.ndarray
 
 _CORRECTIONS = 40
+_FEW = 3  # harmonics of the beat that is compared
+_EQUAL = 1e-8  # to which a balance of the engine must be that of NumPy, in parts of the largest of its kind
 
 
 def beat_harmonics(
     network: Network, names: Sequence[str], K: int, inflow: Inflows | None = None, period: float | None = None, *,
     parameters: Parameters | None = None, settings: Settings | None = None, tolerance: float = 1e-5, more: int = 8,
     sources: Sequence[Source] = (), amplitudes: Array | None = None, progress: Callable[[], None] | None = None,
+    backend: str = "auto",
 ) -> Array:  # fmt: skip
     """X : (B, K+1, m) complex harmonics of outputs of the beat that repeats: x(t) = X_0 + 2 Re Σ X_k e^{2πikt/T}.
 
@@ -35,7 +41,9 @@ def beat_harmonics(
     that pulsate, relative to them; what is left is a part of it. more : harmonics that are kept beyond K, whose
     products with others count below it. settings.dt plays no role. sources : terms that are added to the equations
     (:mod:`~solver.sources`), with the harmonics ``amplitudes`` : (n, n_sources), the same for all members.
-    progress : called after every correction; what it raises ends the search. Other arguments as there.
+    progress : called after every correction; what it raises ends the search. backend : "numpy"; "native", the compiled
+    engine (:mod:`~solver.native_balance`), whose answer is the same to 1e-9 of the largest of its kind; "auto", the
+    engine where it is built and can run the network. Other arguments as there.
 
     Members of a batch whose balance is not found, or has no room, are NaN; a simulation in time may find their beat.
     Raises ValueError as simulate_periodic, for names that are no outputs, and where a member has no steady state with
@@ -51,9 +59,11 @@ def beat_harmonics(
     g = np.zeros((1, 0)) if amplitudes is None else amplitudes
 
     def found_of(model: Model, drives: Drives) -> Array:
-        forcing = Forcing.of(model, sources, g, K + more + 1) if sources else NO_FORCING
-        X = _of_all(model, names, K, drives, T, tolerance, more, progress, forcing)
-        own = g[: K + 1] @ shown(network, names, sources)
+        every, each = model.tables.beside(sources, g, T, K + more + 1)
+        forcing = Forcing.of(model, every, each, K + more + 1) if every else NO_FORCING
+        asked = _Asked(tuple(names), K, T, tolerance, progress)
+        X = _beats(model, spectrum(model, drives, T, K + more), forcing, asked, backend)
+        own = each[: K + 1] @ shown(network, names, every)
         X[:, : len(own)] += own
         return X
 
@@ -85,26 +95,81 @@ def _check(network: Network, names: Sequence[str], K: int, more: int, tolerance:
         raise InputError(f"tolerance = {tolerance!r} must be a positive number.")
 
 
-def _of_all(
-    model: Model, names: Sequence[str], K: int, drives: Drives, T: float, tolerance: float, more: int,
-    progress: Callable[[], None] | None, forcing: Forcing,
-) -> Array:  # fmt: skip
-    harmonics = spectrum(model, drives, T, K + more)
+class _Asked(NamedTuple):
+    """Of which outputs how many harmonics are wanted, of what period, and how near; progress : called on the way."""
+
+    names: tuple[str, ...]
+    K: int
+    T: float
+    tolerance: float
+    progress: Callable[[], None] | None
+
+
+def _beats(model: Model, drive: Array, forcing: Forcing, asked: _Asked, backend: str) -> Array:
+    """X : (B, K+1, m) under drives and sources with these harmonics; the engine's where it solves them all."""
+    engine = engine_for(model, backend)
+    try:
+        return _by_numpy(model, drive, forcing, asked) if engine is None else _by_engine(engine, drive, forcing, asked)
+    except Unsolved:
+        return _by_numpy(model, drive, forcing, asked)
+    except NoEngine as reason:
+        if backend == "native":
+            refuse_without(reason)
+        return _by_numpy(model, drive, forcing, asked)
+
+
+def _by_engine(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _Asked) -> Array:
+    """Raises NoEngine where it is not that of NumPy, Unsolved."""
+    model = engine.model
+    if not engine.checked:
+        _compare(engine, drive, forcing, asked)
+    X = np.full((model.coefficients.B, asked.K + 1, len(asked.names)), np.nan, complex)
+    units = tuple(model.network.output_units())
+    columns = [units.index(name) for name in asked.names]
+    beats = engine.beats(drive, asked.T, asked.tolerance, _CORRECTIONS, asked.progress, forcing)
+    for b, (beat, found) in enumerate(beats):
+        if found is not None and beat.last < asked.tolerance:
+            X[b] = found[: asked.K + 1, columns]
+    return X
+
+
+def _compare(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _Asked) -> None:
+    """Compare a beat of few harmonics, of the first member, with NumPy's. Raises NoEngine where it is another."""
+    few, one, model = slice(_FEW + 1), slice(1), engine.model
+    own = {name: np.broadcast_to(value, model.coefficients.B)[one] for name, value in model.parameters.items()}
+    alone, part = model.with_parameters(own), asked._replace(K=min(asked.K, _FEW), progress=None)
+    drive, forcing = drive[few, one], forcing.part(few, one)
+    expected = _by_numpy(alone, drive, forcing, part)[0]
+    ((beat, found),) = BalanceEngine(alone).beats(drive, part.T, part.tolerance, _CORRECTIONS, None, forcing)
+    if found is None or np.isnan(expected).any():
+        return
+    units = tuple(model.network.output_units())
+    off = np.abs(found[: part.K + 1, [units.index(name) for name in part.names]] - expected)
+    kinds = np.array([name[-1] for name in part.names])
+    for kind in set(kinds.tolist()):
+        of = kinds == kind
+        apart = off[:, of].max() / max(np.abs(expected[:, of]).max(), np.finfo(float).tiny)
+        if not apart <= _EQUAL:
+            raise NoEngine(f"a balance of it is not that of NumPy: {kind} is {apart:.1e} off")
+    engine.was_checked()
+
+
+def _by_numpy(model: Model, drive: Array, forcing: Forcing, asked: _Asked) -> Array:
     with np.errstate(all="ignore"):
-        rest = steady(model, harmonics[0].real)
+        rest = steady(model, drive[0].real)
         try:
-            waves, last = balanced(model, rest, harmonics, T, tolerance, _CORRECTIONS, progress, forcing)
+            waves, last = balanced(model, rest, drive, asked.T, asked.tolerance, _CORRECTIONS, asked.progress, forcing)
         except np.linalg.LinAlgError:  # waves of some frequency that nothing determines
-            return np.full((model.coefficients.B, K + 1, len(names)), np.nan, complex)
-        X, good = _observed(model, waves, rest, names)
-    X[~(good & (last < tolerance))] = np.nan
-    return X[:, : K + 1]
+            return np.full((model.coefficients.B, asked.K + 1, len(asked.names)), np.nan, complex)
+        X, good = _observed(model, waves, rest, asked.names)
+    X[~(good & (last < asked.tolerance))] = np.nan
+    return X[:, : asked.K + 1]
 
 
 def _observed(model: Model, waves: Waves, rest: State, names: Sequence[str]) -> tuple[Array, Array]:
     """Harmonics (B, K+1, m) of outputs, and whether every moment of a member is physical : (B,)."""
     moments, values, good = moments_of(model, len(waves.y)), list[Array](), list[Array]()
-    report = reporter(moments.model)
+    report = reporter(moments.model, tables=False)
     for y, H, rate in moments.of_each(*map(samples, (waves.y, waves.H, waves.rates))):
         A, A_t, Q = (model.layout.part(x, name) for x, name in ((y, "A"), (rate, "A"), (y, "Q")))
         values.append(report(rest.of_moments(y, A_t, H)))

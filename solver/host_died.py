@@ -1,4 +1,4 @@
-"""What is said where a process that ran an FMU died: neither the record nor the model is to blame."""
+"""The error for a process that died while it ran an FMU: neither the record nor the model is the cause."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .exit_codes import ExitCode
 
 
 class HostDied(RuntimeError):
-    """A process that ran an FMU died; the message says which, how, and what to do."""
+    """A process that ran an FMU died; the message gives the FMU, the reason and the remedy."""
 
     exit_code = ExitCode.DOES_NOT_RUN
 
@@ -22,7 +22,7 @@ class HostDied(RuntimeError):
 
 
 def ended(code: int) -> str:
-    """How a process ended, from its exit code, which is negative after a signal: "died of signal 11 (SIGSEGV)"."""
+    """The end of a process in words, from its exit code, negative after a signal: "died of signal 11 (SIGSEGV)"."""
     try:
         return f"died of signal {-code} ({signal.Signals(-code).name})"
     except ValueError:

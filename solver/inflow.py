@@ -1,4 +1,4 @@
-"""What drives the inlets of a run: functions of time, sampled as the schemes take them."""
+"""The drives of a run's inlets: functions of time, sampled at the times of the schemes."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def sampled_inflow(t: Array, Q: Array, period: float | None = None) -> Inflow:
 
 
 def drives_of(network: Network, inflow: Inflows | None, B: int) -> Drives:
-    """What drives the inlets of a batch of B: what is given, that of the first inlet without its name, else the
-    network's own. Raises ValueError where there is none, or for a name that drives nothing."""
+    """The drives of the inlets for a batch of B: the given ones (for the first inlet also without its name), otherwise
+    the network's own. Raises ValueError for an inlet without a drive, or for a name that drives nothing."""
     given = inflow if isinstance(inflow, Mapping) else {network.inlet.drive: inflow} if inflow else {}
     own = {inlet.drive: inlet.given for inlet in network.inlets}
     for name in given:
@@ -49,21 +49,21 @@ def drives_of(network: Network, inflow: Inflows | None, B: int) -> Drives:
 
 @dataclass(frozen=True)
 class Drives:
-    """Q(t) [m³/s] or P(t) [Pa] of each inlet by the name of what drives it, for a batch of B."""
+    """Q(t) [m³/s] or P(t) [Pa] of each inlet by the name of the driving variable, for a batch of B."""
 
     inflows: Mapping[str, Inflow]
     B: int
 
     def __call__(self, t: Array) -> Array:
-        """What the steps of the schemes take at times t [s] : t.shape or t.shape + (B,), with an axis for the inlets
-        behind the first."""
+        """The drives for the steps of the schemes at times t [s] : t.shape or t.shape + (B,), with an axis for the
+        inlets after the first."""
         values = [self.values(name, t) for name in self.inflows]
         if any(each.ndim > t.ndim for each in values):
             values = [x if x.ndim > t.ndim else np.repeat(x[..., None], self.B, axis=-1) for x in values]
         return np.stack(values, axis=1)
 
     def members(self, part: slice) -> Drives:
-        """Those of some members of a batch."""
+        """The drives of some members of a batch."""
 
         def own(inflow: Inflow) -> Inflow:
             def some(t: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Where blood enters a network, and what drives it there."""
+"""The inlet of a network and its drive."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from .curve import Curve
 from .quantity import quantity
 
-CAUSALITY = {"Q": "flow", "P": "pressure"}  # of an inlet, by the signal that is given there
+CAUSALITY = {"Q": "flow", "P": "pressure"}  # of an inlet, by its prescribed signal
 
 
 @dataclass(frozen=True)
 class Inlet:
-    """Where blood enters, and the default inflow: Q(t) = Q_max max(0, sin 2πt/T), the paper's cyclic half-sine.
+    """An inlet and its default inflow: Q(t) = Q_max max(0, sin 2πt/T), the paper's cyclic half-sine.
 
-    causality : what is given there, the flow or the pressure; the other one is an output.
-    curve : what is given there in place of the half-sine; Q_max and T are then those of the curve.
-    first : whether its variables are those of the inlet, ``inlet.Q``; those of the others are ``LSA.inlet.Q``.
+    causality : the prescribed quantity, flow or pressure; the other one is an output.
+    curve : replaces the half-sine; Q_max and T are then those of the curve.
+    first : whether its variables are named ``inlet.Q``; those of further inlets are ``LSA.inlet.Q``.
     """
 
     segment: str
@@ -41,17 +41,17 @@ class Inlet:
 
     @property
     def drive(self) -> str:
-        """What is given at the inlet: inlet.Q or inlet.P."""
+        """The prescribed variable: inlet.Q or inlet.P."""
         return self.variable("Q" if self.causality == "flow" else "P")
 
     @property
     def answer(self) -> str:
-        """What follows there: inlet.P or inlet.Q."""
+        """The resulting variable: inlet.P or inlet.Q."""
         return self.variable("P" if self.causality == "flow" else "Q")
 
     @property
     def name(self) -> str:
-        """What its variables begin with."""
+        """The prefix of its variables."""
         return "inlet" if self.first else f"{self.segment}.inlet"
 
     def variable(self, key: str) -> str:
@@ -70,17 +70,18 @@ class Inlet:
 
     @property
     def P_mean(self) -> float | None:
-        """The mean of the pressure [Pa], where there is a curve of it."""
+        """The mean of the pressure [Pa], if it has a pressure curve."""
         return self.curve.mean if self.curve is not None and self.curve.signal == "P" else None
 
     @property
     def mean(self) -> float | None:
-        """The mean of what is given there: of the flow [m³/s], or of the pressure [Pa] where there is a curve of it."""
+        """The mean of the prescribed quantity: of the flow [m³/s], or of the pressure [Pa] if it has a pressure
+        curve."""
         return self.Q_mean if self.causality == "flow" else self.P_mean
 
     def with_mean(self, mean: float | None, T: float) -> Inlet:
-        """The same inlet with another mean, as :attr:`mean`, and another period [s]: a flow is scaled, and is a
-        half-sine where its mean is 0; a pressure is raised."""
+        """The same inlet with another :attr:`mean` and another period [s]: a flow is scaled (a half-sine if its mean is
+        0); a pressure is shifted."""
         if (mean, T) == (self.mean, self.T):
             return self
         if self.causality == "pressure":
@@ -101,7 +102,7 @@ class Inlet:
 
     @property
     def given(self) -> Callable[[np.ndarray], np.ndarray] | None:
-        """What drives the inlet by default, Q(t) [m³/s] or P(t) [Pa]; None for a pressure inlet without a curve."""
+        """The default drive, Q(t) [m³/s] or P(t) [Pa]; None for a pressure inlet without a curve."""
         if self.causality == "flow":
             return self.Q
         curve = self.curve

@@ -1,4 +1,4 @@
-"""What drives an inlet, as its section of the network file says it: a table or a Fourier series.
+"""The drive of an inlet in the network file: a table or a Fourier series.
 
     Q = "inflow.csv"                                       a table in a file beside the network file
     t = [0, 0.2, 1]   Q = [0, 1e-4, 0]                     the same in the section
@@ -32,13 +32,13 @@ KEYS = (*_OF_TABLES, *CAUSALITY, *(f"{signal}_{part}" for signal in CAUSALITY fo
 
 
 def signals(table: Mapping[str, Any]) -> list[str]:
-    """The keys of a section that say what is given; those of one series count as one."""
+    """The keys of a section that prescribe a signal; those of one series count as one."""
     series = {f"{signal}_{part}": f"{signal}_cos" for signal in CAUSALITY for part in _SERIES}
     return list(dict.fromkeys(series.get(key, key) for key in table if key in CAUSALITY or key in series))
 
 
 def read(table: Mapping[str, Any], where: str, folder: Path | None, period: float | None) -> Curve | None:
-    """The curve of a section, None where it has none.
+    """The curve of a section, or None.
 
     where : its name in sentences. folder : that of the network file. period [s] : its key T.
     Raises ValueError, one sentence.
@@ -46,7 +46,7 @@ def read(table: Mapping[str, Any], where: str, folder: Path | None, period: floa
     found = signals(table)
     for key in _OF_TABLES:
         if key in table and not any(signal in CAUSALITY for signal in found):
-            raise InputError(f"{where}.{key}: it belongs to a table; give Q or P too.")
+            raise InputError(f"{where}.{key}: it belongs to a table; also give Q or P.")
     if not found:
         return None
     made = _of_table(found[0], table, where, folder) if found[0] in CAUSALITY else None
@@ -62,7 +62,7 @@ def read(table: Mapping[str, Any], where: str, folder: Path | None, period: floa
 
 
 def lines(curve: Curve) -> list[str]:
-    """The lines of a section that :func:`read` makes an equal curve of."""
+    """The lines of a section from which :func:`read` restores an equal curve."""
     table = [f"t = {list(curve.t)!r}", f"{curve.signal} = {list(curve.values)!r}"]
     harmonics = [f"harmonics = {curve.harmonics}"] if curve.harmonics else []
     return [*table, f'interpolation = "{curve.interpolation}"', *harmonics, f'T = "{curve.period!r} s"']
@@ -84,7 +84,7 @@ def _series(signal: str, table: Mapping[str, Any], period: float | None) -> Curv
 
 
 def _of_table(signal: str, table: Mapping[str, Any], where: str, folder: Path | None) -> tuple[Array, Array]:
-    """Times [s] and values in SI, from a list beside one of times, or from a file."""
+    """Times [s] and values in SI, from two lists or from a file."""
     given, name = table[signal], f"{where}.{signal}"
     if isinstance(given, list):
         times = table.get("t")
@@ -96,7 +96,7 @@ def _of_table(signal: str, table: Mapping[str, Any], where: str, folder: Path | 
     if "t" in table:
         raise InputError(f"{where}.t: the times are in the table; leave t out.")
     if folder is None and not Path(given).is_absolute():
-        raise InputError(f"{name} = {given!r}: text has no folder to look in; read the network from its file.")
+        raise InputError(f"{name} = {given!r}: text has no folder for tables; read the network from its file.")
     return read_signal(signal, (folder or Path()) / given)
 
 

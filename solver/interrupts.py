@@ -1,4 +1,4 @@
-"""Ctrl-C, where an exception in between would be lost or leave half of the work."""
+"""Ctrl-C where an immediate exception would be lost or leave half of the work."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Any
 
 @contextmanager
 def interrupts_later() -> Iterator[Callable[[], None]]:
-    """Ctrl-C is answered at the end of the block, or when the function that it gives is called, not in between."""
+    """Delay Ctrl-C to the end of the block, or to a call of the function that it yields."""
     answer = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(answer):
-        yield lambda: None  # no signal comes here
+        yield lambda: None  # signals arrive in the main thread only
         return
     came: list[tuple[int, Any]] = []
 

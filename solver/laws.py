@@ -1,8 +1,8 @@
-"""The laws of an arterial wall: elastic ones, and viscous ones, by name.
+"""The elastic and viscous laws of an arterial wall, by name.
 
-They are written in the stretch s = R/R0 = √(A/A0), with strain ε = s - 1 and strain rate ε̇. Two elastic laws (the
-paper's fit and its network differ by R0/R) and two viscous ones exist, each a small frozen object; beside them one that
-is learned from a record. Pressure, derivative and integral of a law are tied together by tests.
+They are functions of the stretch s = R/R0 = √(A/A0), with strain ε = s - 1 and strain rate ε̇. There are two elastic
+laws (the paper's fit and its network differ by R0/R) and two viscous ones, each a small frozen object, and one that is
+learned from a record. Tests check pressure, derivative and integral of a law against each other.
 """
 
 from __future__ import annotations
@@ -214,13 +214,13 @@ VISCOUS_LAWS: dict[str, ViscousLaw] = {law.name: law for law in (Quadratic(), Mo
 
 @dataclass(frozen=True)
 class LearnedStress:
-    """A further viscous stress whose form was found from a record, beside that of the viscous law:
+    """An additional viscous stress with a form learned from a record, beside that of the viscous law:
 
         σ_L = (rise u + fall (1 - u)) ε̇ + cubic ε̇³ + friction tanh(4 ε̇/rate),    u = (ε - low)/span
 
-    It is held where it was learned: u stays within [0, 1], and beyond ±rate the viscosity ∂σ_L/∂ε̇ stays what it is
-    there. With numbers that are not negative σ_L is odd and does not fall with ε̇, and σ_L ε̇ >= 0 at any ε: over no
-    loop does it give out energy.
+    Outside the learned range it is extrapolated constantly: u is limited to [0, 1], and beyond ±rate the viscosity
+    ∂σ_L/∂ε̇ is constant. With non-negative numbers σ_L is odd and does not decrease with ε̇, and σ_L ε̇ >= 0 at any ε: it
+    releases no energy over any loop.
     rise, fall [Pa·s]; cubic [Pa·s³]; friction [Pa]; low, span [-]; rate [1/s]; all like the strain.
     """
 

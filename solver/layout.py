@@ -1,4 +1,4 @@
-"""A network laid out from left to right, for whoever draws it. Not part of the FMU's code."""
+"""The layout of a network from left to right, for drawings. Not part of the FMU's code."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ BEND = 0.45  # columns over which a segment leaves its junction for its own lane
 
 @dataclass(frozen=True)
 class Lane:
-    """Where a segment is drawn: from column ``x0`` to ``x1`` at height ``y``, joined to its ends at ``y0``, ``y1``."""
+    """The position of a segment in a drawing: from column ``x0`` to ``x1`` at height ``y``, with its ends at ``y0``,
+    ``y1``."""
 
     segment: Segment
     outlet: Outlet | None
@@ -32,7 +33,7 @@ class Lane:
     relative_radius: float  # of the widest segment
 
     def height(self, part: Array | float) -> Array:
-        """Height at ``part`` of the way from x0 to x1: smooth bends at the ends, level between them."""
+        """Height at the fraction ``part`` from x0 to x1: smooth bends at the ends, level between them."""
         x = np.asarray(part, float) * abs(self.x1 - self.x0)
 
         def smooth(u: Array) -> Array:
@@ -60,14 +61,14 @@ class Lane:
 
 
 def lanes(network: Network) -> list[Lane]:
-    """Lay a network out from left to right: columns by the longest way from an inlet, one lane per free end."""
+    """Lay out a network from left to right: columns by the longest path from an inlet, one lane per free end."""
     nodes = topology(network)
     start, end = nodes.start.tolist(), nodes.end.tolist()
     leaving: dict[int, list[int]] = {}
     for i, node in enumerate(start):
         leaving.setdefault(node, []).append(i)
 
-    # walk the tree depth first, with a stack of its own: (segment that led here, segments still to follow, node)
+    # walk the tree depth first, with an explicit stack: (segment that led here, segments still to follow, node)
     y: dict[int, float] = {}
     lane = count()
     left: dict[int, None] = {}  # nodes in the order in which the walk left them: the reverse is downstream order

@@ -1,14 +1,15 @@
-"""A wall's law that was learned from a record: some of a few terms of strain and strain rate, where they were seen."""
+"""Laws of a wall and of an outlet that were learned from a record: a few terms of their state, where it was seen."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from .effect import Array, Effect, SearchSpec, Values
-from .quantity import Quantity
+from .effect import Array, Described, Effect, SearchSpec, Values, small_wave_impedance
+from .quantity import Quantity, quantities
 from .wall import Wall
 
 _BEYOND = 0.25  # of a range that was seen, by which it is held farther: a refit and other beats move within that
@@ -73,3 +74,60 @@ class LearnedWall(Effect):
         }
         said = f"σ = … + {' + '.join(each[key] for key in keys)}"
         return said + (", u = (ε - low)/span" if {"learned_rise", "learned_fall"} & set(keys) else "")
+
+
+class LearnedOutlet(Effect):
+    """A further flow through an outlet, whose conductance depends on the pressure. No number is below 0, so that it
+    runs down the pressure at every moment and gives out energy over no cycle. What follows P by dP/dt is a compliance,
+    which the catalogue has (``terminal_compliance``)."""
+
+    name = "learned_outlet"
+    equation = "Q = … + (open u + shut (1 - u)) (P - P_venous), u = (P - P_venous - from)/over in [0, 1]"
+    owner = "outlet"
+    places = ("all", "outlet")
+    terms = {
+        "learned_open": Quantity(
+            "m^3/(Pa.s)", "learned conductance at the highest pressure", 0.0, 1e-3, nominal=1e-10, display="mL/(s.mmHg)"
+        ),
+        "learned_shut": Quantity(
+            "m^3/(Pa.s)", "learned conductance at the lowest pressure", 0.0, 1e-3, nominal=1e-10, display="mL/(s.mmHg)"
+        ),
+        "learned_from": Quantity(
+            "Pa", "lowest P - P_venous of the learned law, held below", -1e6, 1e6, nominal=1e3, display="mmHg"
+        ),
+        "learned_over": Quantity(
+            "Pa", "range of its pressures, held above", 0.0, 1e6, nominal=1e3, display="mmHg", open_low=True
+        ),
+    }
+    neutral = {"learned_open": 0.0, "learned_shut": 0.0, "learned_from": 0.0, "learned_over": 1.0}
+    how = ("learned_from", "learned_over")
+    library = ("learned_open", "learned_shut")
+    search = SearchSpec(typical={"learned_open": 0.1, "learned_shut": 0.1})  # of that of small waves, 1/Z
+    signature = "an outlet that opens or shuts with the pressure"
+    confusable = ("terminal_reflection",)
+    separator = "other pressures"
+
+    def acts_on(self, owner: Any) -> bool:
+        return not owner.stores and bool({"R", "R_t"} & set(quantities(owner)))
+
+    def step(self, network: Described, owner: Any, key: str) -> float:
+        Z = small_wave_impedance(network, network.segment(owner.segment))
+        return super().step(network, owner, key) / Z
+
+    def outflow(self, P: Array, values: Values) -> tuple[Array, Array]:
+        low, over = values["learned_from"], values["learned_over"]
+        u = np.clip((P - low) / over, 0.0, 1.0)
+        g = values["learned_open"] * u + values["learned_shut"] * (1.0 - u)
+        inside = (P >= low) & (P <= low + over)
+        bent = np.where(inside, (values["learned_open"] - values["learned_shut"]) / over * P, 0.0)
+        return g * P, g + bent
+
+    def valid(self, state: Array, rate: Array) -> dict[str, float]:
+        low, high = float(state.min()), float(state.max())
+        more = _BEYOND * (high - low)
+        return {"learned_from": low - more, "learned_over": high - low + 2.0 * more}
+
+    def formula(self, keys: Sequence[str]) -> str:
+        each = {"learned_open": "open u", "learned_shut": "shut (1 - u)"}
+        said = " + ".join(each[key] for key in keys)
+        return f"Q = … + ({said}) (P - P_venous), u = (P - P_venous - from)/over"

@@ -1,7 +1,7 @@
-"""Numbers as people read them: how every page, table and terminal writes a number, and one with its interval.
+"""Number formatting on every page, table and terminal, with and without intervals.
 
-A number that has an interval is written to the second digit of half of it, any other to three or four digits. Minus is
-the true one; a power of ten stands only where a number would else have many zeros.
+A number with an interval is rounded to the second digit of the half-width, any other to three or four digits. The minus
+sign is U+2212; a power of ten replaces many zeros.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from .units import raised, readable
 
 DASH = "–"
 NOT_DETERMINED = "not determined"
-_PLAIN = (1e-4, 1e7)  # between them no power of ten
+_PLAIN = (1e-4, 1e7)  # range without a power of ten
 _FINEST = 8  # decimals
-_ENDLESS = 10.0  # times a number: an interval of half that width, 0.05 to 20 times a number that is positive
+_ENDLESS = 10.0  # half-width over the number: an interval of 0.05 to 20 times a positive number
 
 
 def number(value: float, digits: int = 3) -> str:
-    """To ``digits`` significant digits, zeros at the end left out; a dash for what is not a number."""
+    """To ``digits`` significant digits, without trailing zeros; a dash for NaN."""
     if not math.isfinite(value):
         return DASH
     mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
@@ -33,7 +33,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def significant(value: float, digits: int = 4) -> str:
-    """As :func:`number`, zeros at the end kept: for columns of numbers without intervals."""
+    """As :func:`number`, with trailing zeros: for columns of numbers without intervals."""
     short = number(value, digits)
     plain = short.lstrip("−").replace(".", "").lstrip("0")
     missing = digits - len(plain)
@@ -49,12 +49,12 @@ def signed(value: float, digits: int = 2) -> str:
 
 
 def decimals(half: float) -> int:
-    """Decimals that show a number to the second digit of half its interval, half > 0; negative for large numbers."""
+    """Decimals that round a number to the second digit of its half-width, half > 0; negative for large numbers."""
     return 1 - math.floor(math.log10(half))
 
 
 def rounded(value: float, half: float) -> str:
-    """To the second digit of half its interval; as :func:`number` where it has none or that is far from its size."""
+    """To the second digit of its half-width; as :func:`number` if it has none or one of very different magnitude."""
     if not (math.isfinite(value) and math.isfinite(half) and half > 0.0):
         return number(value, 4)
     places = decimals(half)
@@ -64,17 +64,17 @@ def rounded(value: float, half: float) -> str:
 
 
 def plus_minus(value: float, half: float) -> str:
-    """A number and half its interval."""
+    """A number and the half-width of its interval."""
     return f"{rounded(value, half)} ± {rounded(half, half)}"
 
 
 def endless(value: float, ends: tuple[float, float] | None) -> bool:
-    """Whether an interval of a positive number is so wide that it says nothing of it."""
+    """Whether an interval of a positive number is too wide to be informative."""
     return ends is not None and ends[0] >= 0.0 and 0.5 * (ends[1] - ends[0]) > _ENDLESS * abs(value)
 
 
 def interval(low: float, high: float) -> str:
-    """Both ends; a dash where they are none."""
+    """Both ends; a dash if there are none."""
     if not (math.isfinite(low) and math.isfinite(high)):
         return DASH
     half = 0.5 * (high - low)
@@ -82,5 +82,5 @@ def interval(low: float, high: float) -> str:
 
 
 def shown_in(quantity: Quantity) -> tuple[str, float]:
-    """The unit that people read a quantity in, and its factor from SI."""
+    """The display unit of a quantity, and its factor from SI."""
     return readable(quantity.unit, quantity.display)

@@ -1,4 +1,4 @@
-"""The network linearised at rest, one harmonic at a time: an oracle for the solvers and a first guess for fits.
+"""The network linearised at rest, one harmonic at a time: a reference for the solvers and a first guess for fits.
 
 With P = P_0 + P', A = A_rest + A', small Q and time dependence e^{iωt}, `momentumConserv_AQ` and `sheep_constitutive`
 become in each segment
@@ -12,11 +12,11 @@ flow at its middle (s = x - L/2), which is regular at ω = 0, without friction, 
     P'(x) = P'_mid cosh γs - Q_mid Z_c sinh γs,     Q(x) = Q_mid cosh γs - P'_mid sinh(γs)/Z_c
 
 The sums belong to the effects unsteady_friction, stress_relaxation and fractional_viscosity, g to side_branch of
-:mod:`~solver.effects`; a stenosis vanishes at rest, and a tapered segment is refused.
+:mod:`~solver.effects`; a stenosis vanishes at rest, and a tapered segment is an error.
 
-Joined ends have one pressure and ΣQ = 0, in trees and loops alike. Valid for small strain and U/c; the nonlinear wall
-viscosity and convection vanish. Source: linear one-dimensional theory, Alastruey, Parker and Sherwin, ICPS (2012), with
-the Kelvin–Voigt walls of Wang, Fullana and Lagrée, Comput. Methods Biomech. Biomed. Engng 18 (2015) 1704.
+Joined ends share one pressure and have ΣQ = 0, in trees and loops alike. Valid for small strain and U/c; the nonlinear
+wall viscosity and convection vanish. Source: linear one-dimensional theory, Alastruey, Parker and Sherwin, ICPS (2012),
+with the Kelvin–Voigt walls of Wang, Fullana and Lagrée, Comput. Methods Biomech. Biomed. Engng 18 (2015) 1704.
 """
 
 from __future__ import annotations
@@ -31,19 +31,20 @@ from .effect import Points
 from .errors import InputError
 from .network import Network
 from .scheme.mesh import Topology, topology
+from .table_source import refuse
 from .wall import Wall
 
 Array = np.ndarray
 Inflows = Array | Mapping[str, Array]
 
-_PLACES = np.linspace(0.0, 1.0, 21)  # x/L where walls are compared
+_PLACES = np.linspace(0.0, 1.0, 21)  # x/L, to check that walls are uniform
 
 
 @dataclass(frozen=True)
 class Harmonics:
     """Complex amplitudes at angular frequencies omega : (n,) [rad/s]. A batch has a leading axis B on all other arrays.
 
-    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.scheme.mesh.Topology`. Q_inlet : (n,) [m³/s], of several
+    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.scheme.mesh.Topology`. Q_inlet : (n,) [m³/s], for several
     inlets (n_inlets, n).
     Q_outlet : (n_outlets, n) [m³/s].
     P_site [Pa], Q_site [m³/s], R_site [m] : (n_sites, n). At ω = 0 they are means: absolute pressure, whole radius.
@@ -76,13 +77,14 @@ def propagation(network: Network, omega: Array, parameters: Parameters | None = 
 def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | None = None) -> Harmonics:
     """The response of the whole network to harmonics of the inflow.
 
-    Q : (n,) or (B, n) [m³/s], complex amplitude at each ω, the mean where ω = 0; of the pressure [Pa] where that drives
-    the inlet; of several inlets by the names of what drives them, {"inlet.Q": …, "LSA.inlet.Q": …}. omega : (n,)
-    [rad/s], not negative.
+    Q : (n,) or (B, n) [m³/s], complex amplitude at each ω, the mean at ω = 0; for a pressure-driven inlet that of the
+    pressure [Pa]; for several inlets by driving variable, {"inlet.Q": …, "LSA.inlet.Q": …}. omega : (n,) [rad/s], not
+    negative.
     parameters : replaced by name, scalars or arrays of B, as in :func:`~solver.coefficients.coefficients`.
-    Raises ValueError where the shapes do not fit, a wall is unstable at P_0, the mean pressure or the mean flow round a
+    Raises ValueError if the shapes do not fit, a wall is unstable at P_0, the mean pressure or the mean flow round a
     loop is undetermined, or ω is a resonance without damping.
     """
+    refuse(network.sources, "the linear theory")
     omega = _frequencies(omega)
     c = coefficients(network, parameters)
     given = [np.asarray(each, complex) for each in _of_inlets(network, Q).values()]
@@ -96,7 +98,7 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     batched = c.batched or any(each.ndim == 2 for each in given)
     nodes = topology(network)
     A, Z, Y, compliance = _line(network, c, omega)
-    # flows are counted in Pa, as Z_ref Q, so that all unknowns and equations have one scale
+    # flows are expressed in Pa, as Z_ref Q, so that all unknowns and equations have one scale
     Z_ref = np.sqrt(c.wall.rho * c.wall.stiffness(A) / A)[:, :1, None]
     L = c.L[:, None, :]
     Z, Y = Z * L / Z_ref, Y * L * Z_ref
@@ -131,7 +133,7 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
 def waveforms(network: Network, Q: Inflows, T: float, parameters: Parameters | None = None) -> dict[str, Array]:
     """The periodic waveforms for n samples of inflow, evenly spaced over one period without its end.
 
-    Q : (n,) or (B, n) [m³/s], or the pressure [Pa] that drives the inlet, of several as in :func:`solve`. T : period
+    Q : (n,) or (B, n) [m³/s], or the pressure [Pa] that drives the inlet, for several as in :func:`solve`. T : period
     [s]. Returns arrays (n,) or (B, n) by the FMU's names: ``inlet.P`` [Pa] or ``inlet.Q``, ``<site>.P``, ``.Q`` [m³/s]
     and ``.R`` [m], ``<segment>.outlet.P`` and ``.Q``. Raises ValueError as :func:`solve`.
     """
@@ -148,8 +150,8 @@ def waveforms(network: Network, Q: Inflows, T: float, parameters: Parameters | N
     h = solve(network, {name: np.fft.rfft(each, norm="forward") for name, each in given.items()}, omega, parameters)
 
     def back(x: Array) -> Array:
-        # for even n the samples carry only the cosine of the last (Nyquist) harmonic: the mean of the responses at ±ω,
-        # the real part, which is what irfft takes
+        # for even n the samples determine only the cosine of the last (Nyquist) harmonic: the mean of the responses at
+        # ±ω, the real part, which irfft uses
         return np.fft.irfft(x, n, norm="forward")
 
     P_node = back(h.P_node)
@@ -166,7 +168,7 @@ def waveforms(network: Network, Q: Inflows, T: float, parameters: Parameters | N
 
 
 def _of_inlets(network: Network, Q: Inflows) -> dict[str, Array]:
-    """What drives each inlet, by name. Raises ValueError where one is missing or unknown."""
+    """The drive of each inlet, by name. Raises ValueError if one is missing or unknown."""
     names = [inlet.drive for inlet in network.inlets]
     if not isinstance(Q, Mapping):
         if len(names) > 1:
@@ -188,7 +190,7 @@ def _frequencies(omega: Array) -> Array:
 
 
 def _things_first(x: Array, batched: bool) -> Array:
-    """(B, n, things) -> (B, things, n), without B if nothing is batched."""
+    """(B, n, things) -> (B, things, n), without B for a single parameter set."""
     x = np.swapaxes(x, -1, -2)
     return x if batched else x[0]
 
@@ -206,7 +208,7 @@ def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array
             f"(dP_el/dA = {stiffness[b, i]:g} Pa/m^2, must be positive); change E, ENL or P_0."
         )
     responses, linear = c.wall.responses(iw), (c.wall.viscosity_area / A)[:, None]
-    law = c.wall.viscosity(A, np.zeros_like(A))[:, None]  # of the first element alone it is more than φ0's
+    law = c.wall.viscosity(A, np.zeros_like(A))[:, None]  # a learned stress adds to φ0 in the first element
     viscosity = iw * (law * responses[0] + linear * responses[1:].sum(axis=0))
     compliance = 1.0 / (stiffness[:, None] + viscosity)
     if c.wall.leakage.any() and np.any(omega == 0.0):
@@ -274,7 +276,7 @@ def _conditions(
 
     Inlets, Q : (B, n) of each: F = Z_ref Q, or P' given. Junction: F = 0. Outlets: each kind's own
     (:mod:`solver.outlets`).
-    Raises ValueError where this leaves the mean undetermined.
+    Raises ValueError if this leaves the mean undetermined.
     """
     wall = c.wall.at(nodes.outlet_segment)
     _refuse_unreachable(network, c, wall)
@@ -287,7 +289,7 @@ def _conditions(
             a[..., i], b[..., i], r[..., i] = 0.0, 1.0, given - c.P_0 * (omega == 0.0)
     for ends in c.outlets:
         at = nodes.outlets.start + ends.index
-        a[..., at], b[..., at], r[..., at] = ends.kind.condition(ends.numbers, wall.at(ends.index), c.P_0, omega, Z_ref)
+        a[..., at], b[..., at], r[..., at] = ends.condition(wall.at(ends.index), c.P_0, omega, Z_ref)
     if np.any(omega == 0.0):
         open_ends = np.r_[nodes.inlets, nodes.outlets]
         _check_mean(network, c, nodes, a[..., open_ends], b[..., open_ends])
@@ -324,9 +326,9 @@ def _check_mean(network: Network, c: Coefficients, nodes: Topology, a: Array, b:
 def _middles(
     nodes: Topology, conditions: tuple[Array, Array, Array], g: Array, Z: Array, Y: Array, lossless: bool
 ) -> tuple[Array, Array]:
-    """e^{g/2} times P' and Z_ref Q at the middle of each segment, (B, n, n_segments): 2 unknowns a segment.
+    """e^{g/2} times P' and Z_ref Q at the middle of each segment, (B, n, n_segments): 2 unknowns per segment.
 
-    The equations are the conditions at the nodes, and one pressure for all the ends that meet at a node.
+    The equations are the conditions at the nodes, and a common pressure of all ends at a node.
     """
     a, b, r = conditions
     n = len(nodes.start)
@@ -338,7 +340,7 @@ def _middles(
     differs = one[first[node[others]]] - one[others]
 
     def rows(ends: Array, from_P: Array, from_Q: Array) -> Array:
-        """A sum over ends of what P_mid makes equal and Q_mid makes opposite at the two ends of a segment."""
+        """A sum over ends: P_mid contributes with equal, Q_mid with opposite signs at the two ends of a segment."""
         start, end = ends[:, :n], ends[:, n:]
         return np.concatenate([(start + end) * from_P[..., None, :], (start - end) * from_Q[..., None, :]], axis=-1)
 

@@ -1,7 +1,7 @@
 """The local wall law on a periodic loop: the pressure of a wall from its radius, and its derivatives.
 
-Walls are those of the network with all effects that are on (:meth:`Coefficients.wall_at`). A viscous stress with memory
-is periodic, too: every harmonic of the stress of an element is multiplied by M = share/(1 + iωτ).
+Walls are those of the network with all active effects (:meth:`Coefficients.wall_at`). A viscous stress with memory is
+also periodic: every harmonic of the stress of an element is multiplied by M = share/(1 + iωτ).
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Array = np.ndarray
 
 
 def wall_of(network: Network, segment: str, parameters: Parameters | None = None) -> Wall:
-    """The wall at the middle of a segment : arrays (B, 1), for parameters as :func:`solver.simulate` takes them.
+    """The wall at the middle of a segment : arrays (B, 1), for parameters as in :func:`solver.simulate`.
 
-    They are not checked: a search may pass through what no network may have. Raises ValueError where there is no such
-    segment.
+    Parameters are not checked, because a search may pass through values that a network may not have. Raises ValueError
+    for an unknown segment.
     """
     names = [s.name for s in network.segments]
     if segment not in names:
@@ -35,16 +35,16 @@ def wall_of(network: Network, segment: str, parameters: Parameters | None = None
 
 
 def pressure(wall: Wall, R: Array, R_t: Array, T: float = 1.0) -> Array:
-    """P [Pa] of walls (B, 1), or of one whose arrays are numbers, on a loop R, R' : (…, N).
+    """P [Pa] of walls (B, 1), or of one wall with scalar coefficients, on a loop R, R' : (…, N).
 
-    T : its period [s], which walls with memory need.
+    T : its period [s], used for walls with memory.
     """
     A, A_t = np.pi * R * R, 2.0 * np.pi * R * R_t
     return _present(wall, A, A_t, T).pressure(A, A_t)
 
 
 def tangent(wall: Wall, R: Array, R_t: Array, T: float = 1.0) -> tuple[Array, Array, Array]:
-    """P as :func:`pressure`, ∂P/∂R at fixed viscous stress [Pa/m], and ∂P/∂R' by the stress of the moment [Pa·s/m]."""
+    """P as :func:`pressure`, ∂P/∂R at fixed viscous stress [Pa/m], and ∂P/∂R' of the instantaneous stress [Pa·s/m]."""
     A, A_t, around = np.pi * R * R, 2.0 * np.pi * R * R_t, 2.0 * np.pi * R
     P = _present(wall, A, A_t, T).pressure(A, A_t)
     viscous = P - wall.P_ref - wall.elastic.pressure(np.sqrt(A / wall.A0), wall.K, wall.e)
@@ -52,7 +52,7 @@ def tangent(wall: Wall, R: Array, R_t: Array, T: float = 1.0) -> tuple[Array, Ar
 
 
 def slope(wall: Wall, R: Array, R_t: Array, T: float) -> Array:
-    """dP/dR : (N, N) [Pa/m] of the first of some walls on a loop R, R' : (N,), R' moving along."""
+    """dP/dR : (N, N) [Pa/m] of the first of some walls on a loop R, R' : (N,), with R' varying with R."""
     _, by_R, by_R_t = (np.atleast_2d(x)[0] for x in tangent(wall, R, R_t, T))
     D = derivative_matrix(len(R), T)
     by_strain = wall.K_h * wall.stress_by_strain(np.pi * R * R, 2.0 * np.pi * R * R_t) + 0.0 * R
@@ -69,7 +69,7 @@ def slope(wall: Wall, R: Array, R_t: Array, T: float) -> Array:
 
 
 def _present(wall: Wall, A: Array, A_t: Array, T: float) -> Wall:
-    """The wall with the viscous stress that its memory leaves of a periodic one."""
+    """The wall with its periodic viscous stress after memory."""
     if not wall.remembers:
         return wall
     N = A.shape[-1]
@@ -83,7 +83,7 @@ def _memory(wall: Wall, N: int, T: float) -> Array:
 
 
 def circulant(h: Array, N: int) -> Array:
-    """(N, N) that multiplies harmonic k of N samples by h_k : (N//2 + 1,)."""
+    """(N, N) matrix that multiplies harmonic k of N samples by h_k : (N//2 + 1,)."""
     c = np.fft.irfft(h, N)
     at = np.arange(N)
     return c[at[:, None] - at]
@@ -101,7 +101,7 @@ def loop_pressure(network: Network, segment: str, R: Array, T: float) -> Array:
     """The pressure [Pa] of a segment's wall, at its middle, on a periodic loop.
 
     R : (N,) [m], evenly spaced over the period T [s] without its end. dR/dt is that of the trigonometric interpolant.
-    Raises ValueError where R or T do not fit or there is no such segment.
+    Raises ValueError if R or T do not fit or the segment is unknown.
     """
     R = np.asarray(R, float)
     if R.ndim != 1 or len(R) < 3 or not np.all(R > 0.0) or not (np.isfinite(T) and T > 0.0):
@@ -114,8 +114,8 @@ def loop_pressure(network: Network, segment: str, R: Array, T: float) -> Array:
 def column(network: Network, variable: str, R: Array, T: float) -> Array:
     """dP/d(variable) [Pa per SI unit] on the loop of :func:`loop_pressure` : (N,), by second-order differences.
 
-    The wall is that of the variable's segment, or the network's only one. A number at the end of its allowed range is
-    varied to the inside. Raises ValueError as :func:`loop_pressure` and ``Network.with_terms``.
+    The wall is that of the variable's segment, or the network's only one. At a bound of the allowed range the
+    difference is one-sided. Raises ValueError as :func:`loop_pressure` and ``Network.with_terms``.
     """
     segments = [s.name for s in network.segments]
     prefix, _, key = variable.rpartition(".")

@@ -2,7 +2,7 @@
 
     σ_v = Σ share_j σ_j,     τ_j dσ_j/dt + σ_j = φ0 ε̇
 
-In the first element the stress of the viscous law takes the place of φ0 ε̇; the others are linear. An element with τ = 0
+In the first element the stress of the viscous law replaces φ0 ε̇; the others are linear. An element with τ = 0
 is a damper. Source: R. M. Christensen, Theory of Viscoelasticity (2nd ed. 1982), ch. 1.
 """
 
@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 def weights(tau: Array, theta: Any) -> Array:
-    """Part of the stress of a rate that lasts θ [s] which elements with relaxation times τ take on: θ/(τ + θ).
+    """Share of the stress that elements with relaxation times τ reach under a rate that lasts θ [s]: θ/(τ + θ).
 
     1/(1 + iωτ) for θ = 1/iω, and exactly 1 where τ = 0.
     """
@@ -41,13 +41,14 @@ class Moment:
 
     @classmethod
     def of(cls, tau: Array, share: Array, past: Array, theta: Any) -> Moment:
-        """θ [s] after the stresses were ``past`` : (m, …) [Pa], by one backward Euler step, relaxation solved for."""
+        """θ [s] after the stresses were ``past`` : (m, …) [Pa], by one backward Euler step, implicit in the
+        relaxation."""
         weight = weights(tau, theta)
         rest, shared = (1.0 - weight) * past, share * weight
         return cls(weight, rest, shared[0], shared[1:].sum(axis=0), (share * rest).sum(axis=0))
 
     @classmethod
     def present(cls, stress: Array) -> Moment:
-        """The moment at which the stress σ_v is known : (…) [Pa], whatever the strain rate."""
+        """A moment with known stress σ_v : (…) [Pa], independent of the strain rate."""
         none = np.zeros((1, 1))
         return cls(none[None], stress[None], none, none, stress)

@@ -13,7 +13,7 @@ import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from .scheme.sdirk import GAMMA, INFLOW_TIMES, STAGES
 from .scheme.step import State, at_stages_of, step
 from .tracing.program import OPERATIONS
 from .tracing.recorder import Untraceable
-from .tracing.steps import PLACES, recorded
+from .tracing.steps import PLACES, Recorded, recorded
 
 Array = np.ndarray
 
@@ -38,7 +38,7 @@ class NoEngine(Exception):
     """Why the engine cannot run something."""
 
 
-class _Program(ctypes.Structure):
+class Program(ctypes.Structure):
     """As arterial_program in native/engine.h."""
 
     _fields_ = [
@@ -63,7 +63,7 @@ def library() -> ctypes.CDLL:
     try:
         found = ctypes.CDLL(str(LIBRARY))
         operations = "".join(f"{name} " for name in OPERATIONS).encode()
-        if not found.arterial_fits(operations, len(PLACES), ctypes.sizeof(_Program), sources().encode()):
+        if not found.arterial_fits(operations, len(PLACES), ctypes.sizeof(Program), sources().encode()):
             raise NoEngine(f"the compiled engine is of other sources; {_BUILD}")
     except (OSError, AttributeError) as error:
         raise NoEngine(f"the compiled engine does not load: {error}") from None
@@ -76,6 +76,17 @@ def library() -> ctypes.CDLL:
     return found
 
 
+def check_backend(asked: str) -> None:
+    """Raise ValueError for an unknown one."""
+    if asked not in BACKENDS:
+        raise InputError(f"backend = {asked!r}: must be {', '.join(map(repr, BACKENDS))}.")
+
+
+def refuse_without(reason: NoEngine) -> NoReturn:
+    """Say why the engine, which was asked for, cannot be had."""
+    raise InputError(f"backend = 'native': {reason}. Or use 'auto', or 'numpy'.") from None
+
+
 def available() -> str:
     """What --version says of the engine."""
     try:
@@ -85,41 +96,48 @@ def available() -> str:
     return f"NumPy and the compiled engine ({LIBRARY.name})"
 
 
+class Bound:
+    """A program with the numbers of a model : c, as the engine takes it; work : its workspace; fixed : (B, n_fixed) the
+    numbers of every member, and what follows from them alone. Raises NoEngine where they are singular."""
+
+    def __init__(self, model: Model, recorded: Recorded, arrays: list[Array]) -> None:
+        p, layout, n_H = recorded.program, model.layout, model.mesh.n_nodes
+        n_A, n_Q = (math.prod(layout.shapes[name]) for name in ("A", "Q"))
+        pointers = (x.ctypes.data for x in (p.code, p.begin, p.index, p.constants))
+        counts = (
+            p.n_fixed, p.n_work, layout.size, n_A, n_Q, layout.places["Q"].start, n_H, len(model.inlets.by_flow),
+            len(model.mesh.topology.outlet_segment), len(model.network.output_units()),
+        )  # fmt: skip
+        self.program = p  # which the pointers need
+        self.c = Program(*pointers, *counts, tuple(p.address.get(name, 0) for name in PLACES))
+        self.work = np.zeros(p.n_work + STAGES * layout.size + 2 * n_Q + n_H)
+        self.fixed = np.zeros((model.coefficients.B, p.n_fixed))
+        for rows, place in zip(arrays, recorded.places, strict=True):
+            if place >= 0:
+                self.fixed[:, place // 4 : place // 4 + rows.shape[1]] = rows
+        for row in self.fixed:
+            if not library().arterial_bind(ctypes.byref(self.c), row.ctypes.data, self.work.ctypes.data):
+                raise NoEngine("the equations at rest are singular")
+
+
 class Engine:
     """The steps of a model, of length dt [s]. Raises NoEngine where it cannot make them."""
 
     def __init__(self, model: Model, dt: float) -> None:
         self.model, self.dt, self.library = model, dt, library()
+        if model.network.sources:
+            raise NoEngine("tables of sources are not recorded")
         try:
             self.recorded, arrays = recorded(model, GAMMA * dt)
         except Untraceable as reason:
             raise NoEngine(f"this network is not recorded: {reason}") from None
-        p, shapes, size = self.recorded.program, model.layout.shapes, math.prod
         self.n_inlets, self.n_outlets = len(model.inlets.by_flow), len(model.mesh.topology.outlet_segment)
-        n_Q, n_H = size(shapes["Q"]), model.mesh.n_nodes
-        pointers = (x.ctypes.data for x in (p.code, p.begin, p.index, p.constants))
-        counts = (
-            p.n_fixed, p.n_work, model.layout.size, size(shapes["A"]), n_Q, model.layout.places["Q"].start, n_H,
-            self.n_inlets, self.n_outlets, len(model.network.output_units()),
-        )  # fmt: skip
-        self._c = _Program(*pointers, *counts, tuple(p.address[name] for name in PLACES))
-        self._work = np.zeros(p.n_work + STAGES * model.layout.size + n_Q + n_H)
-        self._fixed = self._bound(arrays)
+        bound = Bound(model, self.recorded, arrays)
+        self._c, self._work, self._fixed = bound.c, bound.work, bound.fixed
         given = np.zeros((model.coefficients.B, self.n_outlets))
         for ends in model.coefficients.outlets:
             given[:, ends.index] = ends.given["P_venous"]
         self._venous = given
-
-    def _bound(self, arrays: list[Array]) -> Array:
-        """(B, n_fixed): the numbers of every member, and what follows from them alone."""
-        fixed = np.zeros((self.model.coefficients.B, self.recorded.program.n_fixed))
-        for rows, place in zip(arrays, self.recorded.places, strict=True):
-            if place >= 0:
-                fixed[:, place // 4 : place // 4 + rows.shape[1]] = rows
-        for row in fixed:
-            if not self.library.arterial_bind(ctypes.byref(self._c), row.ctypes.data, self._work.ctypes.data):
-                raise NoEngine("the equations at rest are singular")
-        return fixed
 
     def steps(self, state: State, drive: Array, table: Array) -> tuple[int, State]:
         """Steps from a state, drive : (n, n_inlets, 4) or (n, n_inlets, 4, B): how many were made, and the state after
@@ -178,8 +196,7 @@ class Backend:
     def of(asked: str, model: Any, dt: float) -> Backend:
         """That which is asked for. Raises ValueError for an unknown one, and for "native" where the engine cannot run
         the model."""
-        if asked not in BACKENDS:
-            raise InputError(f"backend = {asked!r}: must be {', '.join(map(repr, BACKENDS))}.")
+        check_backend(asked)
         made = Backend(asked)
         if asked == "numpy":
             return made
@@ -208,4 +225,4 @@ class Backend:
     def _without(self, reason: NoEngine) -> None:
         self.engine, self.reason = None, str(reason)
         if self.asked == "native":
-            raise InputError(f"backend = 'native': {reason}. Or use 'auto', or 'numpy'.") from None
+            refuse_without(reason)

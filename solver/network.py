@@ -2,9 +2,9 @@
 
 Everything here is in SI. Every number that a user may change is a *quantity*: a dataclass field that carries a
 :class:`~solver.quantity.Quantity`. The variables of the FMU, the keys of the network file, the error messages and the
-batch parameters of the solver all follow from these fields, so a new one is added here and nowhere else. Beside the
-fields, which every network has, segments, fluid and channels hold *terms* by key: numbers of the effects of
-:mod:`solver.effects` that this network has.
+batch parameters of the solver all follow from these fields, so a new one needs no change elsewhere. Beside these
+fields, which every network has, segments, fluid and channels have *terms* by key: numbers of the effects of
+:mod:`solver.effects` in this network.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from .errors import InputError
 from .inlet import Inlet
 from .outlets import Outlet
 from .quantity import Quantity, quantities, quantity
+from .table_source import TableSource, check
 from .units import SIGNAL_UNITS
 from .validation import check_network, check_parameters, check_terms, suggest
 
@@ -34,12 +35,12 @@ _BOTH = ("network", "wall")
 
 
 def _terms() -> Any:
-    """A field for the terms of :mod:`solver.effects` that the object holds, SI values by key."""
+    """A field for the object's terms of :mod:`solver.effects`, SI values by key."""
     return field(default_factory=dict, hash=False)
 
 
 def _held(effect: type[Effect], key: str) -> Any:
-    """A field for a number of an effect that every owner of its kind holds; the effect says what it is."""
+    """A field for a number of an effect that every owner of its kind has; the effect defines it."""
     return field(default=effect.neutral[key], metadata={"quantity": effect.terms[key]})
 
 
@@ -100,7 +101,7 @@ class Segment:
 class Junction:
     """Vessels that meet at one point: ΣQ = 0, and P + k (ρ/2)(Q/A)² equal in all of them.
 
-    ``k`` = 0 joins the static pressure (the paper), 1 the total pressure. A junction is named after its first
+    ``k`` = 0 conserves the static pressure (the paper), 1 the total pressure. A junction is named after its first
     inflowing segment.
     """
 
@@ -118,7 +119,7 @@ class Junction:
 
 @dataclass(frozen=True)
 class Site:
-    """A place where pressure, flow and radius are reported: ``position`` is x/L along the segment."""
+    """A position where pressure, flow and radius are reported: ``position`` is x/L along the segment."""
 
     name: str
     segment: str
@@ -127,7 +128,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Channel:
-    """How a sensor shows an output of the network (``CA.P``) or ``inlet.Q``: see :func:`solver.catalogue.observe`.
+    """The sensor that records an output of the network (``CA.P``) or ``inlet.Q``: see :func:`solver.catalogue.observe`.
 
     The observation is part of the network's description, but not of the FMU, whose outputs are the true quantities.
     """
@@ -138,13 +139,13 @@ class Channel:
     OWNER: ClassVar[str] = "channel"
 
     def quantities(self) -> dict[str, Quantity]:
-        """The terms that it may hold, in the unit of its signal."""
+        """The terms that it may have, in the unit of its signal."""
         unit = SIGNAL_UNITS[self.name.rpartition(".")[2]]
         return {key: replace(q, unit=unit) if q.unit == "signal" else q for key, q in terms_of("channel").items()}
 
 
 class Parts(tuple[Any, ...]):
-    """Parts of a network in their order, read by position or by name: ``network.segments["CA"]``.
+    """Parts of a network in their order, indexed by position or by name: ``network.segments["CA"]``.
 
     An outlet has the name of its segment. Raises KeyError for a name that no part has.
     """
@@ -166,7 +167,8 @@ class Network:
 
     eta : Poisson's ratio of the walls. P_ref : pressure at which R = R0. P_0 : uniform pressure at the start.
     elastic_law, viscous_law : names from :mod:`solver.wall`. inlet : the first or only one; further_inlets : others.
-    Raises ValueError, one sentence that names the thing, its value, what is allowed and what to do.
+    sources : tables of what acts beside the equations; they describe and explain nothing.
+    Raises ValueError, one sentence that names the quantity, its value, the allowed range and the remedy.
     """
 
     name: str
@@ -178,6 +180,7 @@ class Network:
     fluid: Fluid = Fluid()
     channels: tuple[Channel, ...] = field(default=(), kw_only=True)
     further_inlets: tuple[Inlet, ...] = field(default=(), kw_only=True)
+    sources: tuple[TableSource, ...] = field(default=(), kw_only=True)
     eta: float = quantity(0.5, "1", "Poisson's ratio eta", 0.0, 0.5, tunable=False)
     P_ref: float = quantity(
         0.0, "Pa", "reference pressure P_ref", -1e5, 1e6, nominal=1e4, display="mmHg", tunable=False
@@ -197,10 +200,11 @@ class Network:
         for field_name in ("segments", "junctions", "outlets", "sites", "channels"):
             object.__setattr__(self, field_name, Parts(getattr(self, field_name)))
         check_network(self)
+        check(self.sources, self)
 
     @property
     def inlets(self) -> tuple[Inlet, ...]:
-        """All of them, the one that has the name ``inlet`` first."""
+        """All inlets, the one named ``inlet`` first."""
         return (self.inlet, *self.further_inlets)
 
     # --- numbers by name: these names are the FMU's -------------------------------------------------------------
@@ -232,7 +236,7 @@ class Network:
         return self._with(values)
 
     def with_terms(self, values: Mapping[str, float]) -> Network:
-        """As :meth:`with_parameters`; terms that the network has not yet (``CA.tau``, ``CA.P.lag``) are added to it.
+        """As :meth:`with_parameters`, and add terms that the network lacks (``CA.tau``, ``CA.P.lag``).
 
         Raises ValueError for a name that is neither a parameter nor a term of :mod:`solver.effects`.
         """
@@ -284,7 +288,7 @@ class Network:
         return units
 
     def channel_names(self) -> tuple[str, ...]:
-        """What a sensor may show: the outputs and what is given at the inlets."""
+        """The signals that a sensor may record: the outputs and the prescribed inlet signals."""
         return (*(inlet.drive for inlet in self.inlets), *self.output_units())
 
     def segment(self, name: str) -> Segment:
@@ -298,7 +302,7 @@ class Network:
         return figure(self)
 
 
-# --- plain data: what the FMU carries -----------------------------------------------------------------------------
+# --- plain data, as stored in the FMU -----------------------------------------------------------------------------
 
 
 def to_dict(network: Network) -> dict[str, Any]:
@@ -321,11 +325,14 @@ def from_dict(data: Mapping[str, Any]) -> Network:
         "outlets": tuple(kind(**own) for kind, own in outlets),
         "sites": tuple(Site(**s) for s in data["sites"]),
         "channels": tuple(Channel(**c) for c in data["channels"]),
+        "sources": tuple(TableSource(**{**s, "curve": _curve(s["curve"])}) for s in data["sources"]),
     }
     return Network(**{**data, **parts})
 
 
 def _inlet(data: Mapping[str, Any]) -> Inlet:
-    c = data["curve"]
-    curve = Curve(**{**c, "t": tuple(c["t"]), "values": tuple(c["values"])}) if c else None
-    return Inlet(**{**data, "curve": curve})
+    return Inlet(**{**data, "curve": _curve(data["curve"])})
+
+
+def _curve(c: Mapping[str, Any] | None) -> Any:
+    return Curve(**{**c, "t": tuple(c["t"]), "values": tuple(c["values"])}) if c else None

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have, and how a shell completes them."""
+"""Arguments and options shared by several commands, and their completion in a shell."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _MODELS = (".toml", ".fmu")
 
 
 def networks_for(incomplete: str) -> list[str]:
-    """How a shell completes the name of a network: those that come along, and files."""
+    """Shell completion of the name of a network: included networks and files."""
     return [name for name in bundled_names() if name.startswith(incomplete)] + files_for(incomplete)
 
 
 def files_for(incomplete: str) -> list[str]:
-    """How a shell completes a network file or an FMU; folders, too."""
+    """Shell completion of a network file or an FMU, including folders."""
     found = map(Path, sorted(glob(f"{escape(incomplete)}*")))
     return [f"{path}/" if path.is_dir() else str(path) for path in found if path.is_dir() or path.suffix in _MODELS]
 
@@ -31,17 +31,17 @@ NetworkName = Annotated[
     typer.Argument(help="A network file (TOML), a bundled network (see list), or an FMU.", autocompletion=networks_for),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no tables and no notes.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace a file that is there and may have been edited.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace an existing file that may have been edited.")]
 Json = Annotated[
     bool,
     typer.Option(
-        "--json", is_eager=True, help="Print the result as one JSON object; all else goes to the error stream."
+        "--json", is_eager=True, help="Print the result as one JSON object; everything else goes to the error stream."
     ),
 ]
 
 
 class DefaultGroup(TyperGroup):
-    """Commands of which the first is meant where none is named: ``build sheep`` is ``build network sheep``."""
+    """A group whose first command is the default: ``build sheep`` is ``build network sheep``."""
 
     @property
     def _default(self) -> tuple[str, Any]:

@@ -1,14 +1,14 @@
 """Outlet conditions: each kind is one class with its numbers, the load it puts on the flow, and its impedance.
 
-A kind states the relation between the total pressure P and the flow Q at the end of a segment, for all outlets of that
-kind at once: its methods take the numbers by key as arrays (B, n), and the walls there. A new kind is one class and its
-entry in ``OUTLETS``.
+A kind defines the relation between the pressure P (elastic plus viscous) and the flow Q at the end of a segment, for
+all outlets of that kind at once: its methods take the numbers by key as arrays (B, n), and the walls there. A new kind
+is one class and its entry in ``OUTLETS``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -36,6 +36,14 @@ class Load:
     give: Array | float = 1.0
     charge: Array | float = 0.0
 
+    def beside(self, outflow: Callable[[Array], tuple[Array, Array]]) -> Load:
+        """The same with a further flow of P - P_b [m³/s], which comes with its derivative."""
+        return replace(
+            self,
+            flow=lambda P: self.flow(P) + self.scale * outflow(P)[0],
+            slope=lambda P: self.slope(P) + self.scale * outflow(P)[1],
+        )
+
 
 def _venous_pressure(description: str) -> Any:
     pressure = Quantity("Pa", description, -1e5, 1e6, nominal=1e3, display="mmHg", input=True)
@@ -49,8 +57,8 @@ def _resistance(description: str) -> Any:
 
 @dataclass(frozen=True)
 class Outlet:
-    """The end of a segment: what all kinds have. ``symbol`` and ``noun`` name the kind in drawings and documents;
-    ``stores`` : it has a stored pressure P_C."""
+    """The common part of all kinds: an end of a segment. ``symbol`` and ``noun`` name the kind in drawings and
+    documents; ``stores`` : it has a stored pressure P_C."""
 
     segment: str
     P_venous: float = _venous_pressure("venous pressure P_venous")
@@ -63,7 +71,7 @@ class Outlet:
 
     @property
     def label(self) -> str:
-        """What a drawing writes beside it."""
+        """Its label in a drawing."""
         return self.symbol
 
     @classmethod
@@ -91,7 +99,7 @@ class Outlet:
 
     @classmethod
     def unreachable(cls, numbers: Numbers, wall: Wall, P: Array) -> Array:
-        """Where no pressure P : (B, n) [Pa] of this size can be at the outlet."""
+        """Where the pressure P : (B, n) [Pa] cannot occur at the outlet."""
         return np.zeros(np.broadcast_shapes(P.shape, wall.A0.shape), bool)
 
 
@@ -130,7 +138,7 @@ class Reflection(Outlet):
         # the tangent at P_0
         load, P = cls.load(numbers, wall, 0.0), P_0 - numbers["P_venous"]
         b = load.slope(P)[:, None] * Z_ref
-        return np.ones_like(b), b, -load.flow(P)[:, None] * Z_ref * _steady(omega)
+        return np.ones_like(b), b, -load.flow(P)[:, None] * Z_ref * steady(omega)
 
     @classmethod
     def unreachable(cls, numbers: Numbers, wall: Wall, P: Array) -> Array:
@@ -147,11 +155,11 @@ def _linear_load(Z: Array | float, wall: Wall, **store: Array) -> Load:
 
 def _linear_condition(Z: Array, numbers: Numbers, P_0: Array, omega: Array, Z_ref: Array) -> Condition:
     """P - P_venous = Z Q, with Z : (B, n_omega, n)."""
-    steady = (numbers["P_venous"] - P_0)[:, None] * _steady(omega)
-    return Z / Z_ref, np.ones(Z.shape), steady
+    mean = (numbers["P_venous"] - P_0)[:, None] * steady(omega)
+    return Z / Z_ref, np.ones(Z.shape), mean
 
 
-def _steady(omega: Array) -> Array:
+def steady(omega: Array) -> Array:
     """(n_omega, 1): 1 where ω = 0, else 0."""
     return np.where(omega == 0.0, 1.0, 0.0)[:, None]
 

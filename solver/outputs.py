@@ -1,4 +1,4 @@
-"""What is reported of a state: the outputs of the FMU and the columns of a result."""
+"""The outputs of a state: the outputs of the FMU and the columns of a result."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ S = TypeVar("S")  # the states of a scheme
 
 @dataclass(frozen=True)
 class Reporter(Generic[S]):
-    """Turns states into the outputs, in the order of ``names``: the FMU's variables and the columns of a result."""
+    """Compute the outputs of states, in the order of ``names``: the FMU's variables and the columns of a result."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -31,15 +31,16 @@ class Reporter(Generic[S]):
         return self.report(state)
 
 
-def reporter(model: Model, wall: Wall | None = None) -> Reporter[State]:
+def reporter(model: Model, wall: Wall | None = None, tables: bool = True) -> Reporter[State]:
     """Outputs of a network: P of each inlet (Q where P is driven), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
-    At a site A and ∂A/∂t are interpolated and P follows from the wall law, and so is what memory makes of the viscous
-    stress; the nodal pressures are the multipliers H. wall : at the sites, default :func:`site_walls`.
+    At a site A, ∂A/∂t and the effect of memory on the viscous stress are interpolated, and P follows from the wall law;
+    the nodal pressures are the multipliers H. wall : at the sites, default :func:`site_walls`. tables :
+    whether the pressures include what tables of sources add at the time of the state.
     """
     network, mesh, (segment, position) = model.network, model.mesh, _sites(model)
     gauss, lobatto = mesh.sample_gauss(segment, position), mesh.sample_lobatto(segment, position)
-    # of a state vector with ∂A/∂t and H behind it
+    # for a state vector followed by ∂A/∂t and H
     joined = Layout({**model.layout.shapes, "A_t": model.layout.shapes["A"], "H": (mesh.n_nodes,)})
     sampled = Samples.of_parts((at, joined.places[part]) for at, part in ((gauss, "A"), (gauss, "A_t"), (lobatto, "Q")))
     Q_columns, H_columns, inlets = joined.columns("Q"), joined.columns("H"), model.inlets
@@ -51,7 +52,7 @@ def reporter(model: Model, wall: Wall | None = None) -> Reporter[State]:
     units = network.output_units()
 
     def report(state: State) -> Array:
-        B = len(state.y)  # parameter sets, or moments of one
+        B = len(state.y)  # parameter sets, or instants of one
         values = joined.join(state.y, state.A_t, state.H)
         result = np.empty_like(values, shape=(B, len(units)))
         A, A_t, flow = sampled(values).reshape(B, 3, n).swapaxes(0, 1)
@@ -60,13 +61,15 @@ def reporter(model: Model, wall: Wall | None = None) -> Reporter[State]:
         P, Q, R = (result[:, first + i : first + 3 * n : 3] for i in range(3))  # at the sites
         P[:] = wall.pressure(A, A_t)
         if model.wall.remembers:
-            # the difference, not the stress itself: so that the answer is continuous as tau vanishes
+            # the difference, not the stress itself, so that the result is continuous as tau vanishes
             stress = model.wall.combined(np.moveaxis(model.layout.part(state.y, "stress"), 1, 0))
             change = stress - model.wall.viscous_stress(state.A, state.A_t)
             change = gauss(np.where(model.wall.forgets, 0.0, change).reshape(B, -1))
             P += wall.K_h * np.sqrt(wall.A0 / A) * change
         Q[:] = flow
         R[:] = np.sqrt(A / np.pi)
+        if tables:
+            model.tables.add_to_outputs(result, state.t)
         return result
 
     return Reporter(tuple(units), tuple(units.values()), report)
@@ -84,14 +87,15 @@ def _sites(model: Model) -> tuple[Array, Array]:
 
 
 def inlet_answers(model: Model, state: State) -> Array:
-    """Of inlets with a given flow the pressure [Pa], of those with a given pressure the flow [m³/s] : (B, n_inlets)."""
+    """The pressure [Pa] of inlets with a given flow, the flow [m³/s] of inlets with a given pressure : (B,
+    n_inlets)."""
     inlets = model.inlets
     return np.where(inlets.by_flow, state.H[:, model.mesh.topology.inlets], state.y[:, inlets.first])
 
 
 def volume_entered(model: Model, before: State, after: State) -> Array:
-    """The volume [m³] that has flowed in at each inlet in the step from one state to the next : (B, n_inlets), as the
-    areas have taken it."""
+    """The volume [m³] that entered at each inlet in the step from one state to the next : (B, n_inlets), consistent
+    with the areas."""
     first, dt = (..., model.mesh.inlet_element, 0), after.dt
     stages = before.Q[first] + dt * np.tensordot(SDIRK3, after.rates[first], 1)
     entered: Array = dt * np.tensordot(SDIRK3[-1], stages, 1)
@@ -99,11 +103,11 @@ def volume_entered(model: Model, before: State, after: State) -> Array:
 
 
 def volume_weights(model: Model) -> Array:
-    """What a state vector y : (B, n) is multiplied by, and summed, for the blood in arteries and Windkessels [m³].
+    """The weights whose product with a state vector y : (B, n) is the blood volume in arteries and Windkessels [m³].
 
-    Only what flows in and out changes it.
+    Only inflow and outflow change this volume.
     """
-    weights = np.zeros((model.coefficients.B, model.layout.size))
+    weights = np.zeros_like(model.kinetic, shape=(model.coefficients.B, model.layout.size))
     lengths = -model.mesh.element.w_gauss / model.minus_J_inverse
     weights[:, model.layout.places["A"]] = lengths.reshape(len(weights), -1)
     P_C = model.layout.part(weights, "P_C")

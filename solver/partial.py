@@ -1,7 +1,7 @@
-"""Effects of a part of a segment: [x - l/2, x + l/2] of x/L, as far as it lies in the segment.
+"""Localised effects: they act on the part [x - l/2, x + l/2] of x/L, as far as it lies in the segment.
 
-Position and length are continuous unknowns: what acts on walls fades in and out over a short ramp that keeps the length
-of the part, and a force on the flow is integrated over the part whatever elements it lies in.
+Position and length are continuous unknowns: an effect on walls has a short ramp at each end, which preserves the length
+of the part, and a force on the flow is integrated exactly over the part, whatever elements contain it.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from .effect import DROP, OUTFLOW, Array, Described, Drag, Effect, Points, Searc
 from .quantity import Quantity
 from .wall import Wall
 
-_RAMP = 0.08  # of L, over which a wall changes where a part ends inside
-_GRID = tuple(round(0.05 + 0.1 * i, 2) for i in range(10))  # element ends where the part is not the usual one
+_RAMP = 0.08  # of L, over which a wall changes at an end of the part
+_GRID = tuple(round(0.05 + 0.1 * i, 2) for i in range(10))  # element ends for a part at a non-default position
 _FROM, _TO = 0.02, 0.98  # where a search may place the middle
-_POSITIONS = (0.15, 0.3, 0.5, 0.7, 0.85)  # where it begins
+_POSITIONS = (0.15, 0.3, 0.5, 0.7, 0.85)  # start positions of a search
 _STEP = 0.15  # of a position in a search, for x = 1
 _MIDDLE = "middle of the part as a fraction of the segment from its upstream end"
 _EXTENT = "length of the part as a fraction of that of the segment"
 
 
 def part_keys(key: str, length: float) -> tuple[dict[str, Quantity], dict[str, float]]:
-    """Quantities and usual values of position and length of the part that the effect with this key acts on."""
+    """Quantities and default values of position and length of the part that the effect with this key acts on."""
     position, extent = f"{key}_position", f"{key}_length"
     quantities = {
         position: Quantity("1", _MIDDLE, 0.0, 1.0, nominal=_STEP, tunable=False),
@@ -36,9 +36,9 @@ def part_keys(key: str, length: float) -> tuple[dict[str, Quantity], dict[str, f
 
 
 class Partial(Effect):
-    """An effect of a part of a segment; ``along`` : the keys of its middle and of its length.
+    """An effect on a part of a segment; ``along`` : the keys of its middle and of its length.
 
-    longest : of L, where its length is searched for.
+    longest : upper bound of its length in a search, as a fraction of L.
     """
 
     owner = "segment"
@@ -71,7 +71,7 @@ class Partial(Effect):
 
 
 def _risen(x: Array, at: Array, width: Array) -> Array:
-    """A smooth step from 0 to 1 over a width about a point; without width it is 1 from there on."""
+    """A smooth step from 0 to 1 over a width about a point; with zero width it jumps to 1 there."""
     wide = width > 0.0
     t = np.clip((x - at) / np.where(wide, width, 1.0) + 0.5, 0.0, 1.0)
     return np.where(wide, t * t * (3.0 - 2.0 * t), np.where(x >= at, 1.0, 0.0))
@@ -87,7 +87,7 @@ class WallStiffness(Partial):
     terms = {"E_scale": Quantity("1", "stiffness scale s of the wall, E becomes s E", 1e-2, 1e2), **part}
     neutral = {"E_scale": 1.0, **usual}
     along = tuple(part)
-    longest = 0.8  # what is longer is the artery's own wall
+    longest = 0.8  # a longer part is the artery's own wall
     at_rest = True
     search = SearchSpec(typical={"E_scale": 0.3}, scales=True, starts_along=_PARTS, local=True)
     signature = "reflections timed by place; wave speed"
@@ -99,7 +99,7 @@ class WallStiffness(Partial):
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         scale, inside = values["E_scale"], self.inside(values, x)
-        s = scale / ((1.0 - inside) * scale + inside)  # of the ramps, too, the compliance counts: 1/s is linear there
+        s = scale / ((1.0 - inside) * scale + inside)  # on the ramps the compliance 1/s is linear
         return replace(wall, K=wall.K * s, e=wall.e / s)
 
 
@@ -110,7 +110,7 @@ class SideBranch(Partial):
     terms = {"leak": Quantity("m^2/(Pa.s)", "leak conductance g per length", 0.0, 1e-3, nominal=1e-9), **part}
     neutral = {"leak": 0.0, **usual}
     along = tuple(part)
-    # leak: part of the flow of a progressive wave that is lost over the segment, g L Z
+    # leak: share of the flow of a progressive wave that is lost over the segment, g L Z
     search = SearchSpec(typical={"leak": 0.05}, starts_along=_PARTS, source=OUTFLOW)
     signature = "flow is lost across the segment"
     confusable = ("terminal_reflection",)
@@ -126,11 +126,11 @@ class SideBranch(Partial):
 
 
 class Stenosis(Partial):
-    """Its length is searched for where a tenth of the segment leaves more than noise: most records do not show it.
-    Sheep, 40 dB, P, Q and R at seven sites: K = 10 over 0.2 L is told from one over 0.05 L at the same place by 0.2 to
-    4 standard deviations of all data together, K refitted (up to 11 of K = 30). Where a long one ends beyond a site
-    that its middle is not at, it is told from a tenth of L with place and K refitted by up to 11 (0.2 L about
-    x/L = 0.42; 18 of K = 30).
+    """A search fits its length only if a tenth of the segment leaves more than noise: most records do not reveal it.
+    Sheep, 40 dB, P, Q and R at seven sites: K = 10 over 0.2 L differs from one over 0.05 L at the same position by 0.2
+    to 4 standard deviations of all data together, with K refitted (up to 11 for K = 30). If a long stenosis extends
+    across a site away from its middle, it differs from a tenth of L, with position and K refitted, by up to 11 (0.2 L
+    about x/L = 0.42; 18 for K = 30).
     """
 
     part, usual = part_keys("K", 0.1)

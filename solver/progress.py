@@ -1,4 +1,4 @@
-"""How far a command is, on the error stream: a bar in a terminal, lines in a file or a pipe."""
+"""Progress of a command on the error stream: a bar in a terminal, lines in a file or a pipe."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-Report = Callable[[float, str], None]  # takes a fraction of the work and what is being done
+Report = Callable[[float, str], None]  # takes the finished fraction and the current task
 PACE = 30.0  # s
 FIRST, NEXT = 2.0, 10.0  # s before the first line, and between lines
 
 
 @contextmanager
 def bar(quiet: bool, label: str = "", pace: float | None = None) -> Iterator[Report]:
-    """A progress bar, gone at the end; where the error stream is no terminal, a line from time to time.
+    """A progress bar, removed at the end; occasional lines if the error stream is not a terminal.
 
-    label : what is done before anything else is reported. pace [s] : the time over which the time left is judged, such
-    as PACE; None does not show it.
+    label : the first task. pace [s] : the averaging time for the estimate of the remaining time, such as PACE; None
+    hides the estimate.
     """
     console = Console(stderr=True, soft_wrap=True)
     if quiet:
@@ -58,7 +58,7 @@ def _drawn(console: Console, pace: float | None) -> Progress:
 
 
 def lines(write: Callable[[str], None], clock: Callable[[], float] = monotonic) -> Report:
-    """Progress as lines: none of what takes less than FIRST, then one every NEXT seconds. clock : [s]."""
+    """Progress as lines: none before FIRST, then one every NEXT seconds. clock : [s]."""
     due = clock() + FIRST
 
     def report(fraction: float, what: str) -> None:

@@ -14,20 +14,21 @@ from .errors import InputError
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a number is: unit, allowed range, and how tools should show it.
+    """The definition of a number: unit, allowed range, and display in tools.
 
-    unit, display : unit in SI and the unit people read it in (as pint and FMI display units spell it).
+    unit, display : SI unit and display unit (spelled as in pint and FMI).
     low, high : allowed range, both ends included unless ``open_low``.
     nominal : typical magnitude, for the FMU's ``nominal`` attribute.
-    whole : whether it counts something: a whole number.
+    whole : whether it must be a whole number.
     tunable : whether it may change while a simulation runs (wall and outlets) or not (geometry).
     input : whether another model may drive it: an FMU input instead of a parameter.
 
-    What inference asks: spread : standard deviation between animals, of its logarithm, or of its value where that may
-    be negative (of its ratio, if it has one). refit : where a record refits it, one factor or shift for all that have
-    it: "network", "wall". individual : the same deviation between the arteries or outlets of one animal, about what
-    they have in common (0: they do not deviate by themselves). ratio_to : the key that it is counted relative to, and
-    keeps its ratio to when that changes.
+    For inference: spread : standard deviation between animals, of its logarithm, or of its value if that may be
+    negative (of its ratio, if it has one). refit : the fits that adjust it, by one common factor or shift: "network",
+    "wall".
+    individual : the same deviation between the arteries or outlets of one animal, about their common value (0: no
+    individual deviation). ratio_to : the key that it is expressed relative to; the ratio stays constant when that key
+    changes.
     """
 
     unit: str
@@ -65,7 +66,7 @@ class Quantity:
 
     @property
     def in_unit(self) -> str:
-        """What follows "a number" in a sentence."""
+        """The words after "a number" in a sentence."""
         return f" in {self.unit}" if self.unit != "1" else ""
 
     @property

@@ -1,13 +1,13 @@
-"""Saved states: what an FMU's component or a stage of a study holds, as bytes, and back.
+"""Saved states: serialise the state of an FMU's component or of a stage of a study to bytes, and restore it.
 
 Numbers, texts and arrays only: reading runs no code.
 
     8 bytes "FMUstate" · 4 bytes format · 4 bytes length n of the header · 32 bytes SHA-256 of all that follows
     n bytes JSON: whose state, by GUID; the values as a tree; type, shape, order of each array · the arrays one by one
 
-Numbers are little-endian. A tree is a number, text, truth value or null as it is, and else a list that begins with what
-it is: ["list", …], ["tuple", …], ["dict", [key, value], …], ["array", its number], [kind, [part, value], …] for an
-object of one of the kinds that the owner of the state knows, or ["again", number of the object] for the same object.
+Numbers are little-endian. A tree is a number, text, truth value or null itself, or a list that begins with its type:
+["list", …], ["tuple", …], ["dict", [key, value], …], ["array", its number], [kind, [part, value], …] for an object of a
+kind that the owner of the state knows, or ["again", number of the object] for a repeated object.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _NUMBERS = "biufc"  # kinds of NumPy types: truth values, integers, floating poi
 
 @dataclass(frozen=True)
 class Kind:
-    """Objects that a state may hold: how they come apart into named parts, and are made of them again."""
+    """A type of object in a state: how to split it into named parts, and how to rebuild it."""
 
     parts: Callable[[Any], Mapping[str, Any]]
     make: Callable[..., Any]
 
 
 def dataclasses(*types: type) -> dict[type, Kind]:
-    """The kinds of dataclasses, which are their fields."""
+    """The kinds of dataclasses, whose parts are their fields."""
 
     def parts(value: Any) -> dict[str, Any]:
         return {field.name: getattr(value, field.name) for field in fields(value)}
@@ -54,12 +54,13 @@ def to_bytes(guid: str, values: Any, kinds: Mapping[type, Kind]) -> bytes:
     tree = writer.tree(values)
     arrays = [[a.dtype.str, list(a.shape), _order(a)] for a in writer.arrays]
     header = json.dumps({"fmu": guid, "values": tree, "arrays": arrays}).encode()
-    content = header + b"".join(a.tobytes("A") for a in writer.arrays)  # as they lie in memory
+    content = header + b"".join(a.tobytes("A") for a in writer.arrays)  # in memory order
     return _HEAD.pack(MAGIC, FORMAT, len(header), hashlib.sha256(content).digest()) + content
 
 
 def from_bytes(blob: bytes, guid: str, kinds: Mapping[type, Kind]) -> Any:
-    """What :func:`to_bytes` was given. Raises ValueError, one sentence, for any other bytes or another FMU's."""
+    """The values given to :func:`to_bytes`. Raises ValueError, one sentence, for invalid bytes or those of another
+    FMU."""
     if len(blob) < _HEAD.size or not blob.startswith(MAGIC):
         raise InputError(f"state of {len(blob)} bytes: not a saved state of an FMU of this project; save one anew.")
     _, version, length, digest = _HEAD.unpack_from(blob)
@@ -82,7 +83,7 @@ def from_bytes(blob: bytes, guid: str, kinds: Mapping[type, Kind]) -> Any:
 
 
 def _order(array: Array) -> str:
-    """How an array lies in memory; it is to lie so again, or sums would come in another order."""
+    """The memory order of an array, which must be restored, because it affects the order of sums."""
     return "columns" if array.flags.f_contiguous and not array.flags.c_contiguous else "rows"
 
 

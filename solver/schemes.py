@@ -1,4 +1,4 @@
-"""The schemes by name: what each is made of, and its settings."""
+"""The schemes by name: the functions and the settings of each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AnySettings = Settings | MusclSettings
 
 
 class Scheme(NamedTuple):
-    """A scheme. Its models, states and meshes are its own, and only its own functions take them."""
+    """A scheme. Only its own functions accept its models, states and meshes."""
 
     settings: type[Any]
     build: Callable[..., Any]
@@ -39,7 +39,7 @@ SCHEMES = {
 
 
 def scheme_of(name: str, settings: AnySettings | None) -> tuple[Scheme, AnySettings]:
-    """The scheme of a name, and its settings, those of its defaults for None.
+    """The scheme of a name, and its settings; the defaults for None.
 
     Raises ValueError for an unknown name, or for settings of another scheme.
     """

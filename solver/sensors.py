@@ -1,4 +1,4 @@
-"""The measurement chain: what a sensor makes of the true output that it measures."""
+"""The measurement chain: the transfer function of a sensor from the true output to the recorded channel."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .units import SIGNAL_UNITS
 class Sensor(Effect):
     """An effect of a channel: y = H(ω) x, and an offset.
 
-    Its numbers in a search may differ from those of the catalogue, which may be undefined where it is absent.
+    Its unknowns in a search may differ from the numbers of the catalogue, which may be undefined if it is absent.
     """
 
     owner = "channel"
@@ -28,7 +28,7 @@ class Sensor(Effect):
     reach: ClassVar[Mapping[str, tuple[float, float]]] = {}  # x of a search, default ±30
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
-        """The numbers of a search for it in a channel."""
+        """The unknowns of a search for it in a channel."""
         kind = SCALE if self.search.scales else SHIFT
         found = []
         for key, q in self.searched(place).items():
@@ -39,7 +39,7 @@ class Sensor(Effect):
         return tuple(found)
 
     def searched(self, channel: str) -> Mapping[str, Quantity]:
-        """The numbers of a search by key; default: the terms."""
+        """The unknowns of a search by key; default: the terms."""
         return self.terms
 
     def transfer(self, values: Values, omega: Array) -> Array:
@@ -47,37 +47,36 @@ class Sensor(Effect):
         return np.ones(np.shape(omega))
 
     def offset(self, values: Values) -> Array | float:
-        """What is added to the mean; ``values`` by the keys of a search."""
+        """The offset added to the mean; ``values`` by the keys of a search."""
         return 0.0
 
     def frequency(self, values: Mapping[str, float]) -> float:
-        """The lowest frequency [Hz] that a fault is named by; 0 where it is named by none. ``values`` as in
-        :meth:`transfer`.
+        """The lowest characteristic frequency [Hz] of a fault; 0 if it has none. ``values`` as in :meth:`transfer`.
 
-        Beyond half the sampling rate it is none that a record shows: a flow with a kink, whose coefficients fall as
-        1/k², has those of 1 + (πk/N)²/3 + … times that when it is sampled N times a beat, as if by a sensor without
-        damping that rings at √3/π = 0.55 of the sampling rate.
+        A record cannot show a frequency beyond half the sampling rate: sampled N times per beat, the coefficients of a
+        flow with a kink, which fall as 1/k², are larger by the factor 1 + (πk/N)²/3 + …, like those of an undamped
+        sensor with a resonance at √3/π = 0.55 of the sampling rate.
         """
         return 0.0
 
     def delay(self, values: Mapping[str, float]) -> float | None:
-        """By how much [s] the channel is late, of a sensor that does nothing else; ``values`` as the catalogue's."""
+        """The delay [s] of the channel, for a sensor that is a pure delay; ``values`` as in the catalogue."""
         return None
 
     def said(self, words: str) -> Mapping[str, str] | None:
-        """Its terms as texts, if these are words for one that is known."""
+        """Its terms as texts, if ``words`` describe a known filter of this kind."""
         return None
 
     def as_terms(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The catalogue's numbers of those of a search."""
+        """Convert the unknowns of a search to the catalogue's numbers."""
         return dict(values)
 
     def as_coordinates(self, terms: Values) -> Values:
-        """The numbers of a search of the catalogue's."""
+        """Convert the catalogue's numbers to the unknowns of a search."""
         return terms
 
     def observe(self, terms: Values, X: Array, omega: Array) -> Array:
-        """Fourier coefficients X : (..., n) of a channel at omega : (n,) as the sensor shows them."""
+        """Fourier coefficients X : (..., n) of a channel at omega : (n,) after the sensor."""
         values = self.as_coordinates(terms)
         return X * self.transfer(values, omega) + np.where(omega == 0.0, self.offset(values), 0.0)
 
@@ -93,7 +92,7 @@ class ChannelLag(Sensor):
     separator = "calibration of the sensor"
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
-        """On a bench, where only P against R is known, a sensor can only be late."""
+        """On a bench only P against R is known, so the lag cannot be negative."""
         found = super().coordinates(network, place, bench)
         return tuple(replace(c, low=0.0) for c in found) if bench else found
 
@@ -137,13 +136,13 @@ class ChannelOffset(Sensor):
         return values["offset"]
 
 
-# Catheters from which a search begins: a resonance has many valleys
+# Start catheters of a search: a resonance has many local minima
 _NATURAL_FREQUENCIES, _DAMPINGS = (8.0, 10.0, 12.0, 15.0, 18.0, 22.0, 27.0, 33.0, 40.0), (0.1, 0.35, 1.2)
 
 
 class CatheterResonance(Sensor):
-    """Searched by a = 2ζ/ω_n (slow) and b = 1/ω_n² (resonance), which are 0 for a perfect sensor, where f_n and ζ run
-    away."""
+    """A search uses a = 2ζ/ω_n (slow) and b = 1/ω_n² (resonance), which are 0 for a perfect sensor, where f_n and ζ
+    diverge."""
 
     name = "catheter_resonance"
     equation = "Y/X = 1/(1 + 2iζ f/f_n - (f/f_n)²); f_n = 0 means none"
@@ -175,13 +174,13 @@ class CatheterResonance(Sensor):
         return 1.0 / (1.0 + 1j * omega * values["slow"] - omega**2 * values["resonance"])
 
     def frequency(self, values: Mapping[str, float]) -> float:
-        """Of the slower pole: 1/(a + √(a² - 4b)) · 2 where the sensor is overdamped, else 1/√b, over 2π."""
+        """That of the slower pole: 1/(a + √(a² - 4b)) · 2 if the sensor is overdamped, else 1/√b, over 2π."""
         a, b = values["slow"], values["resonance"]
         per = 0.5 * (a + math.sqrt(a * a - 4.0 * b)) if a * a > 4.0 * b else math.sqrt(b)
         return math.inf if per == 0.0 else 1.0 / (2.0 * math.pi * per)
 
     def as_terms(self, values: Mapping[str, float]) -> dict[str, float]:
-        """f_n [Hz] and ζ; of a sensor that is only slow, ζ = 50 stands for the overdamped limit."""
+        """f_n [Hz] and ζ; for a first-order sensor, ζ = 50 represents the overdamped limit."""
         slow, resonance = values["slow"], values["resonance"]
         b = max(resonance, (slow / 100.0) ** 2, 1e-12)
         return {"f_n": 1.0 / (2.0 * math.pi * math.sqrt(b)), "zeta": slow / (2.0 * math.sqrt(b))}
@@ -196,7 +195,7 @@ _HIGHEST_ORDER = 8
 
 
 class LowPass(Sensor):
-    """A filter that is known from the amplifier's settings, and never searched for: Butterworth, causal.
+    """A filter known from the amplifier's settings, never a candidate of a search: Butterworth, causal.
 
     Source: S. Butterworth, On the theory of filter amplifiers, Wireless Engineer 7 (1930) 536–541.
     """
@@ -217,7 +216,7 @@ class LowPass(Sensor):
         return {}
 
     def said(self, words: str) -> Mapping[str, str] | None:
-        """lowpass FREQUENCY, of first order, or of that behind it: order 2."""
+        """lowpass FREQUENCY, of first order, or of the order given after it: order 2."""
         match = re.fullmatch(r"low-?pass\s+(.+?)(?:\s+order\s+(\d+))?", words, re.IGNORECASE)
         return match and dict(zip(self.terms, (match[1], match[2] or "1"), strict=True))
 

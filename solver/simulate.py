@@ -1,4 +1,4 @@
-"""Run a network: a stretch of time, or beats until they repeat."""
+"""Run a network for a given duration, or until its beats repeat."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ Progress = Callable[[float, str], None]
 
 STARTS = ("rest", "periodic")
 
-_STEADY = 1e-4  # of an output's size: a smaller pulse counts as none when beats are compared
+_STEADY = 1e-4  # of an output's magnitude: a smaller pulse counts as steady when beats are compared
 _LARGEST_TABLE = 4e9  # bytes of one run's or one beat's outputs
-_NEARER = 0.5  # of the least change so far: accelerated beats that come no nearer are iterated further
-_FINEST = 1e-12  # to which iterations are ever told to go
+_NEARER = 0.5  # of the smallest change so far: accelerated beats without this reduction get more iterations
+_FINEST = 1e-12  # smallest tolerance of the iterations
 
 
 class NotPeriodic(ArithmeticError):
-    """The beats did not repeat within the allowed number; ``beats`` and ``change`` say how far they got."""
+    """The beats did not repeat within the allowed number; ``beats`` is their number, ``change`` the last change."""
 
     def __init__(self, beats: int, change: float, tolerance: float) -> None:
         self.beats, self.change = beats, change
@@ -45,7 +45,7 @@ class NotPeriodic(ArithmeticError):
         )
 
 
-BROKEN = (NonPhysicalState, NotPeriodic, InputError, np.linalg.LinAlgError)  # what a parameter set may end in
+BROKEN = (NonPhysicalState, NotPeriodic, InputError, np.linalg.LinAlgError)  # possible errors of a parameter set
 
 
 def simulate(
@@ -63,15 +63,15 @@ def simulate(
     """Run from rest under P_0 for ``duration`` [s] (default one period of the inlet).
 
     inflow : Q(t) [m³/s] for an array of times (n,), as (n,) or for each of a batch as (n, B); default the network's
-    inlet; of several inlets by the names of what drives them, {"inlet.Q": …, "LSA.inlet.Q": …}. parameters : values by
-    FMU variable name, numbers or arrays of B numbers (a batch). The time grid is n·dt; it ends at or just after the
-    duration.
-    start : "rest", or "periodic": near the beats that this inflow repeats at the inlet's period (:mod:`~solver.start`).
-    A batch shares one mesh, made for the longest of each segment, and ends with the first member that breaks down.
+    inlet; for several inlets by driving variable, {"inlet.Q": …, "LSA.inlet.Q": …}. parameters : values by FMU variable
+    name, numbers or arrays of B numbers (a batch). The time grid is n·dt; it ends at or just after the duration.
+    start : "rest", or "periodic": near the periodic state under this inflow at the inlet's period
+    (:mod:`~solver.start`).
+    A batch shares one mesh, made for the longest of each segment, and stops at the first member that fails.
     scheme : "staggered", or "muscl", the paper's finite volumes (:mod:`~solver.muscl`), with its settings.
-    backend : "numpy"; "native", the compiled engine (:mod:`~solver.native`), which makes the same steps; "auto", the
-    engine where there is one that can run this.
-    Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution breaks down.
+    backend : "numpy"; "native", the compiled engine (:mod:`~solver.native`), which computes the same steps; "auto", the
+    engine if it is available and supports this run.
+    Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution fails.
     """
     check_network(network)
     made, settings = scheme_of(scheme, settings)
@@ -108,12 +108,12 @@ def simulate_periodic(
 
     Pressures and radii are compared relative to their mean-removed norm, flows to their norm. The result is the last
     beat, both ends included, with time from 0. The step is the period over a whole number, at most settings.dt.
-    start : "rest"; "periodic", near the answer (:mod:`~solver.start`); or an earlier result, with other parameters
-    perhaps, whose last state takes the place of rest: it saves beats where little has changed; that of one parameter
-    set serves a batch. Default: rest; periodic where there is such a state and the arteries would take beats to fill.
+    start : "rest"; "periodic", near the result (:mod:`~solver.start`); or an earlier result, possibly with other
+    parameters, whose last state is the start: it saves beats if little has changed; the result of one parameter set can
+    start a batch. Default: rest, or periodic if that state exists and the arteries fill slowly.
     accelerate : whether slow pressures are extrapolated from beat to beat (:mod:`~solver.mixing`), and the default
-    start may be the periodic one. The result is a beat that repeats the one before in either case.
-    Raises ValueError, NonPhysicalState as :func:`simulate`, NotPeriodic after ``max_beats``, and ValueError where
+    start may be the periodic one. In either case the result repeats the beat before.
+    Raises ValueError, NonPhysicalState as :func:`simulate`, NotPeriodic after ``max_beats``, and ValueError if
     ``start`` has another mesh, step or batch.
     """
     run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats, scheme, backend)
@@ -128,15 +128,15 @@ def repeating_beat(
     tolerance: float = 1e-5, resolved: float = 0.0, max_beats: int = 100, progress: Progress | None = None,
     backend: str = "numpy",
 ) -> Waveforms:  # fmt: skip
-    """The beat of :func:`simulate_periodic` in a third of its time: for studies, which need thousands.
+    """The beat of :func:`simulate_periodic` in a third of its time, for studies with thousands of beats.
 
-    Where harmonics are enough, :func:`~solver.harmonics.beat_harmonics` takes less time, and no steps.
+    If harmonics suffice, :func:`~solver.harmonics.beat_harmonics` is faster and needs no time steps.
 
-    From near the periodic state, or from rest where there is none such, it runs on in quarters of a beat until every
-    output ends a period as it began it: a difference <= ``tolerance`` of its root mean square over the beat (of
-    pressures and radii mean-removed). Pulses die out within a beat, so that the beat is as near to the periodic one.
+    The run starts near the periodic state, or at rest if there is none, and continues in quarters of a beat until every
+    output ends a period at its initial value: a difference <= ``tolerance`` of its root mean square over the beat (of
+    pressures and radii mean-removed). Transients decay within a beat, so the beat is equally near to the periodic one.
     resolved : a difference that suffices after two beats; steps solved to settings.tolerance may not repeat better than
-    to a few times that. Where a beat does not halve the difference, it goes on as simulate_periodic.
+    to a few times that. If a beat does not halve the difference, the run continues as simulate_periodic.
     Arguments, result and errors as there; ``change`` is that difference.
     """
     run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats, backend=backend)
@@ -164,8 +164,8 @@ def _until_repeated(
 ) -> Waveforms:  # fmt: skip
     """The first beat of n steps that repeats the one before.
 
-    resort : a state to start from if the first beats break down. last : how many beats have been run until ``state``,
-    the table of the last one, and by how much it ended otherwise than it began.
+    resort : an alternative start if the first beats fail. last : the number of beats until ``state``, the table of the
+    last one, and the difference between its end and its start.
     """
     done, before, gap = last
     change, beats = math.inf, Beats(run.model.mesh.topology.outlets)
@@ -189,11 +189,11 @@ def _until_repeated(
             least = min(change, least)
         before, resort, gap = table, None, gap_of(table, run.report.names)
         beats = beats.followed(begun, state, gap)
-        two_left = beat + 2 <= max_beats  # what is mixed takes two to compare
+        two_left = beat + 2 <= max_beats  # an extrapolated beat needs two more for the comparison
         mixed = beats.mixed() if accelerate and gap > tolerance and two_left else None
         if mixed is not None:
             state, before, change, resort = mixed, None, math.inf, state
-    # where nothing is left to compare the last beat with, its end is compared with its beginning
+    # without an earlier beat, compare the end of the last one with its start
     raise NotPeriodic(max_beats, change if math.isfinite(change) else gap, tolerance)
 
 
@@ -201,7 +201,7 @@ def _periodic_run(
     network: Network, inflow: Inflows | None, period: float | None, parameters: Parameters | None,
     settings: AnySettings | None, tolerance: float, max_beats: int, scheme: str = "staggered", backend: str = "numpy",
 ) -> tuple[_Run, int]:  # fmt: skip
-    """The run whose beats are to repeat, and the steps of a beat."""
+    """The run for the periodic beats, and the number of steps per beat."""
     check_network(network)
     made, settings = scheme_of(scheme, settings)
     period = network.inlet.T if period is None else period
@@ -244,15 +244,17 @@ class _Run:
     backend: Backend
 
     def begin(self, start: Waveforms | str | None, period: float) -> Any:
-        """The state to start from: rest, near the periodic one, or where another run ended."""
+        """The start state: rest, near the periodic one, or the end of another run."""
         if start is None or start == "rest":
             return self.scheme.initial_state(self.model)
         if start == "periodic":
-            return self.scheme.periodic_state(self.model, self.drives, period, dt=self.dt)
+            return self.scheme.periodic_state(
+                self.model, self.drives, period, dt=self.dt, backend="auto" if self.backend.engine else "numpy"
+            )
         if not isinstance(start, Waveforms):
             raise InputError(f"start = {start!r}: must be {' or '.join(map(repr, STARTS))} or an earlier result.")
         if start.end is None:
-            raise InputError("start: this result does not hold the state it ended in; give one of simulate_periodic.")
+            raise InputError("start: this result does not contain its last state; give one of simulate_periodic.")
         if not start.end.mesh.same_as(self.model.mesh) or abs(start.end.dt - self.dt) > 1e-12 * self.dt:
             raise InputError(
                 f"start: it was run on another mesh or with another step than dt = {self.dt:g} s; "
@@ -261,16 +263,17 @@ class _Run:
         return replace(self.scheme.adopt(self.model, start.end.state), t=0.0, halved=0)
 
     def begin_beats(self, start: Waveforms | str | None, period: float, near: bool) -> tuple[Any, Any]:
-        """The state to start beats from, and another one in case that it breaks down.
+        """The start state of the beats, and an alternative if it fails.
 
-        Where nothing is said it is near the periodic one if the arteries fill slowly.
+        The default is near the periodic state if the arteries fill slowly.
         """
         if start is None and near and fills_slowly(self.model, period):
             return self.near(period), self.begin("rest", period)
         return self.begin(start, period), None
 
     def iterated_further(self, tolerance: float) -> _Run:
-        """The same with iterations to a tenth, of a tolerance at most: what they leave over differs between beats."""
+        """The same with a tenth of the iteration tolerance, at most the given one, as residuals differ between
+        beats."""
         settings = self.model.settings
         if not hasattr(settings, "tolerance"):
             return self
@@ -340,7 +343,7 @@ def _largest(difference: Array, table: Array, names: Sequence[str]) -> float:
     """The largest of differences (…, n_names) over the norms of outputs (n, …, n_names)."""
     pulsatile = np.array([not name.endswith(".Q") for name in names])
     size = np.linalg.norm(table - np.where(pulsatile, table.mean(axis=0), 0.0), axis=0)
-    # what hardly pulsates (steady inflow, flow into a closed end) is measured against the largest of its kind
+    # a nearly steady output (steady inflow, flow into a closed end) is compared with the largest of its kind
     whole = np.linalg.norm(table, axis=0)
     for kind in "PQR":
         same = np.array([name.endswith(f".{kind}") for name in names])

@@ -8,11 +8,13 @@ direction of a search, not for its answer.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from .balance import Response, constant, spectrum, steady, taus_of
 from .inflow import Inflows, drives_of
+from .native_balance import BalanceEngine, Unsolved, engine_for
 from .network import Network
 from .outputs import reporter
 from .scheme.model import Model, Settings, build
@@ -27,7 +29,7 @@ _SMALL = 1e-4  # of a source, so that outputs are linear in it
 def source_responses(
     network: Network, names: Sequence[str], K: int, sources: Sequence[Source], units: Sequence[float],
     inflow: Inflows | None = None, period: float | None = None, *,
-    parameters: Mapping[str, float] | None = None, settings: Settings | None = None,
+    parameters: Mapping[str, float] | None = None, settings: Settings | None = None, backend: str = "auto",
 ) -> Array:  # fmt: skip
     """G : (n_sources, K+1, m), what harmonic k of a source's amplitude does to harmonic k of outputs, for each unit.
 
@@ -37,26 +39,40 @@ def source_responses(
     """
     T = network.inlet.T if period is None else period
     model = build(network, parameters, settings)
+    mean, omega = spectrum(model, drives_of(network, inflow, 1), T, 1)[0].real, 2.0 * np.pi / T * np.arange(K + 1)
+    size = _SMALL * np.asarray(units, float)
+    momentum, nodes = (size.reshape(-1, *[1] * (x.ndim - 1)) * x for x in _unit(model, sources))
+    engine = engine_for(model, backend)
     with np.errstate(all="ignore"):
-        rest = steady(model, spectrum(model, drives_of(network, inflow, 1), T, 1)[0].real)
-        omega = 2.0 * np.pi / T * np.arange(K + 1)
-        response = Response.about(model, taus_of(omega), rest)
-        size = _SMALL * np.asarray(units, float)
-        y, H = response.to_sources([s.momentum(model) for s in sources], _nodes(model, sources), size)
+        try:
+            rest, y, H = _waves(model, mean, taus_of(omega), momentum, nodes, engine)
+        except Unsolved:
+            rest, y, H = _waves(model, mean, taus_of(omega), momentum, nodes, None)
         X = _observed(model, rest, omega, y, H, names) / _SMALL
     return X + (np.asarray(units)[:, None] * shown(network, names, sources))[:, None]
 
 
-def _nodes(model: Model, sources: Sequence[Source]) -> list[Array | None]:
-    """ΣQ at the nodes that sources add, those of the inlets among them."""
-    found = []
-    for source in sources:
-        nodes, inlets = source.nodes(model), source.inlets(model)
-        if inlets is not None:
-            nodes = np.zeros(model.mesh.n_nodes) if nodes is None else nodes
-            nodes[model.mesh.topology.inlets] += inlets
-        found.append(nodes)
-    return found
+def _waves(
+    model: Model, mean: Array, taus: Sequence[Any], momentum: Array, nodes: Array, engine: BalanceEngine | None
+) -> tuple[State, Array, Array]:
+    """The steady state, and the waves that sources make about it."""
+    if engine is None or not engine.checked:  # a balance of such a model was not yet compared with NumPy's
+        rest = steady(model, mean)
+        return rest, *Response.about(model, taus, rest).to_sources(momentum, nodes)
+    return engine.to_sources(np.array(taus, complex), mean[0], momentum, nodes)
+
+
+def _unit(model: Model, sources: Sequence[Source]) -> tuple[Array, Array]:
+    """What sources of unit amplitude add to momentum, (S, n_e, N+1), and to ΣQ at the nodes, those of the inlets among
+    them, (S, n_nodes)."""
+    momentum = np.zeros((len(sources), *model.mass.shape[1:]))
+    nodes = np.zeros((len(sources), model.mesh.n_nodes))
+    for source, own, at_nodes in zip(sources, momentum, nodes, strict=True):
+        for to, added in ((own, source.momentum(model)), (at_nodes, source.nodes(model)),
+                          (at_nodes[model.mesh.topology.inlets], source.inlets(model))):  # fmt: skip
+            if added is not None:
+                to += added
+    return momentum, nodes
 
 
 def _observed(model: Model, rest: State, omega: Array, y: Array, H: Array, names: Sequence[str]) -> Array:

@@ -4,16 +4,16 @@
     ρ/A (∂Q/∂t + C_f Q/A) + ∂/∂x (P + …) + … = -d(x) g      a drop of pressure
     P = … + P_n(2x/L - 1) g                                 a further pressure of the wall
 
-Whatever a model lacks acts as such terms somewhere. A source says nothing of what that is: its amplitude is a periodic
-function of time, harmonic by harmonic, and may be anything. Each kind is one class, which knows where it may lie in a
-network; what effects and outlets are made of, they say by naming their kind (:class:`~solver.effect.Effect`).
+Physics that a model lacks acts as such terms somewhere. A source makes no assumption about the physics: its amplitude
+is an arbitrary periodic function of time, harmonic by harmonic. Each kind is one class, which knows its possible places
+in a network; an effect or outlet names the kind that represents it (:class:`~solver.effect.Effect`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -21,54 +21,60 @@ from numpy.polynomial import legendre
 from .effect import Described
 from .scheme.element import lagrange
 from .scheme.mesh import Mesh
-from .scheme.model import Model
+from .table_source import TableSource
 
 Array = np.ndarray
 
 _GAUSS = legendre.leggauss(6)  # of the overlap of an element and a stretch: exact for elements of degree 11
 
 
+class Meshed(Protocol):
+    """The interface of a model that sources use."""
+
+    @property
+    def network(self) -> Described: ...
+    @property
+    def mesh(self) -> Mesh: ...
+
+
 @dataclass(frozen=True)
 class Source:
-    """One source of unit amplitude. place : what it belongs to, a segment or an outlet's.
-
-    unit : of the amplitude.
-    """
+    """One source of unit amplitude. place : its segment, or that of its outlet. unit : of the amplitude."""
 
     place: str
 
     unit: ClassVar[str]
 
-    def momentum(self, model: Model) -> Array | None:
-        """What it adds to the momentum that is left over, (n_e, N+1) [Pa]; None where nothing."""
+    def momentum(self, model: Meshed) -> Array | None:
+        """Its contribution to the momentum residual, (n_e, N+1) [Pa]; None if it has none."""
         return None
 
-    def nodes(self, model: Model) -> Array | None:
-        """What it adds to ΣQ at the nodes, (n_nodes,) [m³/s]; None where nothing."""
+    def nodes(self, model: Meshed) -> Array | None:
+        """Its contribution to ΣQ at the nodes, (n_nodes,) [m³/s]; None if it has none."""
         return None
 
-    def inlets(self, model: Model) -> Array | None:
-        """What it adds to the flows that drive the inlets, (n_inlets,) [m³/s]; None where nothing."""
+    def inlets(self, model: Meshed) -> Array | None:
+        """Its contribution to the flows that drive the inlets, (n_inlets,) [m³/s]; None if it has none."""
         return None
 
     def shown(self, network: Described) -> Mapping[str, float]:
-        """What it adds to outputs, beside what it does to A, Q and H."""
+        """Its direct contribution to outputs, beside its influence through A, Q and H."""
         return {}
 
 
 @dataclass(frozen=True)
 class WallPressure(Source):
-    """A pressure P_n(2x/L - 1) g that a wall bears beside its law; P_n : the Legendre polynomial of a degree."""
+    """A wall pressure P_n(2x/L - 1) g in addition to the wall law; P_n : the Legendre polynomial of a degree."""
 
     degree: int = 0
 
     unit = "Pa"
 
     def shape(self, x: Array) -> Array:
-        """Of x/L."""
+        """P_n at x/L."""
         return legendre.legval(2.0 * x - 1.0, np.eye(self.degree + 1)[self.degree])
 
-    def momentum(self, model: Model) -> Array:
+    def momentum(self, model: Meshed) -> Array:
         mesh, found = model.mesh, _nothing(model)
         e = _elements(model, self.place)
         found[e] = self.shape(mesh.positions(mesh.element.x_gauss)[e]) @ mesh.element.minus_d_test
@@ -81,14 +87,14 @@ class WallPressure(Source):
 
 @dataclass(frozen=True)
 class Drop(Source):
-    """A drop of pressure g over a stretch [start, end] of x/L."""
+    """A pressure drop g over a stretch [start, end] of x/L."""
 
     start: float = 0.0
     end: float = 1.0
 
     unit = "Pa"
 
-    def momentum(self, model: Model) -> Array:
+    def momentum(self, model: Meshed) -> Array:
         mesh, found = model.mesh, _nothing(model)
         for e in _elements(model, self.place):
             a, b = max(mesh.left[e], self.start), min(mesh.left[e] + 1.0 / mesh.parts[e], self.end)
@@ -101,13 +107,13 @@ class Drop(Source):
 
 @dataclass(frozen=True)
 class Step(Source):
-    """A drop of pressure g between an end of a segment, 0 or 1 of x/L, and the node there."""
+    """A pressure drop g between an end of a segment, 0 or 1 of x/L, and the node there."""
 
     end: int = 1
 
     unit = "Pa"
 
-    def momentum(self, model: Model) -> Array:
+    def momentum(self, model: Meshed) -> Array:
         found = _nothing(model)
         found[_elements(model, self.place)[-self.end], -self.end] = 1.0
         return found
@@ -115,11 +121,11 @@ class Step(Source):
 
 @dataclass(frozen=True)
 class Outflow(Source):
-    """A flow g that leaves a segment, evenly along it: at the ends of its elements, by the trapezoidal rule."""
+    """A flow g that leaves a segment, uniformly along it: at the ends of its elements, by the trapezoidal rule."""
 
     unit = "m^3/s"
 
-    def nodes(self, model: Model) -> Array:
+    def nodes(self, model: Meshed) -> Array:
         mesh: Mesh = model.mesh
         found = np.zeros(mesh.n_nodes)
         for e in _elements(model, self.place):
@@ -129,11 +135,11 @@ class Outflow(Source):
 
 @dataclass(frozen=True)
 class OutletFlow(Source):
-    """A flow g that leaves the end of a segment beside that which its outlet lets through."""
+    """A flow g that leaves the end of a segment in addition to the flow through its outlet."""
 
     unit = "m^3/s"
 
-    def nodes(self, model: Model) -> Array:
+    def nodes(self, model: Meshed) -> Array:
         mesh, found = model.mesh, np.zeros(model.mesh.n_nodes)
         i = [outlet.segment for outlet in model.network.outlets].index(self.place)
         found[np.arange(mesh.n_nodes)[mesh.topology.outlets][i]] = -1.0
@@ -142,29 +148,44 @@ class OutletFlow(Source):
 
 @dataclass(frozen=True)
 class InletFlow(Source):
-    """A flow g that enters at the first inlet beside that which is given; place : the segment there."""
+    """A flow g that enters at the first inlet in addition to the given one; place : the segment there."""
 
     unit = "m^3/s"
 
-    def inlets(self, model: Model) -> Array:
+    def inlets(self, model: Meshed) -> Array:
         return np.eye(len(model.network.inlets))[0]
 
 
 ALL: tuple[type[Source], ...] = (WallPressure, Drop, Step, Outflow, OutletFlow, InletFlow)
 
 
-def _nothing(model: Model) -> Array:
+BY_KIND: Mapping[str, type[Source]] = {
+    "wall": WallPressure,
+    "drop": Drop,
+    "step": Step,
+    "outflow": Outflow,
+    "outlet": OutletFlow,
+}  # as a network file names them
+
+
+def made_of(table: TableSource) -> Source:
+    """The source of unit amplitude of a table."""
+    numbers = {key: int(x) if key in ("degree",) or table.kind == "step" else x for key, x in table.how.items()}
+    return BY_KIND[table.kind](table.segment, **numbers)
+
+
+def _nothing(model: Meshed) -> Array:
     return np.zeros((model.mesh.n_elements, model.mesh.element.N + 1))
 
 
-def _elements(model: Model, segment: str) -> Array:
+def _elements(model: Meshed, segment: str) -> Array:
     """The elements of a segment."""
     s = [each.name for each in model.network.segments].index(segment)
     return np.arange(model.mesh.first[s], model.mesh.first[s] + model.mesh.count[s])
 
 
 class Forcing(NamedTuple):
-    """What some sources add together, by harmonic; 0.0 where none of them adds anything.
+    """The total contribution of some sources, by harmonic; 0.0 where no source contributes.
 
     momentum : (K+1, B, n_e, N+1) [Pa]. nodes : (K+1, B, n_nodes) and inlets : (K+1, B, n_inlets) [m³/s].
     """
@@ -174,8 +195,8 @@ class Forcing(NamedTuple):
     inlets: Array | float
 
     @staticmethod
-    def of(model: Model, sources: Sequence[Source], amplitudes: Array, n: int) -> Forcing:
-        """Of harmonics g : (K+1, n_sources) or (K+1, B, n_sources); 0 beyond, up to n of them."""
+    def of(model: Meshed, sources: Sequence[Source], amplitudes: Array, n: int) -> Forcing:
+        """For amplitudes g : (K+1, n_sources) or (K+1, B, n_sources) by harmonic, padded with 0 to n harmonics."""
         g = np.asarray(amplitudes, complex)
         g = g[:, None] if g.ndim == 2 else g
         g = np.concatenate([g[:n], np.zeros((max(0, n - len(g)), *g.shape[1:]))])
@@ -188,11 +209,21 @@ class Forcing(NamedTuple):
             )
         )  # fmt: skip
 
+    def part(self, harmonics: slice, members: slice) -> Forcing:
+        """The contribution for some harmonics and, if they differ, some members of a batch."""
+
+        def of(x: Array | float) -> Array | float:
+            if not isinstance(x, np.ndarray):
+                return x
+            return x[harmonics, members] if x.shape[1] > 1 else x[harmonics]
+
+        return Forcing(*map(of, self))
+
 
 NO_FORCING = Forcing(0.0, 0.0, 0.0)
 
 
 def shown(network: Described, names: Sequence[str], sources: Sequence[Source]) -> Array:
-    """(n_sources, m) what each source adds to the outputs with these names."""
+    """(n_sources, m) direct contribution of each source to the outputs with these names."""
     found = [source.shown(network) for source in sources]
     return np.array([[each.get(name, 0.0) for name in names] for each in found]).reshape(len(found), len(names))

@@ -1,5 +1,5 @@
-"""What papers print in place of a network's numbers: areas, beta, C_v, mu, the exponent of the velocity profile, values
-at both ends. Each becomes the numbers of :mod:`solver.network` when a file is read.
+"""Aliases used in papers: areas, beta, C_v, mu, the exponent of the velocity profile, values at both ends. The reader
+converts each to the numbers of :mod:`solver.network`.
 
     A0 = π R0²    beta = √π E h/((1 - η²) A0)    C_v = √π φ0 h/(2 (1 - η²) √A0 ρ)    (`sheep_constitutive`)
     mu = ρ ν      u(r) ∝ 1 - (r/R)^γ: friction = 2 (γ + 2), α = (γ + 2)/(γ + 1)
@@ -33,7 +33,7 @@ ENDS = {number: term for effect in effects.ALL for number, term in effect.at_end
 
 
 def fluid(table: Mapping[str, Any], rho: float, parse: Parse) -> dict[str, Any]:
-    """The section [fluid] with nu for mu, friction and alpha for profile. Raises ValueError for what is given twice."""
+    """The section [fluid] with nu for mu, friction and alpha for profile. Raises ValueError for duplicates."""
     left = dict(table)
     for key, own in (("mu", ("nu",)), ("profile", ("friction", "alpha"))):
         _alone("fluid", table, key, own)
@@ -52,7 +52,7 @@ def segment(
     """A section of a segment with R0, E and phi0 for A0, beta and C_v, and middle values for values at both ends.
 
     known : its quantities. eta : Poisson's ratio. rho : density [kg/m³].
-    Raises ValueError for a number given twice, or one that another is needed for.
+    Raises ValueError for a duplicate, or for a number that requires another one.
     """
     for key, own in (("A0", "R0"), ("beta", "E"), ("C_v", "phi0")):
         _alone(name, table, key, (own,))
@@ -90,7 +90,7 @@ def segment(
 
 
 def outlet(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A section of an outlet: R and C alone are a Windkessel of two elements, R1 = 0 and R2 = R."""
+    """A section of an outlet: R and C alone define a two-element Windkessel, R1 = 0 and R2 = R."""
     if not {"R", "C"} <= set(table) or {"R1", "R2"} & set(table):
         return dict(table)
     return {"R1": 0.0, **{"R2" if key == "R" else key: value for key, value in table.items()}}

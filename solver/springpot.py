@@ -1,4 +1,4 @@
-"""The fractional viscosity of a wall: a springpot, as Maxwell elements of fixed rates."""
+"""The fractional viscosity of a wall: a springpot, approximated by Maxwell elements with fixed rates."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .effect import Array, Effect, SearchSpec, Values
 from .quantity import Quantity
 from .wall import Wall
 
-REFERENCE = 10.0  # rad/s, where springpot and damper are of one size: an ordinary heart rate
-# Relaxation rates [Hz] that, with a damper, make (iω)^(a-1) of any order a from 0.05 to 0.95 within 0.5 % for 0.5 to
-# 60 Hz. They were found by minimising that error; the slowest is a spring to all that beats. Weights are positive for
-# orders from 0.07; below, that of the slowest is not, which by itself would give out energy at 0.02 Hz.
+REFERENCE = 10.0  # rad/s, where springpot and damper have equal magnitude: a typical heart rate
+# Relaxation rates [Hz] that, with a damper, approximate (iω)^(a-1) for any order a from 0.05 to 0.95 within 0.5 % from
+# 0.5 to 60 Hz. They minimise that error; the slowest acts as a spring at heart rates. Weights are positive for orders
+# from 0.07; below, the weight of the slowest is negative, and it alone would release energy at 0.02 Hz.
 RATES = 2.0 * np.pi * np.array([0.02, 0.26, 1.0, 4.2, 17.5, 90.0])
 _TIMES = np.concatenate([1.0 / RATES, [0.0]])
 _BAND = 2.0 * np.pi * np.geomspace(0.4, 75.0, 60)  # rad/s, over which the weights are fitted

@@ -1,7 +1,7 @@
-"""A state to start from that is near the periodic one, so that nobody waits ten beats for it.
+"""A start state near the periodic one, which saves about ten beats.
 
-It is that of the harmonic balance (:mod:`~solver.balance`) after a few corrections. Waves so large that the state would
-not be physical are left out: it is then the steady one.
+It comes from the harmonic balance (:mod:`~solver.balance`) after a few corrections. If the waves would make the state
+non-physical, it is the steady state.
 """
 
 from __future__ import annotations
@@ -11,35 +11,43 @@ from dataclasses import replace
 import numpy as np
 
 from .balance import Drive, Waves, balanced, spectrum, steady, storable
+from .native_balance import waves_by
 from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
 from .scheme.step import State
+from .sources import Forcing
 
 Array = np.ndarray
 
 _MOST, _FEWEST = 32, 4  # harmonics
 _CORRECTIONS = 6
-_SMALL = 1e-4  # a correction of this part of the waves is the last
+_SMALL = 1e-4  # of the waves: a smaller correction is the last
 
 
-def periodic_state(model: Model, drive: Drive, T: float, t: float = 0.0, dt: float | None = None) -> State:
-    """A state at time t [s] near that of the beats which repeat under what drives the inlet.
+def periodic_state(
+    model: Model, drive: Drive, T: float, t: float = 0.0, dt: float | None = None, backend: str = "numpy"
+) -> State:
+    """A state at time t [s] near the periodic state under the drive of the inlet.
 
-    drive : Q(t) [m³/s] for an array of times, or P(t) [Pa] where the inlet's causality is pressure; (n,) or of each
-    member (n, B); of several inlets (n, n_inlets) or (n, n_inlets, B). T : its period [s]. dt : the step [s] to come,
-    default the settings'.
-    Raises ValueError where the network has no steady state with the mean of the drive.
+    drive : Q(t) [m³/s] for an array of times, or P(t) [Pa] if the inlet's causality is pressure; (n,) or per member
+    (n, B); for several inlets (n, n_inlets) or (n, n_inlets, B). T : its period [s]. dt : the next step [s], default
+    the settings'. backend : what makes the balance, as of :func:`~solver.beat_harmonics`.
+    Raises ValueError if the network has no steady state with the mean of the drive.
     """
     harmonics = spectrum(model, drive, T, int(np.clip(storable(model), _FEWEST, _MOST)), t)
+    forcing = Forcing.of(model, *model.tables.beside((), None, T, len(harmonics), t), len(harmonics))
     with np.errstate(all="ignore"):
-        rest = steady(model, harmonics[0].real)
-        waves, _ = balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS)
+        found = waves_by(backend, model, harmonics, T, _SMALL, _CORRECTIONS, forcing)
+        if found is None:
+            rest = steady(model, harmonics[0].real)
+            found = rest, balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS, forcing=forcing)[0]
+        rest, waves = found
         return _state(model, waves, rest, t, dt or model.settings.dt)
 
 
 def _state(model: Model, waves: Waves, rest: State, t: float, dt: float) -> State:
-    """The state at the start of the period, with the stage values from which the next steps are guessed."""
+    """The state at the start of the period, with the stage values for the initial guesses of the next steps."""
     layout, at = model.layout, dt * SDIRK3.sum(axis=1)
     (y, H), (rate, _) = waves.at(0.0), waves.at(0.0, derivative=True)
     A_t = layout.part(rate, "A").copy()

@@ -1,4 +1,4 @@
-"""Tables in text files (CSV): a row of names, the units in brackets behind them or in a row of their own, rows."""
+"""Tables in text files (CSV): a row of names, with units in brackets or in a separate row, and rows of values."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Text of files: numbers with units, keys and the sentences about them.
 
-Units are read by pint here, once. Reading is exact: the magnitude times the exact rational factor of the unit, rounded
+pint reads the units here, once. Reading is exact: the magnitude times the exact rational factor of the unit, rounded
 once, so "4 cm" is 0.04.
 """
 
@@ -71,10 +71,10 @@ def parse_quantity(value: str | float, unit: str, name: str) -> float:
 
 
 def typed_quantity(text: str, unit: str, name: str, display: str | None = None) -> float:
-    """As :func:`parse_quantity`, of what is typed into a command: a number carries its unit.
+    """As :func:`parse_quantity`, for command-line arguments: a number must have a unit.
 
-    0 needs none, nor does a time, which is then in seconds. display : the unit that people read it in, where it is not
-    the usual one. Raises ValueError, too, for a number without its unit.
+    Exceptions are 0 and times, which are then in seconds. display : the display unit, if it is not the usual one.
+    Raises ValueError also for a number without its unit.
     """
     match = _NUMBER.fullmatch(text.strip())
     if match and not match[2] and unit not in ("1", "s") and float(match[1]) != 0.0:
@@ -84,14 +84,14 @@ def typed_quantity(text: str, unit: str, name: str, display: str | None = None) 
 
 
 def typed_unit(unit: str, display: str | None = None) -> str:
-    """The unit that people read a number in, as they type it: "Pa.s" -> "kPa*s"."""
+    """The display unit of a number, as typed: "Pa.s" -> "kPa*s"."""
     return pint_spelling(display or next(iter(display_units(unit)), unit))
 
 
 def assignments(texts: Iterable[str], units: Mapping[str, tuple[str, str | None]]) -> dict[str, float | str]:
-    """{"CA.phi0": 0.0} of ["CA.phi0=0 kPa*s"], as the option --set has them.
+    """{"CA.phi0": 0.0} from ["CA.phi0=0 kPa*s"], the arguments of the option --set.
 
-    units : of numbers by name, in SI and as people read them; the value of any other name stays a text.
+    units : SI and display units of numbers by name; the value of any other name stays a text.
     Raises ValueError, one sentence.
     """
     found: dict[str, float | str] = {}
@@ -108,7 +108,7 @@ def assignments(texts: Iterable[str], units: Mapping[str, tuple[str, str | None]
 
 
 # a number of three digits, a power of a power, or an exponent that is not a number of two digits at most: 9**9**9**9
-# would keep exact arithmetic busy for ever
+# would block exact arithmetic indefinitely
 _ENDLESS = re.compile(
     r"\d{3}|(\*\*|\^)[^*^/]*\d\s*\)*\s*(\*\*|\^)|(\*\*|\^)(?!\s*[+-]?\d{1,2}(?![\d.])|\s*\(\s*[+-]?\d{1,2}\s*\))"
 )
@@ -137,7 +137,7 @@ def _factor(text: str, unit: str, shown: str) -> Fraction:
 
 @cache
 def _registry() -> Any:
-    """pint's units with exact rational factors, made at the first use: it takes half a second."""
+    """pint's units with exact rational factors, created on first use, which takes half a second."""
     import pint
 
     return pint.UnitRegistry(non_int_type=Fraction)

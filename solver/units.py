@@ -1,7 +1,7 @@
-"""Units: what a unit's text means, and in which unit people read a number. One table for the whole project.
+"""Units: the meaning of a unit's text, and the display unit of a number. One table for the whole project.
 
-A unit is written as pint and FMI spell it, powers with ^, products with a dot: "Pa", "Pa.s/m^3", "m^2/(Pa.s)", "1".
-What it is in SI follows from the text: an effect may bring any unit made of the symbols below.
+Units are spelled as in pint and FMI, powers with ^, products with a dot: "Pa", "Pa.s/m^3", "m^2/(Pa.s)", "1". The text
+determines the SI unit: an effect may use any unit made of the symbols below.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ MMHG = 133.322387415  # conventional millimetre of mercury [Pa]
 
 SIGNAL_UNITS = {"P": "Pa", "Q": "m^3/s", "R": "m"}  # by the last letter of a channel's name
 
-# SI unit -> the units that people read it in, the usual one first
+# SI unit -> its display units, the usual one first
 _READ = {
     "m": ("mm", "cm"),
     "s": ("ms",),
@@ -52,7 +52,7 @@ _FACTOR = re.compile(r"([./]?)(\(?)([A-Za-z]+|10?)(?:\^(-?\d+))?(\)?)")
 
 
 def base_units(unit: str) -> dict[str, int]:
-    """Powers of the SI base units, those of 0 left out: "Pa.s" -> {"kg": 1, "m": -1, "s": -1}.
+    """Non-zero powers of the SI base units: "Pa.s" -> {"kg": 1, "m": -1, "s": -1}.
 
     Raises ValueError for a text that is no unit.
     """
@@ -60,18 +60,18 @@ def base_units(unit: str) -> dict[str, int]:
 
 
 def display_factor(display: str) -> float:
-    """By which a value in SI is multiplied to be read in a unit: "cm" -> 100. Raises ValueError as above."""
+    """The factor from SI to a display unit: "cm" -> 100. Raises ValueError as above."""
     *_, ten, mmHg = _powers(display)
     return float(float(f"1e{-ten}") / MMHG**mmHg if mmHg >= 0 else float(f"1e{-ten}") * MMHG**-mmHg)
 
 
 def display_units(unit: str) -> tuple[str, ...]:
-    """The units that people read an SI unit in, the usual one first; none where they read it as it is."""
+    """The display units of an SI unit, the usual one first; none if it is displayed unchanged."""
     return _READ.get(unit, ())
 
 
 def readable(unit: str, display: str | None = None) -> tuple[str, float]:
-    """An SI unit as people read it: the text to print, and the factor from SI. display : another than the usual one."""
+    """The display unit of an SI unit: the printed text and the factor from SI. display : overrides the usual one."""
     display = display or next(iter(display_units(unit)), None)
     return (printed(unit), 1.0) if display is None else (printed(display), display_factor(display))
 
@@ -82,7 +82,7 @@ def of_signal(channel: str) -> tuple[str, float]:
 
 
 def printed(unit: str) -> str:
-    """A unit as it is printed: "Pa.s^2" as Pa·s², "1" as nothing."""
+    """The printed form of a unit: "Pa.s^2" as Pa·s², "1" as an empty text."""
     powers = re.sub(r"\^(-?\d+)", lambda power: raised(power[1]), unit)
     return "" if unit == "1" else powers.replace(".", "·")
 

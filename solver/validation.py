@@ -1,5 +1,5 @@
-"""What makes a network or a parameter set acceptable. Every refusal is one sentence: the thing, its value, what is
-allowed, what to do."""
+"""Validation of networks and parameter sets. Every error is one sentence: the quantity, its value, the allowed range,
+the remedy."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _check_channels(network: Described) -> None:
 
 
 def check_terms(network: Described, values: Mapping[str, Any]) -> None:
-    """Raise ValueError unless every name is a term that something of the network may hold."""
+    """Raise ValueError unless every name is a term that an object of the network may have."""
     owners = {prefix: owner.OWNER for prefix, owner in network.owners()}
     owners |= dict.fromkeys(network.channel_names(), "channel")
     for name in values:
@@ -119,7 +119,7 @@ def _check_law(key: str, name: str, laws: Iterable[str]) -> None:
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
-    """ "did you mean CA?": the known names that are nearest to a name."""
+    """ "did you mean CA?": the known names nearest to a name."""
     by_lower = {candidate.lower(): candidate for candidate in known}
     close = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.4)]
     return f"did you mean {' or '.join(close)}?" if close else "see the network file for the names."
@@ -137,7 +137,7 @@ def _check_references(network: Described) -> None:
 
 
 def _check_topology(network: Described) -> None:
-    """Every end joined to exactly one thing, every segment reachable from the inlet."""
+    """Check that every end is joined to exactly one object, and that every segment is reachable from the inlet."""
     starts: dict[str, list[str]] = {s.name: [] for s in network.segments}
     ends: dict[str, list[str]] = {s.name: [] for s in network.segments}
     for inlet in network.inlets:
@@ -160,7 +160,7 @@ def _check_topology(network: Described) -> None:
     roots = [name for name, at in starts.items() if not at]
     if roots:
         raise InputError(
-            f"segment {roots[0]}: its upstream end is joined to nothing, which makes a second root beside "
+            f"segment {roots[0]}: its upstream end is not joined, which makes a second root beside "
             f"{network.inlet.segment}; let a junction flow into it, give it an inlet [inlets.{roots[0]}] or remove it."
         )
     for name, at in ends.items():
@@ -209,7 +209,7 @@ def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
     known = network.parameter_quantities()
     for name, value in values.items():
         if name not in known:
-            inflow = "the inflow stands under [inlet] in the network file; change it there."
+            inflow = "the inflow is under [inlet] in the network file; change it there."
             hint = inflow if name.startswith("inlet.") else suggest(name, known)
             raise InputError(f"{name}: not a parameter of network {network.name}; {hint}")
         try:

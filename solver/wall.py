@@ -5,7 +5,7 @@ The wall is written in the stretch s = R/R0 = √(A/A0), with strain ε = s - 1 
 
     P = P_ref + P_el(ε) + K_h/s σ_v(ε̇),    K_h = h/((1 - η²) R0)
 
-P_el and σ_v are those of :mod:`~solver.laws`, what a stress remembers that of :mod:`~solver.memory`.
+:mod:`~solver.laws` defines P_el and σ_v, :mod:`~solver.memory` the memory of a stress.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .memory import Moment, weights
 
 Array = np.ndarray
 
-_USUAL = 0.1  # s: strain rates last so long in a heart beat
+_USUAL = 0.1  # s: typical duration of a strain rate in a heart beat
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class Wall:
     """The walls of a set of points: laws, and coefficient arrays that broadcast against A.
 
     A0 [m²]; K = E h/((1-η²) R0) [Pa]; e = E_NL/E; K_h = h/((1-η²) R0) [-]; phi0 [Pa·s]; r = φ_NL/φ0 [s];
-    P_ref [Pa]; rho [kg/m³]. ``nonlinear`` tells whether any r differs from 0, ``bent`` whether any e does.
-    leak [m²/(Pa·s)] : what the wall lets through per length and pressure. tau [s], share [-] : (m, …) relaxation times
-    and shares of the elements that the viscous stress is made of (:mod:`solver.memory`). learned : (7, …) the numbers
-    of :class:`~solver.laws.LearnedStress`, which adds to the stress of the viscous law. None where no wall has it.
+    P_ref [Pa]; rho [kg/m³]. ``nonlinear``: whether any r differs from 0; ``bent``: whether any e does.
+    leak [m²/(Pa·s)] : leakage per length and pressure. tau [s], share [-] : (m, …) relaxation times and shares of the
+    elements of the viscous stress (:mod:`solver.memory`). learned : (7, …) the numbers of
+    :class:`~solver.laws.LearnedStress`, which adds to the stress of the viscous law. None if no wall has it.
 
-    For a wall with memory :meth:`remembering` gives the law at one instant, whose ``moment`` says what is left.
+    For a wall with memory :meth:`remembering` gives the law at one instant; its ``moment`` contains the past stress.
     """
 
     elastic: ElasticLaw
@@ -56,7 +56,7 @@ class Wall:
     learned: Array | None = None
     moment: Moment | None = None
 
-    # which counts the members of a batch, where it is not the first
+    # the axis of the members of a batch, if it is not the first
     MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"tau": 1, "share": 1, "learned": 1}
 
     def at(self, index: Array | slice) -> Wall:
@@ -65,7 +65,7 @@ class Wall:
 
     def shaped(self, shape: tuple[int, ...]) -> Wall:
         """The same walls with the last axis in this shape."""
-        return self._with(lambda array: np.ascontiguousarray(array.reshape(*array.shape[:-1], *shape)))
+        return self._with(lambda array: array.reshape(*array.shape[:-1], *shape).copy())
 
     def _with(self, change: Callable[[Array], Array]) -> Wall:
         held = {name: getattr(self, name) for name in _WALL_ARRAYS}
@@ -74,7 +74,7 @@ class Wall:
 
     @property
     def bend(self) -> Array | None:
-        """e, None where all walls have e = 0: the laws are then shorter, and the same to the last bit."""
+        """e, or None if all walls have e = 0: the laws are then shorter, and identical to the last bit."""
         return self.e if self.bent else None
 
     @cached_property
@@ -116,7 +116,7 @@ class Wall:
 
     @property
     def _kept(self) -> Array | float:
-        """What counts of the stress of the viscous law at this moment."""
+        """The weight of the viscous law's stress at this moment."""
         return 1.0 if self.moment is None else self.moment.direct
 
     def stress_by_strain(self, A: Array, A_t: Array) -> Array | float:
@@ -129,7 +129,7 @@ class Wall:
         return self.viscous.factor(self.r * self.strain_rate(A, A_t)) if self.nonlinear else 1.0
 
     def _weighted(self, of_law: Array | float) -> Array | float:
-        """What counts of the viscous law at this moment, and of φ0 ε̇ beside it."""
+        """The weighted sum of the viscous law and of φ0 ε̇ at this moment."""
         return of_law if self.moment is None else self.moment.direct * of_law + self.moment.linear
 
     # --- memory ---------------------------------------------------------------------------------------------------
@@ -154,8 +154,8 @@ class Wall:
         return none
 
     def remembering(self, past: Array, theta: float) -> Wall:
-        """The wall of a moment: θ [s] ago the stresses of its elements were ``past`` : (m, …) [Pa], with ε̇ as it is now
-        ever since. Itself where no wall has a memory."""
+        """The wall at an instant: θ [s] ago the stresses of its elements were ``past`` : (m, …) [Pa], and ε̇ has been
+        constant since. The wall itself if no wall has memory."""
         if not self.remembers:
             return self
         return replace(self, moment=Moment.of(*self.elements, past, theta))
@@ -168,7 +168,7 @@ class Wall:
     def carried(self, A: Array, A_t: Array) -> Array:
         """The stresses [Pa] that the elements of walls with memory carry on : (m, …), m = 0 where no wall has one.
 
-        Of walls whose past is not known it is taken to be that of a strain that came and went as in a heart beat.
+        If the past is unknown, it is assumed to be that of a strain that varies as in a heart beat.
         """
         if not self.remembers:
             return np.zeros((0, *A.shape))
@@ -195,23 +195,23 @@ class Wall:
         return found
 
     def differs(self, other: Wall) -> Array:
-        """(n,) where any number of a wall is another one, of two sets of n walls."""
+        """(n,) where two sets of n walls differ in any number."""
         pairs = ((getattr(self, name), getattr(other, name)) for name in _WALL_ARRAYS)
         return np.any([np.any(a != b, axis=tuple(range(a.ndim - 1))) for a, b in pairs if a is not None], axis=0)
 
     @property
     def learns(self) -> bool:
-        """Whether any wall has a stress that was learned."""
+        """Whether any wall has a learned stress."""
         return self.learned is not None
 
     @property
     def leaks(self) -> bool:
-        """Whether any wall lets something through."""
+        """Whether any wall leaks."""
         return self.leak is not None
 
     @property
     def leakage(self) -> Array:
-        """What the walls let through per length and pressure [m²/(Pa·s)], like A0."""
+        """The leakage of the walls per length and pressure [m²/(Pa·s)], like A0."""
         return np.zeros_like(self.A0) if self.leak is None else self.leak
 
     def stiffness(self, A: Array) -> Array:

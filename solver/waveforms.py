@@ -24,7 +24,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class End:
-    """Where a run ended: its last state, and the mesh and step [s] that give it meaning."""
+    """The end of a run: its last state, with its mesh and step [s]."""
 
     state: State | CellState
     mesh: Any
@@ -35,10 +35,10 @@ class End:
 class Waveforms(Shown, Mapping[str, Array]):
     """A result: ``time`` : (n,) [s] and one array per variable, (n,) or (B, n), named as the FMU's variables.
 
-    units : SI unit per variable. beats : beats that were run. change : largest relative change from the beat before
-    (NaN for :func:`simulate`). end : where the run ended, for :func:`simulate_periodic` to start from. halved : how
-    many times a step of the run did not converge and was cut into halves. backend : what made the steps, "numpy" or
-    "native", and why where it is not what was asked for.
+    units : SI unit per variable. beats : number of beats in the run. change : largest relative change from the beat
+    before (NaN for :func:`simulate`). end : the end of the run, a start for :func:`simulate_periodic`. halved : number
+    of steps that did not converge and were halved. backend : the backend of the steps, "numpy" or "native", and the
+    reason if it is not the requested one.
     """
 
     time: Array
@@ -52,10 +52,10 @@ class Waveforms(Shown, Mapping[str, Array]):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is to be known of the run, in sentences; none as a rule."""
+        """Notes on the run, in sentences; usually none."""
         if not self.halved:
             return ()
-        return (f"steps that did not converge were cut into halves ({self.halved} times); a smaller dt avoids that.",)
+        return (f"steps that did not converge were halved ({self.halved} times); a smaller dt avoids this.",)
 
     def __getitem__(self, name: str) -> Array:
         try:
@@ -70,7 +70,7 @@ class Waveforms(Shown, Mapping[str, Array]):
         return len(self.columns)
 
     def heading(self, name: str) -> str:
-        """The name of a variable with its unit in SI, as tables are headed: "CA.P [Pa]"."""
+        """The name of a variable with its SI unit, as a column heading: "CA.P [Pa]"."""
         return f"{name} [{self.units[name]}]"
 
     def member(self, i: int) -> Waveforms:
@@ -107,9 +107,10 @@ class Waveforms(Shown, Mapping[str, Array]):
         return waveforms
 
     def plot(self, *names: str) -> Picture:
-        """A figure with a panel for each variable. names : variables ("CA.P") or places ("CA"): all that is there.
+        """A figure with a panel for each variable. names : variables ("CA.P") or places ("CA") with all their
+        variables.
 
-        Default: P and Q of inlets and sites, of the first twelve places. Raises ValueError for an unknown name.
+        Default: P and Q of inlets and sites, for the first twelve places. Raises ValueError for an unknown name.
         """
         picture: Picture = self._page.figure(self, names)
         return picture

@@ -1,4 +1,4 @@
-"""Files that a command writes: whether they can be written, before the work; and after it, all of them or none."""
+"""The output files of a command: check that they can be written, before the work; then write all of them or none."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def write_whole(path: Name, content: Content) -> None:
 
 
 def write_all(files: Mapping[Name, Content] | Mapping[Path, Content], gone: Iterable[Path] = ()) -> None:
-    """Write files by path, all of them or none: all aside first, then each is moved, in their order.
+    """Write files by path, all of them or none: first all under temporary names, then rename each, in order.
 
-    The last of several is the sign that all are there: it is never there beside others of an earlier result.
-    gone : files of an earlier result that are removed. Raises ValueError if one cannot be written.
+    The last file marks a complete result: it never exists beside files of an earlier result.
+    gone : files of an earlier result to remove. Raises ValueError if one cannot be written.
     """
     asides: dict[Path, Path] = {}
     path: Name = ""
@@ -50,10 +50,10 @@ def write_all(files: Mapping[Name, Content] | Mapping[Path, Content], gone: Iter
 
 
 def write_folder(folder: Name, files: Mapping[str, Content], gone: Iterable[str] = ()) -> list[Path]:
-    """Write the files of a result by their names in a folder, all or none; the paths of what was written.
+    """Write the files of a result by their names in a folder, all or none; return the written paths.
 
-    The folder is made if it is missing. gone : files that an earlier result had and this one has not; they are removed.
-    Raises ValueError if one cannot be written.
+    A missing folder is created. gone : files of an earlier result to remove. Raises ValueError if one cannot be
+    written.
     """
     root = Path(folder)
     paths = {root / name: content for name, content in files.items()}
@@ -72,7 +72,7 @@ def write_folder(folder: Name, files: Mapping[str, Content], gone: Iterable[str]
 
 
 def make_folder(path: Name) -> Path:
-    """The folder, made if it is missing. Raises ValueError if it cannot be made."""
+    """The folder, created if it is missing. Raises ValueError if it cannot be created."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -85,7 +85,8 @@ def make_folder(path: Name) -> Path:
 def check_destinations(*paths: Path | None, given: Iterable[Name | None] = (), folders: bool = False) -> None:
     """Raise ValueError before the work, not after it, if one of the files cannot be written.
 
-    None is no file. given : what the command reads, none of which it replaces. folders : missing folders will be made.
+    None means no file. given : the command's input files, which it must not replace. folders : whether missing folders
+    are created.
     """
     read = [Path(name) for name in given if name is not None and os.path.exists(name)]
     for path in paths:
@@ -93,7 +94,7 @@ def check_destinations(*paths: Path | None, given: Iterable[Name | None] = (), f
             continue
         _check_regular(path)
         if path.exists() and any(path.samefile(each) for each in read):
-            raise InputError(f"{path}: was given to be read, and would be replaced; give another name or folder.")
+            raise InputError(f"{path}: is an input file and would be replaced; give another name or folder.")
         place = path.resolve().parent if path.is_symlink() else path.parent
         if not folders and not place.is_dir():
             raise InputError(f"{path}: cannot be written (no folder {place}); make the folder or give another.")
@@ -107,11 +108,11 @@ def check_destinations(*paths: Path | None, given: Iterable[Name | None] = (), f
 
 
 def check_new(files: Mapping[Path, Content], force: bool) -> None:
-    """Raise ValueError if a file that people edit is there with another content. force : it may be replaced."""
+    """Raise ValueError if an editable file exists with different content. force : it may be replaced."""
     for path, content in files.items():
         if not force and path.is_file():
             if path.read_bytes() != (content.encode("utf-8") if isinstance(content, str) else content):
-                raise InputError(f"{path}: is there already and may have been edited; give another name, or --force.")
+                raise InputError(f"{path}: exists and may have been edited; give another name, or --force.")
 
 
 def _check_regular(path: Path) -> None:
@@ -121,7 +122,7 @@ def _check_regular(path: Path) -> None:
 
 
 def _check_way(folder: Path) -> None:
-    """Raise ValueError if a file is where a folder is to be."""
+    """Raise ValueError if a file is in the place of a folder."""
     file = next((each for each in (folder, *folder.parents) if each.exists() and not each.is_dir()), None)
     if file is not None:
         what = "is a file, not a folder" if file == folder else f"cannot be made, as {file} is a file"

@@ -19,7 +19,6 @@ from discrepancy.outcome import (
     NamedEffect,
     Outcome,
     OwnNumber,
-    Round,
     Walls,
 )
 from discrepancy.report import figure_files, report_files
@@ -143,7 +142,7 @@ def synthetic(verdict: str, network: Network) -> Outcome:
         absorbed=(Absorbed("all.E", 0.31, 0.02, 1.0), Absorbed("all.outlet.R_t", -2.4, 0.1, 1.0)),
         isolability=isolability(12),
         smallest=smallest if verdict == "none" else {},
-        rounds=tuple(Round(e, (9.1, 9.3), (1.01, 1.04)) for e in effects),
+        alone=(4.0, 4.2) if verdict == "several" else None,
         gap_before=(9.1, 9.3),
         gap_after=(1.01, 1.04) if added else None,
         parity=3e-12 if added else None,

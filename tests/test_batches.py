@@ -12,8 +12,7 @@ from small_network import term
 from fitting.inference.fit import Member
 from fitting.inference.network import NetworkProblem
 from fitting.inference.network_record import network_problem
-from fitting.inference.parts import placed
-from fitting.inference.terms import Term
+from fitting.inference.terms import Term, placed
 
 Array = np.ndarray
 

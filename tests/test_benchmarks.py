@@ -22,6 +22,7 @@ RUNS = {
     "balance": (["--small"], "elastic, batch of 1, in time"),
     "size": (["10", "20"], "a step of 20 segments, comb"),
     "native": (["--small"], "measure"),  # or why it does not
+    "native_fmu": (["--small"], "measure"),  # or why it does not
     "fmu": (["--small"], "doStep of 1 ms where ports are read"),
     "fit_speed": (["--small"], "network: 10 unknowns, P, Q, R at 7 sites"),
     "wall_fits": (["--seeds", "2"], "CA"),
@@ -35,8 +36,13 @@ RUNS = {
     "openbf": (["--no-switch", "--figure", "openbf.png"], "the same, time: 0.6 ms later"),
     "learned": (["--small", "--seeds", "1", "--nulls", "1", "--json", "rows.json"], "nulls with a learned law: 0 of 1"),
     "mock_loop": ([str(ROOT / "examples" / "data" / "mock-loop"), "--fit", "2", "--judge", "10"], "error of the mean"),
+    "mock_loop_verdicts": (
+        [str(ROOT / "examples" / "data" / "mock-loop"), "--files", "1", "--time-limit", "10 s", "--starts", "2",
+         "--json", "rows.json"], "seconds of one core",
+    ),
+    "learned_outlets": (["--records", "1", "--json", "rows.json"], "tables within 1.3 times the noise"),
     "openbf_method": (["--no-switch", "--networks", "cca", "--figure", "method.png"], "openBF's method"),
-}
+}  # fmt: skip
 
 
 def test_none_is_forgotten() -> None:

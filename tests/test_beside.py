@@ -10,6 +10,8 @@ import pytest
 from forked import NETWORK, N, T, clean, inflow, record
 from small_network import NAMES, term
 
+from discrepancy import thresholds
+from discrepancy.name import name
 from fitting.inference import hierarchy
 from fitting.inference.beside import found_beside, map_beside
 from fitting.inference.network import NetworkProblem
@@ -60,6 +62,15 @@ def test_nothing_acts_beside_the_law() -> None:
     narrow = problem(3.0)
     (law,) = narrow.refit([(term("stenosis", "C"),)])
     assert law is not None and found_beside(narrow, law) is None
+
+
+def test_a_law_beside_which_nothing_acts_competes_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the residual of the right law counts as too large by chance: partial, as no free source is worth its price.
+    It was "unknown, the sensor of …, which no law explains", of whose two hypotheses the law was not one."""
+    monkeypatch.setattr(thresholds, "MISFIT", -20.0)
+    found = name(problem(3.0), (term("stenosis", "C"), term("side_branch", "C")))
+    assert (found.verdict, found.best.label) == ("partial", "stenosis at C")
+    assert found.best.places == () and found.reason is not None and "acts" not in found.reason
 
 
 def test_nothing_acts_beside_what_has_no_state() -> None:

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discrepancy.compare import Compared
+from discrepancy.intervals import _lower
 from discrepancy.outcome import NamedEffect, OwnNumber, Walls
+from discrepancy.scoring import Compared, Named, ranked, shares
 from discrepancy.show import Gap
 from discrepancy.summary import _bent, sentence
 from discrepancy.verdict import Naming, _said, decided
-from discrepancy.weigh import Named, shares
 from fitting.estimate import Estimate
 from fitting.inference.fit import Fit
 from fitting.inference.terms import Term
@@ -111,3 +111,42 @@ def test_nothing_explains_the_record_and_no_error_can_be_estimated() -> None:
     naming = decided(Compared(problem, none, (best,), {}, ()), (), lambda n: None)
     assert (naming.verdict, naming.confidence, naming.best) == ("unknown", 0.5, best)
     assert naming.reason is not None and "whitened RMS" in naming.reason
+
+
+# --- what a record cannot show ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("lag", "expected"),
+    [((1.0, "A.P"), ["channel_lag", "catheter_resonance"]), ((9.0, "A.P"), []), ((1.0, "B.P"), ["channel_lag"])],
+)
+def test_a_sensor_beyond_half_the_sampling_rate_is_of_a_class_at_most(
+    lag: tuple[float, str], expected: list[str]
+) -> None:
+    """A catheter that rings at 140 Hz, sampled at 230 Hz, is more probable than a lag: it is no name, but beside the
+    lag of the same sensor, which explains the record, too, it cannot be ruled out. The lag is then surely no sure name.
+    Where no other fault of that sensor explains the record it does not count."""
+    problem: Any = Lawless()
+    misfit, channel = lag
+    none = replace(pair(), misfit=99.0, score=200.0)
+    late = replace(pair(("channel_lag", channel)), misfit=misfit, score=100.0)
+    rings = replace(pair(("catheter_resonance", "A.P")), misfit=1.0, score=95.0, shown=False)
+    found = Compared(problem, none, ranked([rings, late]), {}, ())
+    naming = decided(found, (), lambda n: None)
+    assert [n.fit.terms[0].effect for n in naming.members] == expected
+    assert naming.best is not rings and (naming.verdict == "ambiguous") == (len(expected) > 1)
+    if len(expected) > 1:
+        assert naming.confidence < 0.2
+
+
+@pytest.mark.parametrize(
+    ("mine", "other", "taken"),
+    [((9.0, True), (8.9, True), True), ((9.0, True), (8.99, True), False), ((9.0, False), (9.01, True), True),
+     ((9.0, False), (8.99, False), False), ((9.0, False), (9.2, True), False)],
+)  # fmt: skip
+def test_which_of_two_searches_is_at_the_minimum(
+    mine: tuple[float, bool], other: tuple[float, bool], taken: bool
+) -> None:
+    """One that gains less than 0.05 of the cost gains nothing; it is taken where it alone came to its end."""
+    first, again = (replace(named("none", cost, 0.0).fit, converged=ended) for cost, ended in (mine, other))
+    assert (_lower(first, [None, again]) is again) == taken

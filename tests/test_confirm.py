@@ -11,16 +11,16 @@ import pytest
 from forked import CHANNELS, NETWORK, N, clean, record
 from small_network import NAMES, term
 
-from discrepancy.confirm import agreement, confirmed
-from discrepancy.gap_words import change, changed, left
-from discrepancy.late_drive import late_drive
+from discrepancy import show
 from discrepancy.name import name
 from discrepancy.outcome import NamedEffect
 from discrepancy.places import label_text
-from discrepancy.show import Gap, Run, compared, fall
+from discrepancy.recorded import Recorded
+from discrepancy.show import Gap, Run, agreement, change, changed, compared, fall, left
 from discrepancy.study import Study
 from discrepancy.summary import sentence
 from discrepancy.verdict import Naming
+from discrepancy.wording import late_drive
 from fitting.estimate import Estimate
 from fitting.inference.fit import Fit
 from fitting.inference.network_record import network_problem
@@ -56,6 +56,15 @@ def named(verdict: str = "effect") -> Naming:
     s = study()
     found = name(s.problem, s.terms, walls="common")
     return replace(found, verdict=verdict, ranked=found.ranked or (found.base,), confidence=0.9)
+
+
+def confirmed(s: Study, naming: Naming, before: Run, after: Run | None) -> Naming:
+    """What two free runs leave of a name, of one recording."""
+    each = Recorded("A", "A.csv", "", 20, s.fitted.T, True, before.gap.total, {})
+    if after is not None:
+        fallen, sd = fall(s, before, after)
+        each = replace(each, fallen=fallen, sd=sd)
+    return show.confirmed(naming, [each], before.gap, after and after.gap)
 
 
 # --- the gap must fall ------------------------------------------------------------------------------------------------

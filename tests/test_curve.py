@@ -185,8 +185,8 @@ BAD = {
     "no sines": (ROWS, SERIES.partition("Q_sin")[0], ["inlet.Q_sin: it is missing"]),
     "one sine": (ROWS, SERIES.replace(", 0]", "]"), ["inlet.Q_cos: 2 cosines and 1 sines"]),
     "sine without list": (ROWS, SERIES.replace('["3 mL/s", 0]', "3"), ["inlet.Q_sin = 3: must be a list"]),
-    "series and table": (ROWS, f'{SERIES}\nQ = "inflow.csv"', ["inlet: Q_cos and Q each say"]),
-    "series and pressure": (ROWS, f"{SERIES}\nP_mean = 3", ["inlet: Q_cos and P_cos each say"]),
+    "series and table": (ROWS, f'{SERIES}\nQ = "inflow.csv"', ["inlet: Q_cos and Q both prescribe"]),
+    "series and pressure": (ROWS, f"{SERIES}\nP_mean = 3", ["inlet: Q_cos and P_cos both prescribe"]),
     "unit of a sine": (ROWS, SERIES.replace('"3 mL/s"', '"3 mL"'), ["inlet.Q_sin", "3 mL", "m^3/s"]),
     "nan": (ROWS.replace("60", "nan"), 'Q = "inflow.csv"', ["line 3", "finite"]),
 }

@@ -17,9 +17,9 @@ from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
 
 from discrepancy import verdict
+from discrepancy.scoring import Named, shares
 from discrepancy.study import judge, prepare
 from discrepancy.verdict import Naming
-from discrepancy.weigh import Named, shares
 from fitting.inference.added import estimates
 from fitting.inference.bench import Bench, fit
 from fitting.inference.fit import Fit

@@ -217,9 +217,6 @@ def test_many_labels(tmp_path: Path, sheep: Network) -> None:
 
 
 def test_nothing_is_written_if_something_fails(tmp_path: Path, sheep: Network) -> None:
-    with pytest.raises(ValueError, match="verdict 'maybe' is not known"):
-        write_report(replace(synthetic("none", sheep), verdict="maybe"), tmp_path)
-    assert not list(tmp_path.iterdir())
     (tmp_path / "file").touch()
     with pytest.raises(ValueError, match="is a file, not a folder; give another folder"):
         write_report(synthetic("unusable", sheep), tmp_path / "file")
@@ -269,7 +266,7 @@ def test_the_class_is_shown_where_it_leaves_a_choice(sheep: Network, verdict: st
         "wall viscosity at CA",
         "stenosis at MD with channel gain at CA.P",
     ]
-    assert "Cannot be told apart: wall viscosity at CA; stenosis at MD with channel gain" in outcome._repr_html_()
+    assert "cannot be told apart: wall viscosity at CA; stenosis at MD with channel gain" in outcome._repr_html_()
     assert verdict_json(outcome)["class"] == [
         [{"name": "wall_viscosity", "where": ["CA"]}],
         [{"name": "stenosis", "where": ["MD"]}, {"name": "channel_gain", "where": ["CA.P"]}],

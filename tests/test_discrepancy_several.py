@@ -28,12 +28,11 @@ from typer.testing import CliRunner
 import arterial_fmu.__main__
 from discrepancy import together
 from discrepancy.command_tables import gap_text, recordings_table
-from discrepancy.confirm import confirmed_together
 from discrepancy.recorded import Recorded
 from discrepancy.recorded import rows as rows_of
-from discrepancy.recordings import confirmed_by_all
+from discrepancy.recordings import Recordings, _named
 from discrepancy.second_state import second_state, separations
-from discrepancy.show import Gap
+from discrepancy.show import Gap, confirmed
 from discrepancy.study import Study, prepare
 from discrepancy.study import name as name_one
 from discrepancy.summary import Shown
@@ -257,12 +256,12 @@ def one(label: str, fallen: float, d: float, fitted: bool = True) -> Recorded:
 def test_the_rule_of_several(each: Sequence[Recorded], words: str | None) -> None:
     """χ² of held-out beats falls over all, in each that shows the effect, and rises in none; held-out ones likewise."""
     naming = named(RELAXATION, 1)[2]
-    found = confirmed_together(naming, each, BEFORE, AFTER)
+    found = confirmed(naming, each, BEFORE, AFTER)
     if words is None:
         assert found is naming
     else:
         assert found.verdict == "unknown" and words in (found.reason or "") and found.confidence <= 0.5
-    nothing = confirmed_together(naming, each, Gap((1.0, 0.9), {}), AFTER)
+    nothing = confirmed(naming, each, Gap((1.0, 0.9), {}), AFTER)
     assert nothing.verdict == "none" and "no more than noise" in (nothing.reason or "")
 
 
@@ -278,9 +277,9 @@ def test_names_of_own_numbers_are_whole() -> None:
 def test_own_numbers_are_of_the_model_that_stands() -> None:
     """Where the FMUs do not bear the name out, a recording's own numbers are those without the effect."""
     each = replace(one("A", 3.0, 20.0), own={"CA.E": 2e6}, own_before={"CA.E": 1e6})
-    several: Any = SimpleNamespace(judged=lambda *_: ([(each, BEFORE, AFTER)], []), warnings=())
+    several: Any = SimpleNamespace(each=lambda *_: ([(each, BEFORE, AFTER)], []), warnings=(), alone=False)
     run: Any = object()
-    naming, _, (found,), _ = confirmed_by_all(several, named(RELAXATION, 1)[2], run, Shown(run, run, run), run, run)
+    naming, _, (found,), _ = Recordings.judged(several, named(RELAXATION, 1)[2], run, Shown(run, run, run), run, run)
     assert naming.verdict == "unknown" and found.own == {"CA.E": 1e6} and found.gap_after is None
 
 
@@ -370,7 +369,26 @@ def test_what_cannot_be_judged_is_said(folder: Path, name: str, title: str, pres
     (folder / f"{name}.csv").write_text("\n".join(text) + "\n")
     done = discovered(folder, "--hold-out", folder / f"{name}.csv", "--time-limit", "20 s")
     (said,) = (s for s in json.loads((folder / "out" / "verdict.json").read_text())["warnings"] if f"{name}.csv" in s)
-    assert done.exit_code == 0 and said.startswith(f"{folder / name}.csv: it was held out and is not judged: {words}")
+    assert done.exit_code == 0 and said.startswith(
+        f"{folder / name}.csv: it was held out and cannot be compared: {words}"
+    )
+
+
+@pytest.mark.slow
+def test_waves_of_another_animal_are_not_judged(folder: Path) -> None:
+    """A recording held out whose radius is nine times the model's is refused as one that is fitted is; a law is still
+    looked for, as one recording is fitted."""
+    done = discovered(folder, "--hold-out", folder / "big.csv", "--as-measured", "--time-limit", "20 s")
+    (said,) = (s for s in json.loads((folder / "out" / "verdict.json").read_text())["warnings"] if "big.csv" in s)
+    assert done.exit_code == 0 and "it was held out and cannot be compared" in said and "the pulse of CA.R is" in said
+
+
+def test_a_search_without_time_loses_no_other() -> None:
+    """Where the time was over before one recording was refitted: how far the model is from it, and not complete."""
+    study = prepare(recorded(RELAXATION, 1)[0], RELAXATION.network())
+    found = _named(name_one, study, Runs(deadline=0.0, clock=lambda: 1.0), None)
+    assert found.verdict == "unknown" and not found.complete and found.ranked == (found.base,)
+    assert found.base.fit.terms == () and np.isfinite(found.base.fit.cost)
 
 
 @pytest.mark.slow

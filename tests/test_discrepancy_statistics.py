@@ -14,8 +14,8 @@ from scipy.stats import kstest, norm
 
 from discrepancy import thresholds
 from discrepancy.find import benjamini_yekutieli, find, mass_balances, wall_balances
-from discrepancy.isolability import isolability, smallest
-from discrepancy.weigh import stated
+from discrepancy.isolability import DETECTABLE, isolability, smallest
+from discrepancy.scoring import stated
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.terms import Term
@@ -215,8 +215,9 @@ def test_isolability_of_columns_made_by_hand() -> None:
     assert table.separation[0, 2] == pytest.approx(20.0, rel=1e-6)
     assert np.all(np.diag(table.separation) == 0.0)
     assert [table.confused(each) for each in "abcd"] == [("b",), ("a",), (), ("a", "b", "c")]
-    assert {name: x for name, (_, _, x) in smallest(fit, columns, terms).items()} == pytest.approx(
-        {name: thresholds.DETECTABLE / d for name, d in zip("abcd", table.visibility, strict=True)}
+    (size,) = {t.unknowns[0].size for t in terms}
+    assert {name: least.change / size for name, least in smallest(fit, columns, terms).items()} == pytest.approx(
+        {f"{name} at A": DETECTABLE / d for name, d in zip("abcd", table.visibility, strict=True)}
     )
 
 
@@ -241,9 +242,11 @@ def test_smallest_sizes_are_within_what_is_allowed() -> None:
     second = replace(terms[-1].unknowns[0], name="A.second")
     terms[-1] = replace(terms[-1], unknowns=(*terms[-1].unknowns, second))
     found = smallest(base(np.zeros((50, 0)), 1.0), columns, terms)
-    sizes = {name: (t.place, x) for name, (t, _, x) in found.items()}
-    assert sizes == {"a": ("A", -0.25), "b": ("A", None), "c": ("B", 1.0), "d": ("A", 0.2)}
-    assert found["d"][1] is second
+    (size,) = {u.size for t in terms for u in t.unknowns}
+    sizes = {label: least.change / size for label, least in found.items()}
+    expected = {"a at A": -0.25, "b at A": np.nan, "c at B": 1.0, "d at A": 0.2}
+    assert sizes == pytest.approx(expected, nan_ok=True)
+    assert found["d at A"].parameter == second.name
 
 
 def test_effects_without_a_column_are_said_not_to_be_judged() -> None:

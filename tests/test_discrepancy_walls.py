@@ -250,7 +250,7 @@ def test_no_refit_after_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(workflow, "name", late)
     outcome = discover(tmp_path / "record.csv", tmp_path / "base.toml", tmp_path / "out")
     assert (outcome.verdict, outcome.complete) == ("several", True)
-    assert outcome.rounds[0].after is None and outcome.rounds[1].after == outcome.gap_after
+    assert len(outcome.effects) == 2 and outcome.alone is None
     assert outcome.gap_after is not None and outcome.gap_after[0] < 1.0
     assert (tmp_path / "out" / "report.html").is_file()
 

@@ -28,13 +28,14 @@ from discrepancy.asked import Asked
 from discrepancy.journal import Journal
 from discrepancy.name import name
 from discrepancy.outcome import VERDICTS, Outcome, verdict_json
+from discrepancy.recordings import Recordings
+from discrepancy.scoring import Named
 from discrepancy.show import Gap, Run, compared, own_parity
 from discrepancy.source import read_model
 from discrepancy.study import Study as Prepared
 from discrepancy.study import Unusable, judge, prepare
 from discrepancy.summary import Shown, fmu_warnings, global_p, sentence, summary, unusable
 from discrepancy.verdict import Naming
-from discrepancy.weigh import Named
 from discrepancy.workflow import discover
 from fitting.bench import bench_network, on_bench
 from fitting.fmu_run import RunFailed
@@ -383,7 +384,10 @@ def test_when_naming_ends_at_the_latest(monkeypatch: pytest.MonkeyPatch, limit: 
     monkeypatch.setattr(workflow, "datetime", Clock)
     monkeypatch.setattr(workflow, "name", named)
     work: Any = object.__new__(workflow._Work)
-    work.study, work.asked = SimpleNamespace(problem=None, terms=()), Asked(time_limit=limit)
+    work.asked = Asked(time_limit=limit)
+    one: Any = SimpleNamespace(problem=None, terms=())
+    record: Any = SimpleNamespace(path="A.csv")
+    work.recordings = Recordings((record,), (one,))
     work.progress = lambda fraction, label: told.append((fraction, label))
     work.journal = SimpleNamespace(naming=lambda problem, compute: compute())
     assert work._name() == "named"
@@ -436,11 +440,9 @@ def test_a_side_run_that_fails(
     work.record, work.network, work.journal = record, study.network, Journal(tmp_path, [])
     work.deadline, work._fmu = math.inf, lambda network, stage: tmp_path / f"{stage}.fmu"
     alone: Any = SimpleNamespace(refit=lambda *_: [best.fit])
-    before, after = (Run(np.zeros((1, 1)), {}, Gap((gap, gap), {})) for gap in (9.0, 1.0))
-    first, second = work._rounds(study, replace(naming, ranked=(best,), problem=alone), before, after)
-    assert (first.added.name, second.added.name) == ("stenosis", "channel_gain")
-    assert (first.before, first.after) == ((9.0, 9.0), None if fails else (5.0, 6.0))
-    assert (second.before, second.after) == ((9.0, 9.0) if fails else (5.0, 6.0), (1.0, 1.0))
+    found = replace(naming, ranked=(best,), problem=alone)
+    assert [effect.name for effect in work._named(found)] == ["stenosis", "channel_gain"]
+    assert work._alone(study, found) == (None if fails else (5.0, 6.0))
     if fails:
         with pytest.raises(Unusable, match="the model does not run with this record: CA: Q is not finite"):
             work._free(tmp_path / "after.fmu", "after", best.fit, np.zeros(1), {}, study)

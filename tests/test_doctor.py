@@ -89,7 +89,11 @@ def test_the_command_line_works(fmus: dict[str, Path], c_host: CHost, tmp_path: 
     ("change", "what", "said"),
     [
         (lambda name, text: None if name.endswith("scheme/stage.py") else text, "contents", "stage.py is missing"),
-        (lambda name, text: None if name.endswith("slavemodule.txt") else text, "contents", "is none of this project"),
+        (
+            lambda name, text: None if name.endswith("slavemodule.txt") else text,
+            "contents",
+            "is not an FMU of this project",
+        ),
         (lambda name, text: text.replace(b"0.00038", b"0.00039"), "contents", "changed after the FMU was built"),
         (lambda name, text: None if name.endswith("network.json") else text, "contents", "changed after the FMU was"),
         (
@@ -101,8 +105,12 @@ def test_the_command_line_works(fmus: dict[str, Path], c_host: CHost, tmp_path: 
         (lambda name, text: text[:-9] if name == "modelDescription.xml" else text, "file", "xml is damaged"),
         (lambda name, text: text.replace(b'guid="{', b'guid="{0'), "contents", "changed after the FMU was built"),
         (lambda name, text: text.replace(b'"UTF-8"', b'"bTF-8"'), "file", "unknown encoding"),
-        (lambda name, text: text.replace(b'Version="2.0"', b'Version="3.0"'), "file", "is no FMU for co-simulation"),
-        (lambda name, text: text.replace(b"arterial_", b"venous_"), "contents", "is none of this project"),
+        (
+            lambda name, text: text.replace(b'Version="2.0"', b'Version="1.0"'),
+            "file",
+            "is not an FMU for co-simulation",
+        ),
+        (lambda name, text: text.replace(b"arterial_", b"venous_"), "contents", "is not an FMU of this project"),
         (lambda name, text: None if name.startswith("binaries") else text, "binary", "is missing (there is none)"),
         (lambda name, text: b"" if name.endswith("sheep.so") else text, "one step", "failed"),
     ],

@@ -12,7 +12,7 @@ from recorded_walls import N, T, recording
 from scipy import stats
 from typer.testing import CliRunner
 
-from discrepancy.other_law import other_law
+from discrepancy.study import other_law
 from fitting.__main__ import app
 from fitting.bench import bench_network
 from fitting.cohort.file import Entry
@@ -203,7 +203,7 @@ def test_the_command_says_which_law_and_obeys_a_given_one(tmp_path: Path) -> Non
     assert done.exit_code == 0, done.output
     told = " ".join(done.output.split())
     assert "elastic law regression, as given" in told
-    assert "--law regression was given, but the record speaks for elastic law beta" in told
+    assert "--law regression was given, but the record favours elastic law beta" in told
     assert read_set(tmp_path / "given.json").texts["network.elastic_law"] == "regression"
     assert read_network(tmp_path / "given.toml").elastic_law == "regression"
 
@@ -224,7 +224,7 @@ def test_a_cohort_has_one_law(tmp_path: Path) -> None:
     assert soft.elastic == "beta" and soft.evidence is not None and soft.evidence.decided
     assert soft.table()["CA"]["E_inc"].mean == pytest.approx(0.291e6, rel=0.01)
     assert soft.mean_set().texts["network.elastic_law"] == "beta"
-    assert "3 of 3 recordings speak for it" in str(report.tables(soft)[0].caption)  # type: ignore[union-attr]
+    assert "3 of 3 recordings favour it" in str(report.tables(soft)[0].caption)  # type: ignore[union-attr]
     given = _cohort(tmp_path, SOFT, 3, 40.0, elastic="regression")
     assert given.elastic == "regression" and given.law == "elastic law regression, as given"
     stiff = _cohort(tmp_path, STIFF, 3, 25.0)

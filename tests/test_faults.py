@@ -41,11 +41,11 @@ Breaks = Callable[[str], None]
 OTHERS = {
     "solver.saved", "solver.tables", "solver.text", "solver.files", "solver.importers.openbf", "solver.host_died",
     "solver.validation",
-    "fitting.records.tables.matlab", "fitting.cluster", "fitting.parameter_set", "fitting.prior",
+    "fitting.records.tables.binary", "fitting.cluster", "fitting.parameter_set", "fitting.prior",
     "fitting.inference.asked", "arterial_fmu.study.store",
     "fmu_src.wrapper", "fmu_src.saving", "fmu_src.base", "fmu_src.interpreter", "fmu_src.doctor", "fmu_src.host",
     "fmu_src.run",
-    "discrepancy.study_folder",  # of a verdict.json that may be anything
+    "discrepancy.report",  # of a verdict.json that may be anything
     "solver.writing",  # which tidies up, and raises it again
     "solver.console", "arterial_fmu.__main__",  # the door of faults
 }  # fmt: skip

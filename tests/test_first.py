@@ -16,7 +16,7 @@ from truth.network import Balance
 from typer.testing import CliRunner
 
 from discrepancy.__main__ import app as discrepancy_app
-from discrepancy.first import first_of
+from discrepancy.source import first_of
 from fitting.__main__ import app
 from fitting.first.model import FirstModel, first_model
 from fitting.first.species import NAMES, typical

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, N, T, inflow, record
 
-from discrepancy.gap_shares import gap_shares, main_phase, phases_of
+from discrepancy.shown_map import gap_shares, main_phase, phases_of
 from fitting.inference.network_record import network_problem
 from fitting.inference.places import Place, places
 from fitting.inference.source_map import Signal, SourceMap

@@ -52,7 +52,7 @@ def test_of_which_recording_the_rms_is() -> None:
     found = calibrate([lacking(0), lacking(1)], START, UNKNOWNS, settings=SETTINGS)
     (said,) = (each for each in found.report if "chi2/dof" in each)
     worst = max(found.recordings, key=lambda each: max(each.channels.values()))
-    assert f"of {worst.label} (" in said and "rms of what is left there: " in said
+    assert f"of {worst.label} (" in said and "rms residual there: " in said
 
 
 @pytest.mark.parametrize("seed", range(4))

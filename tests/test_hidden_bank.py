@@ -95,12 +95,20 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Records are not made but counted."""
     calls: list[int] = []
 
-    def fake(kind: str, seed: int, index: int, case: Case, group: str) -> Line:
+    def fake(kind: str, seed: int, index: int, case: Case, group: str, least: float) -> Line:
         calls.append(index)
         return {"kind": kind, "seed": seed, "index": index, "verdict": "none"}
 
     monkeypatch.setattr(bank, "row", fake)
     return calls
+
+
+def test_what_is_hardly_visible_is_not_judged() -> None:
+    """A sensor that is late by 0.1 µs: d' below 1 by truth and noise; no verdict, and none that is counted."""
+    case = Case("bench", "CA", 40.0, (Effect("channel_lag", ("CA.R",), 1e-7),))
+    x = row("bench", 11, 0, case, least=1.0)
+    assert x["verdict"] == w.NOT_JUDGED and x["effects"][0]["d_prime"] < 1.0 and "seconds" not in x
+    assert not w.judged([x]) and "1 of too little d′" in page.origin([x | {"sources": "abc"}])
 
 
 def test_a_killed_run_goes_on(tmp_path: Path, made: list[int]) -> None:
@@ -350,6 +358,10 @@ def test_partial_names(test: Callable[[Line], bool], expected: list[int]) -> Non
     assert [x["index"] for x in PARTIAL if test(x)] == expected
 
 
+def _spot(segment: str) -> dict[str, Any]:
+    return {"kind": "wall", "name": segment, "at": None}
+
+
 def test_groups_have_their_tables() -> None:
     """Walls, sensors, beats, places and effects outside the catalogue, each counted by hand."""
     sheep = load("sheep")
@@ -366,6 +378,13 @@ def test_groups_have_their_tables() -> None:
         _line(8, ("wall_stiffness",), ("wall_stiffness",), **network, group="own", walls=1.0),
         _line(9, ("wall_radius",), (), **network, group="own", walls=1.0, verdict="unknown")
         | {"map": {"places": [{"kind": "number", "name": "CA.R0", "at": None}]}},
+        _line(10, ("stenosis",), ("stenosis",), **network, group="elastic", walls=1.0),
+        _line(11, ("stenosis", "taper"), ("stenosis", "taper"), "several", **network, group="elastic", walls=1.0),
+        _line(12, ("stenosis", "taper"), ("stenosis",), "partial", **network, group="pairs", walls=1.0),
+        _line(13, ("stenosis",), ("taper",), "ambiguous", **network, group="three", walls=1.0)
+        | {"class": [[{"name": "taper", "where": ["BT"]}], [{"name": "stenosis", "where": ["CA"]}]]},
+        _line(14, ("stenosis",), ("taper",), "unknown", 20.0, **network, group="three", walls=1.0)
+        | {"map": {"places": [_spot("BT")], "alike": [[_spot("MD")], [_spot("BT")]]}},
     ]
     text = page.report(lines, sheep)
     for cells in (
@@ -383,6 +402,12 @@ def test_groups_have_their_tables() -> None:
         "bench, nothing hidden: false alarms | ≤ 2 % | 0.0 % (0/1; 0.0–97.5) | open |",
         "E or R_t of one, d′ ≥ 30: named in its place | ≥ 95 % | 100.0 % (1/1;",
         "R0 of one, d′ ≥ 30: on the map in its place | ≥ 95 % | 100.0 % (1/1;",
+        "two effects, both d′ ≥ 30: both named | ≥ 85 % | 100.0 % (1/1;",
+        "two effects, both d′ ≥ 30: both named | ≥ 85 % | 0.0 % (0/1;",
+        "– or one of them, and that more remains | all | 100.0 % (1/1;",
+        "d′ ≥ 12: the places that are told hold the truth | ≥ 95 % | 50.0 % (1/2;",
+        "– how many places are told, where any | ≤ 3 | median 2.00, 90 % 2.00; 2 | open |",
+        "d′ ≥ 30: the places that are told hold the truth | ≥ 95 % | 100.0 % (1/1;",
     ):
         assert cells in text, cells
     for title in page.TITLES.values():

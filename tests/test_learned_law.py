@@ -7,10 +7,12 @@ import io
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from forked import NETWORK, N, T, inflow, record
+from forked import CHANNELS, NETWORK, N, T, exact, inflow, record
 from test_source_map_report import LEAK, SQUEEZED, found, shown
 from truth.anatomy import anatomy
 from truth.beat import Beat
@@ -19,21 +21,28 @@ from truth.network import Balance
 from truth.records import Case, Made, hidden_model, make, write
 
 from discrepancy import discover
+from discrepancy.described import described, tables_of
 from discrepancy.journal import Journal
 from discrepancy.learned_law import LearnedLaw, law_json
-from discrepancy.learned_text import MODEL, TABLE, law_text, learned_files, with_law
+from discrepancy.learned_text import DESCRIBED, MODEL, TABLE, law_text, learned_files, with_law
 from discrepancy.learning import Learnt, in_range, learns, learnt, stands
 from discrepancy.outcome import Outcome, verdict_json
+from discrepancy.scoring import weighed
 from discrepancy.show import Run, compared
+from discrepancy.shown_map import beat_of
 from discrepancy.study import Study, prepare
 from discrepancy.verdict import Naming
-from discrepancy.weigh import weighed
 from fitting.estimate import Estimate
 from fitting.inference.bench import Bench
 from fitting.inference.network_record import network_problem
+from fitting.inference.places import Place
 from fitting.inference.simulator import Runs
+from fitting.inference.source_map import source_map
 from fitting.records.record import Record, write_record
+from solver.curve import Curve
+from solver.effect import CHANNEL
 from solver.files import read_network, write_network
+from solver.table_source import TableSource
 
 SITE = "AA"
 
@@ -103,6 +112,36 @@ def test_a_range_changes_nothing() -> None:
     assert plain is not None and ranged is not None and np.array_equal(plain.z, ranged.z)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_learned_of_a_network_without_anything_hidden(seed: int) -> None:
+    """The map of a null is empty, so that there is no place for a law and nothing to describe; its verdict is `none`,
+    after which nothing is asked."""
+    waves = exact()
+    problem = network_problem(record(waves, 9, 1e-2, seed), NETWORK, CHANNELS).individual()
+    found = source_map(problem)
+    (base,) = problem.refit([()])
+    assert base is not None and found.places == ()
+    none = weighed(problem, base, ())
+    study: Any = SimpleNamespace(problem=problem, terms=(), fitted=problem.beats)
+    naming = Naming("unknown", problem, none, (none,), (), {}, (), 0.5, map=found)
+    assert learnt(study, naming, Runs()) is None and not learns(replace(naming, verdict="none"))
+    assert described(study, naming, *3 * (pytest.fail,)) is None  # type: ignore[arg-type]
+
+
+def test_tables_of_a_map() -> None:
+    """Every source of a place that is in the equations, with its g(t); sensors and numbers are none."""
+    leak, wall = LEAK, SQUEEZED
+    tables = list(tables_of(found(leak, wall), T))
+    assert [(t.kind, t.segment) for t in tables] == [("outflow", "B"), *[("wall", "C")] * 3]
+    assert [dict(t.how) for t in tables] == [{}, *({"degree": float(i)} for i in range(3))]
+    time = np.linspace(0.0, T, 7)
+    for table, g in zip(tables, [*leak.g.T, *wall.g.T], strict=True):
+        expected = beat_of(g[:, None], time, T)[:, 0]
+        np.testing.assert_allclose(table.curve.at(time / T), expected, atol=1e-12 * (1e-30 + np.abs(expected).max()))
+    sensor = replace(leak, place=Place(CHANNEL, "B.P", (), (1.0,), channel="B.P"))
+    assert list(tables_of(found(sensor), T)) == []
+
+
 def test_a_law_survives_a_journal(tmp_path: Path) -> None:
     """An interrupted study goes on with the same law, bit by bit, or with none."""
     _, study = bench((Effect("cubic_rate", (SITE,), 2.0),), 1)
@@ -154,6 +193,9 @@ LAW = LearnedLaw(
 
 def test_a_law_is_said_with_range_and_source() -> None:
     text = law_text(LAW)
+    outlet = replace(LAW, name="learned_outlet", where=("C",), seen={"C": (8e3, 12e3, 1e5)})
+    assert "for the outlet of C closes" in law_text(outlet) and "pressures of 60 to 90 mmHg above" in law_text(outlet)
+    assert law_json(outlet)["seen"] == {"C": {"pressure": [8e3, 12e3], "rate": 1e5}}
     assert "for the wall of B closes 87 % of the gap to held-out beats (from 8 to 1.04 times the noise): σ = …" in text
     assert "B.learned_cubic = 55000 (50000 to 60000) Pa·s³" in text
     assert "at strains from 0.02 to 0.081 and rates up to 1.2/s, and is held beyond; no other record" in text
@@ -196,6 +238,32 @@ def test_a_study_offers_the_law(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "model_learned.fmu").stat().st_size > 0
     assert json.loads((tmp_path / "out" / "verdict.json").read_text())["learned"]["instead"] == list(law.instead)
     assert isinstance(law.network.parameters()[f"{SITE}.learned_cubic"], float) and not isinstance(law, Learnt)
+
+
+@pytest.mark.slow
+def test_a_study_offers_tables_where_there_is_no_law(tmp_path: Path) -> None:
+    """A flow of harmonics 3 to 6 that leaves at the outlet of C: unknown, there; the table's FMU leaves noise of the
+    held-out beats, says that it explains nothing, and the network reads back."""
+    rng = np.random.default_rng(4)
+    a, b = np.zeros((2, 6))
+    a[2:], b[2:] = 1.5e-6 * rng.normal(size=(2, 4))
+    leaving = TableSource("outlet", "C", Curve.series("Q", 0.0, a, b, T))
+    acting = exact(network=replace(NETWORK, sources=(leaving,)))
+    noise = np.random.default_rng(1)
+    noisy = {n: np.tile(w, 20) + 1e-2 * w.std() * noise.normal(size=20 * N) for n, w in acting.items()}
+    write_record(tmp_path / "fork.csv", np.arange(20 * N) * (T / N), noisy, {n: _UNITS[n[-1]] for n in noisy})
+    write_network(NETWORK, tmp_path / "fork.toml")
+    outcome = discover(tmp_path / "fork.csv", tmp_path / "fork.toml", tmp_path / "out")
+    assert outcome.verdict == "unknown" and outcome.learned is not None and not outcome.learned.explains
+    law = outcome.learned
+    assert law.name == "table_source" and "C" in law.where and law.before[1] > 2.0 and law.after[1] < 1.3
+    assert "not an explanation" in outcome.sentence
+    assert read_network(tmp_path / "out" / DESCRIBED) == law.network and (tmp_path / "out" / TABLE).exists()
+    assert (tmp_path / "out" / "model_described.fmu").stat().st_size > 0 and not (tmp_path / "out" / MODEL).exists()
+    assert json.loads((tmp_path / "out" / "verdict.json").read_text())["learned"]["explains"] is False
+
+
+_UNITS = {"P": "mmHg", "Q": "mL/s", "R": "mm"}
 
 
 @pytest.mark.slow

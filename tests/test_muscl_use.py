@@ -96,7 +96,7 @@ def test_pressure_inlet() -> None:
 )
 def test_what_is_lacking_is_named(sheep: Network, terms: dict[str, float], name: str) -> None:
     """One sentence names the effect that this scheme does not have."""
-    with pytest.raises(ValueError, match=f"scheme 'muscl' does not have the effect {name}"):
+    with pytest.raises(ValueError, match=f"scheme 'muscl' does not support the effect {name}"):
         simulate(sheep.with_terms(terms), scheme="muscl")
 
 

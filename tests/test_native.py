@@ -40,6 +40,7 @@ from solver.files import bundled_names
 from solver.laws import ELASTIC_LAWS, Beta
 from solver.outlets import OUTLETS, Outlet, Pressure, Resistance
 from solver.quantity import Quantity
+from solver.tracing.steps import Programs
 from solver.wall import Wall
 
 COARSE = Settings(dt=2e-3)
@@ -86,6 +87,7 @@ def test_sources() -> None:
     assert sum(text.count("\n") for text in sources.values()) <= 1200
     for name, text in sources.items():
         assert set(re.findall(r"#include [<\"](.+?)[>\"]", text)) <= {
+            "balance.h",
             "engine.h",
             "run.h",
             "math.h",
@@ -153,6 +155,7 @@ VALUES = {
     "terminal_reflection": {"R_t": -0.2}, "terminal_compliance": {"R1": 1e8, "C": 1e-10, "R2": 4e9},
     "junction_loss": {"k": 0.7}, "side_branch": {"leak": 2e-9}, "stenosis": {"K": 30.0},
     "fractional_viscosity": {"springpot": 0.4, "springpot_order": 0.3},
+    "learned_outlet": {"learned_open": 3e-10, "learned_shut": 1e-10, "learned_from": 8e3, "learned_over": 4e3},
     "learned_wall": {
         "learned_rise": 9e3, "learned_fall": 2e3, "learned_cubic": 1e3, "learned_friction": 2e3, "learned_low": 0.02,
         "learned_span": 0.1, "learned_rate": 0.5,
@@ -391,7 +394,7 @@ def test_a_wrong_engine_is_found_out(sheep: Network, monkeypatch: pytest.MonkeyP
         return done, replace(after, H=after.H * (1.0 + 1e-9))
 
     monkeypatch.setattr(native.Engine, "_steps", wrong)
-    monkeypatch.setattr("solver.tracing.steps._programs", {})  # none that was compared before
+    monkeypatch.setattr("solver.tracing.steps._programs", Programs())  # none that was compared before
     run = simulate(sheep, duration=0.02, settings=COARSE, backend="auto")
     assert re.fullmatch(r"numpy: a step of it is not that of NumPy: H is 1\.0e-09 off", run.backend)
     assert off(run, simulate(sheep, duration=0.02, settings=COARSE)) == 0.0

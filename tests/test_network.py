@@ -99,7 +99,7 @@ BAD_NETWORKS = {
     "unknown in inlet": ({"inlet": Inlet("AAA")}, ["inlet", "no segment 'AAA'", "did you mean AA"]),
     "two roots": (
         {"segments": (AA, BT, PD, X), "outlets": (*fork().outlets, Reflection("X", R_t=0.3))},
-        ["segment X", "upstream end is joined to nothing", "second root beside AA", "let a junction flow into it"],
+        ["segment X", "upstream end is not joined", "second root beside AA", "let a junction flow into it"],
     ),
     "two flow into the inlet": (
         {"segments": (AA, BT, PD, X), "junctions": (*FORK, Junction(("X",), ("AA",)))},

@@ -91,7 +91,7 @@ def test_waveforms_in_html() -> None:
     page = Cells(BEAT._repr_html_())
     assert page.rows[0] == ["variable", "unit", "least", "mean", "largest"]
     assert page.rows[2] == ["CA.P", "mmHg", "0", "1.8752", "3.7503"]
-    assert "beat 3" in page.text and "cut into halves" in page.text
+    assert "beat 3" in page.text and "were halved" in page.text
 
 
 def test_frames_of_waveforms() -> None:
@@ -177,8 +177,8 @@ def test_outcome_shown(outcome: Outcome) -> None:
     """The sentence, escaped; the effect with its parameter and interval; the hypotheses as a frame."""
     page = Cells(outcome._repr_html_())
     assert "CA & <nothing else>" in page.text and "<nothing" not in outcome._repr_html_()
-    assert page.rows[1] == ["wall viscosity at CA", "CA.phi0", "80 kPa·s", "70 … 90"]
-    assert "3.00 and 3.10 before, 1.00 and 1.10 after" in page.text
+    assert page.rows[1] == ["wall viscosity at CA", "CA.phi0", "80 kPa·s", "70 … 90", "90 %"]
+    assert "3.00 -> 1.00 on the fitted beats, 3.10 -> 1.10 on the held-out ones" in page.text
     (row,) = outcome.to_polars().to_dicts()
     assert row["effect"] == "wall_viscosity" and row["parameters"] == "CA.phi0 = 80 (70 to 90) kPa·s"
     (panel,) = outcome.plot("waveforms").axes

@@ -24,7 +24,7 @@ def kinds(book: Any) -> list[list[tuple[str, list[str]]]]:
 
 
 def test_stored(path: Path) -> None:
-    """Executed in order, without an error and without a path of the computer where it was; synthetic data say so."""
+    """Executed in order, without an error and without a path of the computer where it was; data say what they are."""
     book = nbformat.read(path, 4)
     assert [cell.execution_count for cell in code(book)] == list(range(1, len(code(book)) + 1))
     found = {o.output_type for cell in code(book) for o in cell.outputs}
@@ -32,7 +32,8 @@ def test_stored(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     texts = re.sub(r'"image/png": "[^"]*"', "", text)
     assert not re.search(r"/(home|root|work|tmp|Users|usr)/|[A-Z]:\\\\", texts)
-    assert path.stem == "solve" or "**The recording is synthetic**" in text
+    kind = "real" if path.stem == "mock-loop" else "synthetic"
+    assert path.stem == "solve" or f"**The recording is {kind}**" in text
     assert path.stat().st_size < 250_000
 
 

@@ -10,9 +10,8 @@ from forked import NETWORK
 from small_network import terms
 from test_discrepancy_network import beat_of, beats, record
 
-from discrepancy.animal import walls_of
+from discrepancy.animal import animal_without, implausible, standing_out, walls_of
 from discrepancy.name import name
-from discrepancy.outliers import animal_without, implausible, standing_out
 from fitting.inference.fit import Fit
 from fitting.inference.network_record import network_problem
 from fitting.inference.terms import nuisances

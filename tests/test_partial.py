@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.inference.parts import placed
-from fitting.inference.terms import term_at
+from fitting.inference.terms import placed, term_at
 from solver import Network, Settings, linear, simulate
 from solver.effects import BY_NAME
 from solver.files import dumps, loads

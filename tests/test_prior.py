@@ -195,7 +195,7 @@ def test_what_was_asked_is_plain(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"method": "wall fit"}, "no result of a calibration of a network"),
+        ({"method": "wall fit"}, "not the result of a calibration of a network"),
         ({"network": "sheep"}, "calibration of network sheep, not of fork"),
         ({"covariance": None}, "no covariance"),
         ({"covariance": [[1.0, 2.0], [2.0, 1.0]]}, "no covariance"),

@@ -16,9 +16,9 @@ from truth.hide import Effect
 from truth.records import Case, make
 
 from discrepancy.intervals import profiled, stated
+from discrepancy.scoring import Named
 from discrepancy.study import prepare
 from discrepancy.verdict import Naming
-from discrepancy.weigh import Named
 from fitting.inference.added import estimates
 from fitting.inference.bench import fit
 from fitting.inference.fit import Fit

@@ -57,8 +57,8 @@ def test_what_is_left_is_said_in_mmHg() -> None:
     # the modulus barely moves what the other channels show, and they are as sure
     found = calibrate(record(shifted, 10, 0.01), NETWORK, ["all.E:1e-6"], settings=SETTINGS)
     assert found.rms[name] == pytest.approx(3.0 * MMHG, rel=0.05)
-    (said,) = (text for text in found.report if "rms of what is left" in text)
-    assert re.search(rf"rms of what is left: .*{number_of(found.rms[name])} mmHg of {re.escape(name)}", said)
+    (said,) = (text for text in found.report if "rms residual" in text)
+    assert re.search(rf"rms residual: .*{number_of(found.rms[name])} mmHg of {re.escape(name)}", said)
     assert found.parameter_set().provenance["rms"][name] == {"value": found.rms[name], "unit": "Pa"}
 
 

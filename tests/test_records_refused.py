@@ -221,14 +221,12 @@ def test_a_flow_may_rest_at_zero(tmp_path: Path) -> None:
 
 
 def test_what_is_asked_for_and_missing_is_listed() -> None:
-    """A missing P or R, in a sentence with what is there; else the arrays themselves."""
+    """A missing P or R, in a sentence with what is there."""
     record = Record("bench.csv", "", TIME, {"AA.P": P_MMHG, "BT.R": R_MM})
     with pytest.raises(ValueError, match=r"^bench\.csv: the channel AA\.R is missing; it holds AA\.P, BT\.R: "):
-        record.site("AA")
+        record.require(["AA.P", "AA.R"])
     with pytest.raises(ValueError, match=r"the channel BT\.P is missing"):
-        record.site("BT")
-    P, R = Record("bench.csv", "", TIME, {"AA.P": P_MMHG, "AA.R": R_MM}).site("AA")
-    assert P is P_MMHG and R is R_MM
+        record.require(["BT.P", "BT.R"])
 
 
 # --- writing ------------------------------------------------------------------------------------------------------

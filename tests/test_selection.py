@@ -13,8 +13,8 @@ from small_network import term
 
 from discrepancy import thresholds
 from discrepancy.intervals import stated
+from discrepancy.scoring import Named, found_from, price
 from discrepancy.verdict import Naming
-from discrepancy.weigh import Named, found_from, price
 from fitting.estimate import Estimate
 from fitting.inference.added import estimates
 from fitting.inference.fit import Fit

@@ -145,7 +145,7 @@ def test_command(tmp_path: Path) -> None:
     more = ["--varies", VARIES[0], "--hold-out", str(tmp_path / "c.csv"), "--out", str(tmp_path / "dog.json")]
     done = CliRunner(env={"COLUMNS": "160"}).invoke(arterial_fmu.__main__.app, [*line, *more])
     assert done.exit_code == 0, done.output
-    assert "c, not fitted" in done.output and "what varies fitted" in done.output
+    assert "c, not fitted" in done.output and "varying values fitted" in done.output
     common, a, b = (read_set(tmp_path / f"dog{label}.json") for label in ("", ".a", ".b"))
     assert set(a.values) == set(b.values) == set(common.values) | {"C.outlet.R_t"}
     assert a.values["A.E"] == b.values["A.E"] == common.values["A.E"]
@@ -156,3 +156,6 @@ def test_command(tmp_path: Path) -> None:
     assert read_prior(tmp_path / "dog.b.json", START).network.parameters()["C.outlet.R_t"] > 0.29
     done = CliRunner().invoke(arterial_fmu.__main__.app, [*line, "--with", str(tmp_path / "c.csv")])
     assert done.exit_code == 2 and "--with: adds files to one recording" in " ".join(done.output.split())
+    alone = [line[0], line[1], line[2], *line[5:], "--varies", VARIES[0]]
+    done = CliRunner().invoke(arterial_fmu.__main__.app, alone)
+    assert done.exit_code == 2 and "there is one recording to fit" in " ".join(done.output.split())

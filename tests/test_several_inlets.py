@@ -270,7 +270,7 @@ BAD = {
     "no segment": ("[inlets.B]", "[inlets.D]", ["D.inlet", "no segment 'D'"]),
     "twice": ('segment = "A"\n', 'segment = "B"\n', ["second root beside B", "give it an inlet [inlets.A]"]),
     "inside": ("[inlets.B]", "[inlets.C]\n[inlets.B]", ["segment C: its upstream end is joined twice", "inlets.C"]),
-    "segment": ("# further", 'segment = "B"', ["B.inlet.segment", "leave it out"]),
+    "segment": ("# further", 'segment = "B"', ["B.inlet.segment", "omit it"]),
     "key": ("# further", "Qmax = 1", ["B.inlet: unknown key 'Qmax'", "Q_max"]),
     "period": ('T = "0.5 s"\n\n[segments', 'T = "0.6 s"\n\n[segments', ["B.inlet.T = 0.6 s", "inlet.T is 0.5 s"]),
     "causality": ('causality = "flow"\nQ_max = "1e', 'causality = "both"\nQ_max = "1e', ["B.inlet.causality = 'both'"]),

@@ -144,6 +144,12 @@ def test_bad_input(sheep: Network, call: Callable[[Network], object], words: str
         call(sheep)
 
 
+def test_a_network_may_have_no_sites(sheep: Network) -> None:
+    """Its outlets are what they are with sites, bit by bit."""
+    found, expected = (simulate(n, duration=0.005) for n in (replace(sheep, sites=()), sheep))
+    assert np.array_equal(found["CA.outlet.P"], expected["CA.outlet.P"]) and "CA.P" not in found.columns
+
+
 def test_csv_round_trip(sheep: Network, tmp_path: Path) -> None:
     """Columns are named as the FMU's variables with SI units; values survive to 1e-11."""
     beat = simulate(sheep, duration=0.1, settings=QUICK)
@@ -188,7 +194,7 @@ def test_command_line(tmp_path: Path) -> None:
         (["sheep", "--set", "CA.phi=1"], "CA.phi: not a parameter"),
         (["sheep", "--set", "CA.phi0"], "must look like NAME=VALUE"),
         (["sheep", "--dt", "1 mm"], "does not convert"),
-        (["sheep", "--cell", "2cm"], "--cell belongs to --scheme muscl; ask for that"),
+        (["sheep", "--cell", "2cm"], "--cell belongs to --scheme muscl; select that scheme"),
         (["sheep", "--scheme", "muscl", "--element-length", "2cm"], "--element-length belongs to --scheme staggered"),
         (["sheep", "--duration", "soon"], "--duration"),
         (["sheep", "--max-beats", "2", "--dt", "5 ms"], "allow more beats"),

@@ -23,11 +23,11 @@ from discrepancy.map_figure import mark
 from discrepancy.map_text import acts_as, map_sentences
 from discrepancy.outcome import Outcome, verdict_json
 from discrepancy.report import page
+from discrepancy.scoring import Named
 from discrepancy.show import Gap
 from discrepancy.shown_map import Acting, SourceMapShown, band_of, beat_of, shown_map
 from discrepancy.summary import Shown, sentence, summary
 from discrepancy.verdict import Naming
-from discrepancy.weigh import Named
 from fitting.inference.fit import Fit
 from fitting.inference.network_record import network_problem
 from fitting.inference.places import Place, places

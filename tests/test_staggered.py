@@ -109,7 +109,7 @@ def test_jacobian_by_finite_differences(sheep: Network, law: str, added: dict[st
         return R
 
     pairs = (
-        (terms.jacobian(s, Q), lambda f: terms.residual(s, f.Q, state.H)),
+        (terms.jacobian(s, f), lambda f: terms.residual(s, f.Q, state.H)),
         (terms.d_pressure(s, f, d), lambda f: terms.pressure(s, f)),
         (terms.d_convection(s, f, d), lambda f: terms.convection(s, f)),
         (terms.d_inertia(s, f, d), lambda f: terms.inertia(s, f)),

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 import arterial_fmu.__main__
 from fitting.calibrate import Calibration, calibrate
 from fitting.inference.asked import parse_unknowns
-from fitting.inference.starting_points import starting_points
+from fitting.inference.unknown import starting_points
 from fitting.records.beats import Beats
 from fitting.records.record import write_record
 from fitting.starts import Starts, calibrate_from
@@ -91,7 +91,7 @@ def test_exact_mirror_image() -> None:
     assert saddle.found.x[0] == pytest.approx(saddle.found.x[1], abs=1e-6)
     assert one.found.x == pytest.approx(other.found.x[::-1], abs=2e-3)
     assert other.found.cost == pytest.approx(one.found.cost, abs=1e-2)
-    assert tried.best.report[-2].endswith("; the record does not tell the two apart")
+    assert tried.best.report[-2].endswith("; the record cannot distinguish the two")
     assert not tried.best.report[-1].endswith("apart")
 
 

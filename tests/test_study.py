@@ -322,7 +322,7 @@ def test_another_study_is_refused(tmp_path: Path) -> None:
         "another model": Plan(sheep("MD"), ranges, 2, 1, ("CA",)),
     }
     for what, plan in others.items():
-        with pytest.raises(ValueError, match=rf"it holds another study \({what}\); give another folder"):
+        with pytest.raises(ValueError, match=rf"it contains another study \({what}\); give another folder"):
             Store(tmp_path, plan)
     (tmp_path / "plan.json").write_text("{")
     with pytest.raises(ValueError, match="not the plan of a study"):

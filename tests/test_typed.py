@@ -87,7 +87,7 @@ def test_the_network_of_an_fmu(folder: Path, tmp_path: Path, monkeypatch: pytest
 def test_an_fmu_without_a_network(folder: Path, tmp_path: Path) -> None:
     """A heart, a file that is no archive, and an archive where text is asked for: what was given is said."""
     heart = folder / "human_heart.fmu"
-    refused(lambda: read_network(heart), heart, ["it carries no network of arteries"])
+    refused(lambda: read_network(heart), heart, ["it contains no network of arteries"])
     (tmp_path / "text.fmu").write_text("no archive")
     refused(lambda: read_network(tmp_path / "text.fmu"), tmp_path, ["not an FMU, or damaged"])
     done = run("cohort", heart, "--out", tmp_path / "c")

@@ -150,7 +150,7 @@ def test_told_before_the_work(name: str, inputs: Path, monkeypatch: pytest.Monke
     for where in (
         "solver.__main__._run", "build_fmu.build_model", "fmu_src.run.run_fmu", "fitting.cohort.virtual.virtual_cohort",
         "fitting.__main__.fit", "fitting.cohort.fits.fit_cohort", "fitting.starts.calibrate_from",
-        "fitting.check.check", "discrepancy.workflow.prepare", "discrepancy.sensor_plan.plan_sensors",
+        "fitting.check.check", "discrepancy.recordings.prepare", "discrepancy.sensor_plan.plan_sensors",
         "arterial_fmu.study.command.run",
     ):  # fmt: skip
         monkeypatch.setattr(where, work)
@@ -197,7 +197,7 @@ def test_what_is_read_is_not_replaced(name: str, inputs: Path, tmp_path: Path, m
     before = Path(file).read_bytes()
     done = run(name, *line.split())
     assert done.exit_code == ExitCode.BAD_INPUT, done.output
-    assert "was given to be read, and would be replaced; give another name or folder." in done.stderr
+    assert "is an input file and would be replaced; give another name or folder." in done.stderr
     assert Path(file).read_bytes() == before
 
 
@@ -215,7 +215,9 @@ def test_edited_files_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inpu
     ):
         (tmp_path / file).write_text("edited")
         done = run(*line)
-        assert done.exit_code == ExitCode.BAD_INPUT and f"{file}: is there already" in done.stderr, done.output
+        assert done.exit_code == ExitCode.BAD_INPUT and f"{file}: exists and may have been edited" in done.stderr, (
+            done.output
+        )
         assert (tmp_path / file).read_text() == "edited"
         assert run(*line, "--force").exit_code == 0
         assert (tmp_path / file).read_text() != "edited"

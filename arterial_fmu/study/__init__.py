@@ -1,1 +1,1 @@
-"""Studies: a network or an FMU over thousands of parameter sets; which parameter matters where, and by how much."""
+"""Sensitivity studies: a network or an FMU over thousands of parameter sets."""

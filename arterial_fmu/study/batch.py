@@ -1,4 +1,4 @@
-"""One batch of a study, from parameter sets to the table of what came of them: what a worker does."""
+"""One batch of a study, from parameter sets to the table of results: the task of a worker."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WAVE = pl.Array(pl.Float32, POINTS)
 
 @dataclass(frozen=True)
 class Batch:
-    """What a worker needs: sets (n,) by number, their parameters (n,) [SI], and what to keep of them."""
+    """The input of a worker: sets (n,) by number, their parameters (n,) [SI], and the results to keep."""
 
     model: Model
     sets: Array
@@ -33,12 +33,12 @@ class Batch:
 
 @single_threaded
 def run_batch(batch: Batch) -> bytes:
-    """The table of a batch as Parquet: set, numbers, waves at 100 points, and of sets that failed the sentence."""
+    """The table of a batch as Parquet: set, numbers, waves at 100 points, and the sentence of a failed set."""
     return parquet(table(batch))
 
 
 def table(batch: Batch) -> pl.DataFrame:
-    """A row for each set; of one that failed, nothing but its sentence."""
+    """A row for each set; only the sentence for a failed one."""
     answers = batch.model.run(batch.parameters)
     failed = [answer if isinstance(answer, str) else None for answer in answers]
     every = pl.DataFrame({SET: batch.sets, FAILED: pl.Series(failed, dtype=pl.String)})

@@ -35,20 +35,21 @@ def main(
             help="A bundled network, a network file (TOML), or an FMU.", metavar="NETWORK", autocompletion=networks_for
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the results; what is done there already is not done again.")],
+    out: Annotated[Path, typer.Option(help="Folder for the results; finished batches in it are not repeated.")],
     vary: Annotated[
         list[str] | None,
         typer.Option(help='A range: "CA.phi0=10..120kPa*s", or factors of the file\'s values: "all.E=0.8..1.2x".'),
     ] = None,
     samples: Annotated[int, typer.Option(help="Parameter sets at most: N (D + 2), N a power of two.")] = 1024,
     seed: Annotated[int, typer.Option(help="Same seed, same files.")] = 1,
-    sites: Annotated[str | None, typer.Option(help="Where results are kept: MD,CA. Default: all sites.")] = None,
+    sites: Annotated[str | None, typer.Option(help="Sites of the results: MD,CA. Default: all sites.")] = None,
     inflow: Annotated[
-        str | None, typer.Option(help="What drives it: a network, or a record (CSV) with inlet.Q. An FMU needs it.")
+        str | None,
+        typer.Option(help="Source of the inflow: a network, or a record (CSV) with inlet.Q. An FMU needs it."),
     ] = None,
     dt: Annotated[str, typer.Option(help="Time step; an FMU has its own.")] = "2.5 ms",
     element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
-    tolerance: Annotated[float, typer.Option(help="How well a beat is to repeat.")] = 1e-4,
+    tolerance: Annotated[float, typer.Option(help="Relative difference at which a beat counts as periodic.")] = 1e-4,
     jobs: Annotated[
         int | None, typer.Option(help="Processes that simulate; default: one for each core that may be used.")
     ] = None,
@@ -58,12 +59,12 @@ def main(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Vary parameters: which of them matter where, and by how much.
+    """Vary parameters, and show which of them matter where, and by how much.
 
-    Thousands of parameter sets (a scrambled Sobol' sequence), each until its beat repeats. First and total indices of
-    pressures, flows and radii, percentiles of waveforms, and one HTML page.
+    Simulates thousands of parameter sets (a scrambled Sobol' sequence), each until its beat repeats. Writes first-order
+    and total indices of pressures, flows and radii, percentiles of waveforms, and one HTML page.
     """
-    with sentences(interrupted=f"what is done is in {out}; the same command goes on from there."):
+    with sentences(interrupted=f"finished batches are in {out}; the same command resumes there."):
         with bar(quiet, pace=PACE) as progress:
             progress(0.0, "reading")
             check_destinations(*(out / n for n in ("plan.json", *WRITTEN)), given=[model, inflow], folders=True)
@@ -88,7 +89,7 @@ def main(
 
 
 def _imported() -> None:
-    """Import what the indices and figures need, a second on one core."""
+    """Import the modules for indices and figures, a second on one core."""
     import SALib.analyze.sobol  # noqa: F401
 
     from . import figures  # noqa: F401
@@ -100,7 +101,7 @@ def _size(plan: Plan, samples: int) -> str:
 
 
 def _table(study: Study) -> Table:
-    """Of every number its percentiles, and what matters most."""
+    """The percentiles of every number, and its most important parameters."""
     title = f"{study.plan.model.name}: {study.plan.size} parameter sets"
     table = Table("number", *map(right, ("unit", "5 %", "median", "95 %")), "total indices ± half of 95 %", title=title)
     for name, unit in study.plan.measures.items():

@@ -53,9 +53,7 @@ def _bands(study: Study, channels: Sequence[str]) -> Drawing:
         Patch(color=SKY, alpha=0.35, linewidth=0, label="5–95 %"),
     ]
     figure.legend(handles=handles, loc="outside upper left", ncols=3)
-    return drawing(
-        figure, "Beats of all parameter sets: at every moment the median, and what lies between percentiles."
-    )
+    return drawing(figure, "Beats of all parameter sets: the median and percentile bands at every instant.")
 
 
 def _tornado(study: Study, site: str, names: Sequence[str]) -> Drawing:
@@ -70,7 +68,7 @@ def _tornado(study: Study, site: str, names: Sequence[str]) -> Drawing:
     for panel in axes[len(names) :]:
         panel.set_axis_off()
     for panel in axes[max(0, len(names) - _COLUMNS) : len(names)]:
-        panel.set_xlabel("part of the variance")
+        panel.set_xlabel("share of the variance")
     handles = [
         Patch(color=SKY, label="total"),
         Patch(color=ORANGE, label="first: alone"),
@@ -79,7 +77,7 @@ def _tornado(study: Study, site: str, names: Sequence[str]) -> Drawing:
     figure.legend(handles=handles, loc="outside upper left", ncols=3)
     left = len(study.plan.varied) - bars
     more = f" The {left} smallest are not drawn." if left > 0 else ""
-    return drawing(figure, f"{site}: the part of each number's variance that a parameter explains.{more}")
+    return drawing(figure, f"{site}: the share of each number's variance that a parameter explains.{more}")
 
 
 def _bars(panel: Axes, study: Study, name: str, most: int) -> None:

@@ -1,4 +1,4 @@
-"""What a study keeps of a beat: numbers of each site, and the waves of pressure and flow at 100 points."""
+"""The results that a study keeps of a beat: numbers at each site, and the waves of pressure and flow at 100 points."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WAVES = ("P", "Q")
 
 
 def largest(beat: Array) -> Array:
-    """The top of a periodic beat (…, N): of the parabola through the largest sample and its neighbours."""
+    """The maximum of a periodic beat (…, N), by a parabola through the largest sample and its neighbours."""
     at = np.argmax(beat, axis=-1, keepdims=True)
     before, top, after = (np.take_along_axis(beat, (at + i) % beat.shape[-1], -1)[..., 0] for i in (-1, 0, 1))
     slope, bend = (after - before) / 2.0, 2.0 * top - before - after  # ≥ 0
@@ -25,7 +25,7 @@ def largest(beat: Array) -> Array:
 
 
 def smallest(beat: Array) -> Array:
-    """The bottom of a periodic beat, as :func:`largest`."""
+    """The minimum of a periodic beat, as :func:`largest`."""
     return -largest(-beat)
 
 
@@ -37,7 +37,7 @@ def _pulse(beat: Array) -> Array:
     return largest(beat) - smallest(beat)
 
 
-# signal -> name of the number -> how it follows from a beat (…, N) [SI]
+# signal -> name of the number -> its function of a beat (…, N) [SI]
 MEASURES: Mapping[str, Mapping[str, Callable[[Array], Array]]] = {
     "P": {"systolic": largest, "diastolic": smallest, "mean": _mean, "pulse": _pulse},
     "Q": {"mean": _mean, "max": largest, "min": smallest},
@@ -46,7 +46,7 @@ MEASURES: Mapping[str, Mapping[str, Callable[[Array], Array]]] = {
 
 
 def measures(sites: Sequence[str], signals: Sequence[str]) -> dict[str, str]:
-    """The numbers of a study by name, ``CA.P.systolic``, and their SI units. signals : what the model reports."""
+    """The numbers of a study by name, ``CA.P.systolic``, and their SI units. signals : outputs of the model."""
     return {
         f"{site}.{signal}.{name}": SIGNAL_UNITS[signal]
         for site in sites
@@ -63,6 +63,6 @@ def measured(name: str, beats: Mapping[str, Array]) -> Array:
 
 
 def wave(beat: Array) -> Array:
-    """A periodic beat (…, N) at 100 points: its trigonometric interpolant, sampled and not cut."""
+    """A periodic beat (…, N) at 100 points: its trigonometric interpolant, sampled without truncation."""
     every = -(-beat.shape[-1] // POINTS)
     return resample(beat, every * POINTS)[..., ::every]

@@ -1,4 +1,4 @@
-"""What a study runs: a network, or an FMU, for some parameter sets at once; and the inflow that drives it."""
+"""The models of a study: a network or an FMU, for several parameter sets at once, and its inflow."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ MAX_BEATS = 30
 
 
 class Model(Protocol):
-    """What a study runs."""
+    """The interface of a model in a study."""
 
     @property
     def name(self) -> str:
-        """As people call it."""
+        """Its display name."""
 
     @property
     def known(self) -> Mapping[str, Quantity]:
@@ -45,7 +45,7 @@ class Model(Protocol):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What it reports, by the names of the FMU's outputs."""
+        """Its outputs, by the names of the FMU's outputs."""
 
     @property
     def T(self) -> float:
@@ -53,24 +53,24 @@ class Model(Protocol):
 
     @property
     def batch(self) -> int:
-        """Parameter sets that are best run at once."""
+        """The best number of parameter sets per batch."""
 
     @property
     def identity(self) -> Mapping[str, Any]:
-        """All that its answers depend on, as plain data."""
+        """All that its results depend on, as plain data."""
 
     def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
-        """The periodic beat of every parameter set, or the sentence that says why there is none."""
+        """The periodic beat of every parameter set, or the sentence with the reason of its failure."""
 
     def finer(self) -> Model | None:
-        """The same with half the step and half the elements; None where that cannot be asked for."""
+        """The same model with half the step and half the element length; None if it has no finer one."""
 
 
 @dataclass(frozen=True)
 class NetworkModel:
-    """A network that is solved here, in steps of ``settings``, until beats repeat to ``tolerance``.
+    """A network, solved in steps of ``settings`` until beats repeat to ``tolerance``.
 
-    flow : what drives the inlet, where it is not the network's own.
+    flow : the drive of the inlet, if it is not the network's own.
     """
 
     network: Network
@@ -96,7 +96,7 @@ class NetworkModel:
 
     @property
     def batch(self) -> int:
-        """64 sheep: twice as many cost as much each, half as many a quarter more (measured)."""
+        """64 for the sheep: twice as many cost the same per set, half as many a quarter more (measured)."""
         return max(8, min(64, 2048 // len(self.network.segments)))
 
     @property
@@ -115,7 +115,7 @@ class NetworkModel:
         return self.network.inlet.T if self.flow is None else self.flow.T
 
     def at(self, sites: Sequence[str]) -> NetworkModel:
-        """The same that reports at some sites only."""
+        """The same model with outputs at some sites only."""
         kept = tuple(site for site in self.network.sites if site.name in sites)
         return replace(self, network=replace(self.network, sites=kept))
 
@@ -125,12 +125,12 @@ class NetworkModel:
         return replace(self, settings=settings, tolerance=self.tolerance / 10.0)
 
     def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
-        """All at once; where one breaks down, in halves until it is alone."""
+        """All at once; after a failure in halves, until the failing set is alone."""
         n = len(next(iter(parameters.values())))
         try:
             beat = repeating_beat(
                 self.network, self.flow, self.T, parameters=parameters, settings=self.settings,
-                tolerance=self.tolerance, resolved=self.tolerance, max_beats=MAX_BEATS,
+                tolerance=self.tolerance, resolved=self.tolerance, max_beats=MAX_BEATS, backend="auto",
             )  # fmt: skip
         except BROKEN as error:
             if n == 1:
@@ -142,7 +142,7 @@ class NetworkModel:
 
 @dataclass(frozen=True)
 class FMUModel:
-    """An FMU, run by FMPy in a process of its own for every parameter set, driven by a beat (N,) [m³/s] of T [s]."""
+    """An FMU, run by FMPy in a new process for every parameter set, driven by a beat (N,) [m³/s] of T [s]."""
 
     path: str
     sha256: str
@@ -193,7 +193,7 @@ class FMUModel:
 def read_model(source: str, driven_by: str | None, dt: str, element_length: str, tolerance: float) -> Model:
     """The model of a bundled name, a network file or an FMU.
 
-    driven_by : what the inflow is taken of: a network, or a record (CSV) with inlet.Q. An FMU needs it.
+    driven_by : the source of the inflow, a network or a record (CSV) with inlet.Q. An FMU needs it.
     Raises ValueError, one sentence.
     """
     seconds = parse_quantity(dt, "s", "--dt")
@@ -205,7 +205,7 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str,
     settings = Settings(seconds, typed_quantity(element_length, "m", "--element-length"), tolerance=_step(tolerance))
     if driven_by is None:
         if any(inlet.given is None for inlet in network.inlets):
-            raise InputError(f"{source}: what is given at its inlet is not known; add a curve to the network file.")
+            raise InputError(f"{source}: the drive of its inlet is unknown; add a curve to the network file.")
         return NetworkModel(network, settings, tolerance)
     if len(network.inlets) > 1 or network.inlet.causality != "flow":
         raise InputError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")
@@ -213,7 +213,7 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str,
 
 
 def _step(tolerance: float) -> float:
-    """Of the iterations of a step, for beats that repeat to a tolerance."""
+    """The iteration tolerance of a step, for beats that repeat to a tolerance."""
     return min(Settings().tolerance, 0.3 * tolerance)
 
 

@@ -1,4 +1,4 @@
-"""A study that is done: indices, percentiles, bands of waveforms, and what is to be known of it."""
+"""The outcome of a study: indices, percentiles, bands of waveforms, and notes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.provenance import software
+from fitting.provenance import engine, software
 from solver.legible import number
 
 from .plan import Plan
@@ -20,16 +20,16 @@ from .store import Store
 
 Array = np.ndarray
 
-# Half a 95 % interval of an index from which the study says that N is small. It shrinks as one over the square root of
-# N. On 120 designs of Ishigami's function the bootstrap's intervals hold the truth in 0.84 and 0.85 of all cases where
-# they are ± 0.8 and ± 0.5 (total index, N = 8 and 16), and in 0.98 where they are ± 0.24 or less (N >= 128), with an
+# Half-width of a 95 % interval of an index above which the study calls N small. It decreases as one over the square
+# root of N. On 120 designs of Ishigami's function the bootstrap intervals contain the truth in 0.84 and 0.85 of all
+# cases with ± 0.8 and ± 0.5 (total index, N = 8 and 16), and in 0.98 of cases with ± 0.24 or less (N >= 128), with an
 # error of 0.05.
 WIDE = 0.2
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study that is done. bands : percentiles (5, 100) of the beats of every channel [SI]."""
+    """A finished study. bands : percentiles (5, 100) of the beats of every channel [SI]."""
 
     plan: Plan
     found: Findings
@@ -52,18 +52,18 @@ class Study:
         return {name: tuple(rows) for name, rows in grouped.items()}
 
     def indices(self, measure: str) -> tuple[Index, ...]:
-        """The indices of one number, in the order of what is varied; none where it does not vary."""
+        """The indices of one number, in the order of the varied parameters; none if it does not vary."""
         return self._by_measure.get(measure, ())
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is to be known of it, in sentences."""
+        """Notes on the study, in sentences."""
         said, found, plan = [], self.found, self.plan
         if self.differences:
             worst = max(self.differences, key=lambda name: float(self.differences[name].max()))
             largest, n = float(self.differences[worst].max()), len(self.differences[worst])
             said.append(
-                f"{n} of the sets were run with half the step and half the elements, too: the beats of P and Q "
+                f"{n} of the sets were also run with half the step and half the element length: the beats of P and Q "
                 f"differ by {number(largest, 2)} at most ({worst}; relative L2, P without its mean)."
             )
         if found.failures:
@@ -78,7 +78,7 @@ class Study:
         if widest and widest.widest > WIDE:
             N = 2 ** math.ceil(math.log2(plan.base * (widest.widest / WIDE) ** 2))
             said.append(
-                f"the intervals of the indices are too wide to rank what is varied, up to ± {widest.widest:.2f} "
+                f"the intervals of the indices are too wide to rank the parameters, up to ± {widest.widest:.2f} "
                 f"({widest.varied} on {widest.measure}), because N = {plan.base} is small; --samples {N * plan.group} "
                 f"(N = {N}) would bring them to about ± {WIDE:g}."
             )
@@ -91,6 +91,7 @@ def summary(study: Study) -> dict[str, Any]:
     return {
         "model": plan.model.name,
         "software": software(),
+        "engine": engine(),
         "sets": plan.size,
         "base": plan.base,
         "seed": plan.seed,
@@ -116,7 +117,7 @@ def summary(study: Study) -> dict[str, Any]:
 
 
 def indices_csv(study: Study) -> str:
-    """The indices as a table: a line for each number and what is varied."""
+    """The indices as a table: a line for each number and varied parameter."""
     rows = [
         f"{i.measure},{i.varied},{i.S1:.6g},{i.S1_conf:.6g},{i.ST:.6g},{i.ST_conf:.6g}" for i in study.found.indices
     ]

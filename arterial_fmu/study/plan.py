@@ -1,4 +1,4 @@
-"""The plan of a study: which parameter sets, in which batches. It does not depend on who runs them.
+"""The plan of a study: its parameter sets and batches, independent of the processes that run them.
 
 Saltelli's design: base N, two independent points A and B of a scrambled Sobol' sequence, and for each of D parameters A
 with that one of B: N (D + 2) sets in N groups. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270.
@@ -23,13 +23,13 @@ from .varied import Varied
 Array = np.ndarray
 
 FORMAT = 1  # of the files of a study
-_CHECKED = 16  # sets that are run with finer steps, too
-_CHECKED_OF = 32  # one of so many at most
+_CHECKED = 16  # sets that are also run with finer steps
+_CHECKED_OF = 32  # at most one set out of this number
 
 
 @dataclass(frozen=True)
 class Plan:
-    """base : N, a power of 2. sites : where it is reported."""
+    """base : N, a power of 2. sites : those of the results."""
 
     model: Model
     varied: tuple[Varied, ...]
@@ -44,18 +44,18 @@ class Plan:
 
     @property
     def size(self) -> int:
-        """How many parameter sets."""
+        """The number of parameter sets."""
         return self.base * self.group
 
     @cached_property
     def problem(self) -> dict[str, Any]:
-        """What is varied, as SALib takes it."""
+        """The varied parameters in SALib's format."""
         bounds = [[each.low, each.high] for each in self.varied]
         return {"num_vars": len(self.varied), "names": [each.name for each in self.varied], "bounds": bounds}
 
     @cached_property
     def x(self) -> Array:
-        """(size, D) what is varied, of every set."""
+        """(size, D) the varied parameters of every set."""
         from SALib.sample import sobol
 
         return np.asarray(sobol.sample(self.problem, self.base, calc_second_order=False, seed=self.seed))
@@ -72,7 +72,7 @@ class Plan:
 
     @property
     def checked(self) -> Array:
-        """The sets that are run with finer steps, too; none of a model that has no finer steps."""
+        """The sets that are also run with finer steps; none for a model without finer steps."""
         if self.model.finer() is None:
             return np.arange(0)
         n = max(1, min(_CHECKED, self.size // _CHECKED_OF, self.base))
@@ -104,7 +104,7 @@ class Plan:
 
 
 def base_of(samples: int, D: int) -> int:
-    """The largest power of two N with N (D + 2) <= samples. Raises ValueError where there is none of at least 2."""
+    """The largest power of two N with N (D + 2) <= samples. Raises ValueError if N would be below 2."""
     least = 2 * (D + 2)
     if samples < least:
         raise InputError(
@@ -114,7 +114,7 @@ def base_of(samples: int, D: int) -> int:
 
 
 def sites_of(model: Model, text: str | None) -> tuple[str, ...]:
-    """The sites that are asked for, "MD,CA", or all. Raises ValueError for one that the model has not."""
+    """The given sites, "MD,CA", or all. Raises ValueError for an unknown site."""
     places = dict.fromkeys(name.rpartition(".")[0] for name in model.channels)
     there = tuple(place for place in places if "." not in place and place != "inlet")
     if text is None:
@@ -127,7 +127,7 @@ def sites_of(model: Model, text: str | None) -> tuple[str, ...]:
 
 
 def plan_of(model: Model, varied: Sequence[Varied], samples: int, seed: int, sites: str | None) -> Plan:
-    """The plan of a study. Raises ValueError for what cannot be asked, and where SALib is missing."""
+    """The plan of a study. Raises ValueError for invalid options, or if SALib is missing."""
     try:
         import SALib  # noqa: F401
     except ImportError:

@@ -1,4 +1,4 @@
-"""What is written of a study: study.json, indices.csv, figures, and study.html."""
+"""The output files of a study: study.json, indices.csv, figures, and study.html."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WRITTEN = ("study.html", "sets.parquet", "waveforms.parquet", "indices.csv", "st
 
 
 def write(study: Study, folder: Path) -> list[Path]:
-    """Write figures, study.json, indices.csv and study.html, all or none; the paths that people look for first."""
+    """Write figures, study.json, indices.csv and study.html, all or none; return the most important paths."""
     from .figures import figures  # matplotlib takes a second
 
     drawings = figures(study, study.plan.sites[:SHOWN_SITES])
@@ -51,7 +51,7 @@ def page(study: Study, drawings: Mapping[str, Any]) -> str:
 
 
 def _varied_row(study: Study, i: int) -> dict[str, str]:
-    """What is varied, and the number that hangs on it most."""
+    """A varied parameter, and the number that depends on it most."""
     each = study.plan.varied[i]
     mine = [index for index in study.found.indices if index.varied == each.name]
     most = max(mine, key=lambda index: index.ST, default=None)
@@ -73,7 +73,7 @@ def _range(each: Any) -> tuple[str, str]:
 
 
 def _site_rows(study: Study, site: str) -> list[dict[str, Any]]:
-    """Of every number of a site: percentiles, and the index of everything that is varied."""
+    """For every number of a site: percentiles, and the index of every varied parameter."""
     rows = []
     for name, unit in study.plan.measures.items():
         if name.split(".")[0] != site:

@@ -1,4 +1,4 @@
-"""Run a study: what of its plan is not done yet, then its results."""
+"""Run a study: the unfinished batches of its plan, then its results."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def run(
     progress: Progress | None = None,
     meanwhile: Callable[[], None] | None = None,
 ) -> int:
-    """Simulate what is missing, and write the results; how many parameter sets were simulated now.
+    """Simulate the missing batches, and write the results; return the number of parameter sets simulated now.
 
-    jobs, scheduler : as in :func:`fitting.tasks.done`. Every batch is kept as it ends: who is stopped goes on there.
-    meanwhile : called once, when the first batch is there and other processes simulate the next ones.
+    jobs, scheduler : as in :func:`fitting.tasks.done`. Every finished batch is saved, so an interrupted study resumes.
+    meanwhile : called once, after the first batch, while other processes simulate the next ones.
     Raises ValueError for a folder that cannot be written, or if no parameter set could be simulated.
     """
     if store.whole:
@@ -51,7 +51,7 @@ def run(
 
 
 def _sets(plan: Plan, name: int | str) -> int:
-    """How many of the plan's sets are in a batch."""
+    """The number of the plan's sets in a batch."""
     return len(plan.batches[name]) if isinstance(name, int) else 0
 
 
@@ -65,9 +65,9 @@ def _batch(plan: Plan, name: int | str) -> Batch:
 
 
 def finer_differences(store: Store) -> dict[str, Array]:
-    """By channel, how far beats (n,) are from those with half the step and half the elements.
+    """The difference of beats (n,), by channel, from those with half the step and half the element length.
 
-    Relative L2 difference, of a pressure to its norm without the mean; empty where nothing could be compared.
+    Relative L2 difference, of a pressure to its norm without the mean; empty without a comparison.
     """
     if not store.plan.checked.size:
         return {}

@@ -1,7 +1,7 @@
-"""What a study says: first and total indices of every number, percentiles, and how good the steps were.
+"""The findings of a study: first-order and total indices of every number, percentiles, and the accuracy of the steps.
 
-First index S1: the part of a number's variance that one parameter explains alone; total index ST: with all that it does
-together with others. Estimators and their bootstrap intervals by SALib (Saltelli et al. 2010).
+First-order index S1: the share of a number's variance that one parameter explains alone; total index ST: including its
+interactions with the others. Estimators and their bootstrap intervals by SALib (Saltelli et al. 2010).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from .store import GROUP
 Array = np.ndarray
 
 LEVELS = (5.0, 25.0, 50.0, 75.0, 95.0)  # percentiles
-_FEWEST = 8  # groups that indices are computed of
+_FEWEST = 8  # minimum number of groups for indices
 _CONSTANT = 1e-9  # relative spread of a number that does not vary
 
 
 @dataclass(frozen=True)
 class Index:
-    """One parameter's part in one number's variance, with the half widths of 95 % intervals."""
+    """One parameter's share of one number's variance, with the half-widths of 95 % intervals."""
 
     measure: str
     varied: str
@@ -48,7 +48,7 @@ class Index:
 
     @property
     def widest(self) -> float:
-        """The wider half interval of the two."""
+        """The larger half-width of the two."""
         return max(self.S1_conf, self.ST_conf)
 
 
@@ -58,8 +58,8 @@ def _index(value: float, half: float) -> str:
 
 @dataclass(frozen=True)
 class Findings:
-    """indices : by number, then by what is varied. groups : that they are computed of; dropped : those with a set that
-    failed. percentiles : by number, at LEVELS. failures : sets and their sentences."""
+    """indices : by number, then by varied parameter. groups : number used for the indices; dropped : groups with a
+    failed set. percentiles : by number, at LEVELS. failures : sets and their sentences."""
 
     indices: tuple[Index, ...]
     groups: int
@@ -69,7 +69,7 @@ class Findings:
 
 
 def findings(plan: Plan, sets: pl.DataFrame) -> Findings:
-    """What the results of a study say. Raises ValueError if no set could be simulated."""
+    """The findings from the results of a study. Raises ValueError if no set could be simulated."""
     failed = sets.filter(pl.col(FAILED).is_not_null())
     if len(failed) == len(sets):
         raise InputError(f"none of the {len(sets)} parameter sets could be simulated; the first: {failed[FAILED][0]}")
@@ -83,12 +83,12 @@ def findings(plan: Plan, sets: pl.DataFrame) -> Findings:
 
 
 def _indices(plan: Plan, name: str, y: Array) -> Sequence[Index]:
-    """Of one number y : (groups (D + 2),); none where it does not vary, or there are too few groups."""
+    """The indices of one number y : (groups (D + 2),); none if it does not vary, or there are too few groups."""
     if len(y) < _FEWEST * plan.group or not np.ptp(y) > _CONSTANT * np.abs(y).max():
         return ()
     from SALib.analyze import sobol
 
-    found = sobol.analyze(plan.problem, y, calc_second_order=False, seed=plan.seed + 1)  # 0 would be no seed
+    found = sobol.analyze(plan.problem, y, calc_second_order=False, seed=plan.seed + 1)  # SALib ignores a seed of 0
     columns = (found[key] for key in ("S1", "S1_conf", "ST", "ST_conf"))
     rows = zip(plan.varied, *columns, strict=True)
     return [Index(name, each.name, *map(float, numbers)) for each, *numbers in rows]

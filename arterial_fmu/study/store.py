@@ -1,7 +1,7 @@
-"""The folder of a study: its plan, a file for every batch that is done, and in the end the results.
+"""The folder of a study: its plan, a file for every finished batch, and finally the results.
 
-plan.json is what the study is; parts/00012.parquet what came of batch 12, written whole or not at all. When all are
-there, they become sets.parquet and waveforms.parquet, and are removed.
+plan.json defines the study; parts/00012.parquet contains the results of batch 12, written whole or not at all. When all
+parts exist, they are merged into sets.parquet and waveforms.parquet, and removed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ GROUP = "group"
 
 
 class Store:
-    """A study's folder, made if it is missing. Raises ValueError where another study is in it."""
+    """A study's folder, created if it is missing. Raises ValueError if it contains another study."""
 
     def __init__(self, folder: str | os.PathLike[str], plan: Plan) -> None:
         self.folder, self.plan = Path(folder), plan
@@ -37,13 +37,13 @@ class Store:
             different = _difference(_read(path), json.loads(text))
             if different:
                 raise InputError(
-                    f"{self.folder}: it holds another study ({different}); give another folder, or the same options."
+                    f"{self.folder}: it contains another study ({different}); give another folder, or the same options."
                 )
         write_folder(self.folder, {path.name: text})
 
     @property
     def whole(self) -> bool:
-        """Whether the results are there."""
+        """Whether the results exist."""
         return (self.folder / "sets.parquet").is_file()
 
     def part(self, name: int | str) -> Path:
@@ -51,7 +51,7 @@ class Store:
         return self.folder / "parts" / (f"{name:05d}.parquet" if isinstance(name, int) else f"{name}.parquet")
 
     def has(self, name: int | str) -> bool:
-        """Whether a batch is done."""
+        """Whether a batch is finished."""
         return self.part(name).is_file()
 
     def keep(self, name: int | str, content: bytes) -> None:
@@ -60,7 +60,7 @@ class Store:
         write_whole(self.part(name), content)
 
     def finish(self) -> None:
-        """Results of the parts, which must all be there: waveforms.parquet and, last, sets.parquet."""
+        """Merge the parts, which must all exist, into waveforms.parquet and, last, sets.parquet."""
         plan = self.plan
         parts = [self.part(i) for i in range(len(plan.batches))]
         frame = pl.concat([_table(path) for path in parts])
@@ -101,7 +101,7 @@ def _read(path: Path) -> Any:
 
 
 def _difference(there: Any, asked: Mapping[str, Any]) -> str:
-    """In words, how the study that is there differs from what is asked for; "" if it does not."""
+    """The difference between the stored and the requested study, in words; "" if there is none."""
     if not isinstance(there, Mapping):
         return "its plan is not readable"
     for key in asked:

@@ -1,4 +1,4 @@
-"""What a study varies: ``CA.phi0=10..120kPa*s``, ``all.E=0.8..1.2x``."""
+"""The varied parameters of a study: ``CA.phi0=10..120kPa*s``, ``all.E=0.8..1.2x``."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _NOT_ALL = ("fluid", "network", "solver", "inlet")  # "all" are segments, outlet
 
 @dataclass(frozen=True)
 class Varied:
-    """Parameters that move together: from low to high [unit], all to one value, or each by one factor of its own.
+    """Parameters that vary together from low to high [unit]: all take one value, or their own values times one factor.
 
-    name : as it was asked for. nominal : value by parameter, in SI; the names are the FMU's.
+    name : as given. nominal : value by parameter, in SI; the names are the FMU's.
     """
 
     name: str
@@ -45,11 +45,11 @@ class Varied:
 def parse_varied(
     texts: Iterable[str], known: Mapping[str, Quantity], nominal: Mapping[str, float], model: str
 ) -> tuple[Varied, ...]:
-    """What is varied, of texts NAME=LOW..HIGH with a unit, or with x for factors of the model's own values.
+    """The varied parameters from texts NAME=LOW..HIGH with a unit, or with x for factors of the model's own values.
 
     NAME : a parameter, several joined by "+" ("CA+FA.outlet.R_t"), or "all.E", of every segment, outlet or junction
     that has it. known, nominal : the parameters of the model, their quantities and values [SI].
-    Raises ValueError, one sentence that begins with the option, for what is no name, no range, or not allowed.
+    Raises ValueError, one sentence that begins with the option, for an unknown name or an invalid range.
     """
     found = tuple(_parse(text, known, nominal, model) for text in texts)
     if not found:
@@ -96,7 +96,7 @@ def _parse(text: str, known: Mapping[str, Quantity], nominal: Mapping[str, float
 
 
 def _ends(span: str, unit: str, option: str, display: str | None) -> tuple[float, float]:
-    """The two ends of a range [unit]; the unit of the second is that of both where the first has none."""
+    """The two ends of a range [unit]; if the first has no unit, that of the second applies to both."""
     match = _RANGE.fullmatch(span)
     assert match is not None
     first, last = (part.strip() for part in match.groups())
@@ -109,7 +109,7 @@ def _ends(span: str, unit: str, option: str, display: str | None) -> tuple[float
 
 
 def _names(name: str, option: str, known: Mapping[str, Quantity], model: str) -> list[str]:
-    """The parameters that a name stands for. Raises ValueError for a name that stands for none, or for one twice."""
+    """The parameters of a name. Raises ValueError if there are none, or one occurs twice."""
     target, _, key = name.partition(".")
     if target == "all":
         names = [n for n in known if n.partition(".")[2] == key and n.partition(".")[0] not in _NOT_ALL]

@@ -1,4 +1,4 @@
-"""The bank of hidden effects: what ``benchmarks/hidden_effects.py`` is made of.
+"""The bank of hidden effects: the modules of ``benchmarks/hidden_effects.py``.
 
 row.py      one record, judged: truth, verdict and numbers as one line of JSON
 bank.py     a file of such lines, resumable

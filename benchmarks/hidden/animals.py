@@ -1,4 +1,4 @@
-"""The targets of the groups whose animals, sensors and beats are further from the model; all records synthetic."""
+"""The targets of the groups with more realistic animals, sensors and beats; all records are synthetic."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MOST, _LONGEST = 60.0, 300.0  # [s] of CPU time of nearly every record, and of 
 
 
 def walls(lines: Sequence[Line]) -> str:
-    """Every wall off by itself."""
+    """Individual walls."""
     t = Targets()
     nulls, seen = w.of(lines, "null"), w.of(lines, "single", 30.0)
     t.at_most("nothing hidden: false alarms", 0.03, share(nulls, w.detected))
@@ -81,7 +81,7 @@ def offcentre(lines: Sequence[Line]) -> str:
 
 
 def outside_walls(lines: Sequence[Line]) -> str:
-    """Effects that no catalogue has, in walls that are off by themselves."""
+    """Effects outside the catalogue, in individual walls."""
     t = Targets()
     for kind, own in _kinds(lines):
         t.outside(kind, own)
@@ -94,7 +94,7 @@ def outside_walls(lines: Sequence[Line]) -> str:
 
 
 def own(lines: Sequence[Line]) -> str:
-    """A number of one wall or end that is far off."""
+    """A parameter of one wall or outlet that is far off."""
     t = Targets()
     for least in (0.0, 30.0):
         named, radius = (w.of(lines, what, least) for what in ("single", "outside"))
@@ -107,6 +107,50 @@ def own(lines: Sequence[Line]) -> str:
     return str(t)
 
 
+def elastic(lines: Sequence[Line]) -> str:
+    """Individual walls without viscosity."""
+    t = Targets()
+    seen = w.of(lines, "single", 30.0)
+    t.at_least("one effect, d′ ≥ 30: right name in the class", 0.90, share(seen, w.in_class))
+    t.at_least("– right place", 0.85, share(seen, w.right_place))
+    t.at_most("– single name but wrong", 0.02, share(seen, w.wrong))
+    _two(t, lines)
+    _rest(t, lines)
+    return str(t)
+
+
+def pairs(lines: Sequence[Line]) -> str:
+    """Two effects in individual walls."""
+    t = Targets()
+    _two(t, lines)
+    _rest(t, lines)
+    return str(t)
+
+
+def three(lines: Sequence[Line]) -> str:
+    """One effect in individual walls, observed by the inflow and three pressures."""
+    t = Targets()
+    for least in (12.0, 30.0):
+        seen = w.of(lines, "single", least)
+        t.at_least(f"d′ ≥ {least:g}: the places that are told hold the truth", 0.95, share(seen, w.holds_place))
+        sizes = [float(len(w.told_places(x))) for x in seen if w.told_places(x)]
+        t.median_at_most("– how many places are told, where any", 3, sizes)
+        t.add("– right name in the class", "–", share(seen, w.in_class))
+        t.at_most("– single name but wrong", 0.02, share(seen, w.wrong))
+        t.add("– `none`", "–", share(seen, lambda x: not w.detected(x)))
+    _rest(t, lines)
+    return str(t)
+
+
+def _two(t: Targets, lines: Sequence[Line]) -> None:
+    """Two effects, each beside the other."""
+    seen = w.of(lines, "pair", 30.0)
+    t.at_least("two effects, both d′ ≥ 30: both named", 0.85, share(seen, w.both_named))
+    t.every("– or one of them, and that more remains", share(seen, lambda x: w.both_named(x) or w.one_and_more(x)))
+    alone = [x for x in w.of(lines, "pair") if w.pair_alone(x)]
+    t.add("two names without rivals, not both of them hidden", "–", share(alone, w.wrong_pair))
+
+
 GROUPS: dict[str, Callable[[Sequence[Line]], str]] = {
     "walls": walls,
     "sensors": sensors,
@@ -114,11 +158,14 @@ GROUPS: dict[str, Callable[[Sequence[Line]], str]] = {
     "offcentre": offcentre,
     "outside_walls": outside_walls,
     "own": own,
+    "elastic": elastic,
+    "pairs": pairs,
+    "three": three,
 }
 
 
 def _rest(t: Targets, lines: Sequence[Line]) -> None:
-    """What every group tells: the gap on held-out beats, parameters, confidence, time."""
+    """The targets of every group: the gap on held-out beats, parameters, confidence, time."""
     for kind, own in _kinds(lines):
         closed = [g["best"] / g["given"] for g in gaps(own) if g.get("given")]
         t.median_at_most(f"{kind}, gap on held-out beats where named right, after/before", 0.3, closed)

@@ -1,4 +1,4 @@
-"""A file of judged records, one JSON line each, appended as they finish: a run that is killed goes on where it was."""
+"""A file of diagnosed records, one JSON line each, appended as they finish, so that a killed run can be resumed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ JUDGED_BY = ("discrepancy", "fitting", "solver", "tests/truth")
 
 
 class NotThisBank(ValueError):
-    """The file holds records of another plan or of other sources; the message says what to do."""
+    """The file contains records of another plan or of other sources; the message gives the remedy."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,11 @@ class Bank:
 
     def run(
         self, limit: int | None, jobs: int, mixed: bool = False, nulls: bool = False, console: Console | None = None,
-        scheduler: str | None = None,
+        scheduler: str | None = None, least: float = 0.0,
     ) -> None:  # fmt: skip
         """Judge the first ``limit`` records of the plan that are not yet in the file; nulls : of those without a
-        hidden effect only. scheduler : of a cluster that does it (:mod:`fitting.tasks`)."""
+        hidden effect only. scheduler : of a cluster that does it (:mod:`fitting.tasks`). least : of d', below which a
+        record is not judged."""
         judged = {x["index"] for x in self.lines(mixed)}
         cases = whole(self.kind, self.group, self.seed)[:limit]
         wanted = [i for i, case in enumerate(cases) if not (nulls and case.effects)]
@@ -70,7 +71,7 @@ class Bank:
             task = bar.add_task(
                 f"{self.group} {self.kind} records", total=len(wanted), completed=len(wanted) - len(todo)
             )
-            tasks = [(self.kind, self.seed, i, cases[i], self.group) for i in todo]
+            tasks = [(self.kind, self.seed, i, cases[i], self.group, least) for i in todo]
             for _, line in done(_row, tasks, jobs, scheduler):
                 file.write(json.dumps(line | {"sources": self.sources}) + "\n")
                 file.flush()
@@ -105,7 +106,7 @@ def read(path: Path) -> list[Line]:
 
 
 def sources_hash(root: Path = ROOT) -> str:
-    """Hash of everything that makes or judges a record."""
+    """Hash of all code that makes or diagnoses a record."""
     digest = hashlib.sha256()
     for folder in JUDGED_BY:
         place = root / folder

@@ -1,4 +1,4 @@
-"""Whether a stated confidence means what it says: bins, calibration error, Brier score, and the reliability diagram."""
+"""Calibration of the stated confidence: bins, calibration error, Brier score, and the reliability diagram."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 
 
 def reliability(lines: Sequence[Line]) -> str:
-    """Stated confidence against how often it is right."""
+    """Stated confidence against the success rate."""
     stated = named(lines)
     rows = []
     for own in binned(stated):
@@ -36,7 +36,7 @@ def reliability(lines: Sequence[Line]) -> str:
 
 
 def named(lines: Sequence[Line]) -> list[Line]:
-    """Those that give a name with a confidence."""
+    """The lines that give a name with a confidence."""
     return [x for x in lines if w.claims(x)]
 
 
@@ -71,7 +71,7 @@ def error_bounds(stated: Sequence[Line], draws: int = 20_000) -> tuple[float, fl
 
 
 def error_said(stated: Sequence[Line]) -> str:
-    """The calibration error with its interval, and of how many records."""
+    """The calibration error with its interval, and the number of records."""
     low, high = error_bounds(stated)
     return f"{calibration_error(stated):.3f} ({low:.3f}–{high:.3f}; {len(stated)})"
 

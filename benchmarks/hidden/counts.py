@@ -38,7 +38,7 @@ class Share:
 
 
 def share(lines: Iterable[Line], test: Callable[[Line], bool]) -> Share:
-    """How many of the lines pass."""
+    """The number of lines that pass."""
     chosen = list(lines)
     return Share(sum(map(test, chosen)), len(chosen))
 

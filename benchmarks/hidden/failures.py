@@ -1,4 +1,4 @@
-"""The records to look at: what went wrong, with the numbers that say why."""
+"""The failed records, with the numbers that explain each failure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Line = dict[str, Any]
 
 
 def failures(lines: Sequence[Line], network: Network) -> str:
-    """What to look at: false alarms, wrong single names, not named right though visible and separable, errors."""
+    """The failures: false alarms, wrong single names, visible and separable effects without the right name, errors."""
     parts = []
     singles = w.of(lines, "single")
     chosen = {

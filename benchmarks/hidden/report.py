@@ -1,4 +1,4 @@
-"""The report of the bank, in Markdown: targets against what was measured, and the tables behind them."""
+"""The report of the bank, in Markdown: targets against measurements, and the tables behind them."""
 
 from __future__ import annotations
 
@@ -25,13 +25,16 @@ TITLES = {
     "offcentre": "Effects away from the middle",
     "outside_walls": "Outside the catalogue, every wall off by itself",
     "own": "One number far off, every wall off by itself",
+    "elastic": "Walls without viscosity, every one off by itself",
+    "pairs": "Two effects, every wall off by itself",
+    "three": "Three pressures, every wall off by itself",
 }
 BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end -->"
 
 
 def report(lines: Sequence[Line], network: Network, through: Sequence[Line] = ()) -> str:
-    """All tables that the lines have records for. network : whose junctions say what is adjacent. through : the lines
-    of a sample that went through the rebuilt FMUs."""
+    """All tables with records in the lines. network : its junctions define adjacency. through : the lines of a sample
+    that ran through the rebuilt FMUs."""
     made = w.judged(lines)
     groups = {name: [x for x in made if w.group(x) == name] for name in ("standard", *animals.GROUPS)}
     parts = [origin(lines)]
@@ -56,10 +59,12 @@ def _by_kind(group: str, lines: Sequence[Line], network: Network) -> list[str]:
 
 
 def _short(own: Sequence[Line]) -> Iterator[tuple[str, str]]:
-    """What a group other than the standard one shows besides its targets."""
+    """The results of a group other than the standard one, besides its targets."""
     if w.of(own, "single"):
         yield "Power", t.power(own)
         yield "By effect", t.by_effect(own)
+    if w.of(own, "pair"):
+        yield "Two effects", t.pairs(own)
     yield "Confidence", reliability(own)
     yield "What the named effects close", t.closed(own)
     if w.of(own, "outside"):
@@ -83,12 +88,13 @@ def _sections(kind: str, own: Sequence[Line], network: Network) -> Iterator[tupl
 
 
 def origin(lines: Sequence[Line]) -> str:
-    """Which records these are."""
+    """A description of the records."""
     said = []
     for group, kind, seed in sorted({_plan(x) for x in lines}):
         own = [x for x in lines if _plan(x) == (group, kind, seed)]
-        lost = sum(x["verdict"] == "not made" for x in own)
+        lost, small = (sum(x["verdict"] == which for x in own) for which in (w.NOT_MADE, w.NOT_JUDGED))
         without = f" ({lost} without a periodic state, left out)" if lost else ""
+        without += f" ({small} of too little d′, chosen before any verdict, left out)" if small else ""
         said.append(f"{len(own)} {group} {kind} records of seed {seed}{without}, sources {', '.join(_hashes(own))}")
     return "; ".join(said) + "."
 
@@ -102,7 +108,7 @@ def _hashes(lines: Sequence[Line]) -> list[str]:
 
 
 def write(text: str, page: Path) -> None:
-    """Put the tables where the page has its marks. Raises ValueError if it has none."""
+    """Insert the tables between the marks of the page. Raises ValueError if it has none."""
     before, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:

@@ -1,4 +1,4 @@
-"""One record of the bank: made, judged, and set beside its truth as plain data."""
+"""One record of the bank: generated, diagnosed, and compared with its truth as plain data."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from discrepancy import thresholds
 from discrepancy.asked import TIME_LIMIT
 from discrepancy.intervals import stated
+from discrepancy.scoring import Named
 from discrepancy.study import Study, Unusable, judge
 from discrepancy.verdict import Naming
-from discrepancy.weigh import Named
 from fitting.inference.fit import Fit
 from fitting.inference.places import Place
 from fitting.inference.simulator import Runs
@@ -30,23 +30,25 @@ from tests.truth.plan import seed_of
 from tests.truth.records import Case, Made, make
 
 from .stlsq import compared
+from .words import NOT_JUDGED, NOT_MADE
 
 Line = dict[str, Any]
 
 SHOWN = 6  # hypotheses of the ranking that a line keeps
 
 
-def row(kind: str, seed: int, index: int, case: Case, group: str = "standard") -> Line:
-    """The line of one record. What goes wrong is said in "error", by the generator or by the workflow."""
+def row(kind: str, seed: int, index: int, case: Case, group: str = "standard", least: float = 0.0) -> Line:
+    """The line of one record. What goes wrong is said in "error", by the generator or by the workflow. least : d' that
+    every effect must have for the record to be judged."""
     line: Line = {"index": index, "kind": kind, "seed": seed, "group": group, "channels": case.channels, "dB": case.dB,
                   "base": case.base, "elastic_law": case.elastic_law, "viscous_law": case.viscous_law,
                   "walls": case.walls, "sensors": case.sensors, "varying": list(case.varying),
                   "effects": [asdict(e) for e in case.effects]}  # fmt: skip
     try:
         made = make(case, seed_of(kind, seed, index))
-        seen = detect(made)
+        seen = detect(made, least)
     except (NoPeriodicFlow, NoPeriodicRadius) as error:
-        return line | {"error": f"generator: {error}", "verdict": "not made"}
+        return line | {"error": f"generator: {error}", "verdict": NOT_MADE}
     for effect, told, d_prime, zero in zip(
         line["effects"], made.truth["effects"], seen.d_prime, _zeros(made), strict=True
     ):
@@ -54,6 +56,8 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard") -
     line |= {"separation": finite(seen.separation), "rival": seen.rival,
              "place_separation": finite(seen.place_separation), "place_rival": seen.place_rival,
              "nuisance": made.truth["nuisance"]}  # fmt: skip
+    if min(seen.d_prime, default=0.0) < least:
+        return line | {"verdict": NOT_JUDGED}
     record = Record(f"record {index}", "", made.time, made.channels, {})
     start = time.process_time()
     try:
@@ -71,7 +75,7 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard") -
 
 
 def verdict_of(study: Study, naming: Naming) -> Line:
-    """What was named, with the numbers behind it."""
+    """The named effects, with the numbers behind them."""
     return {
         "verdict": naming.verdict,
         "reason": naming.reason,
@@ -89,7 +93,7 @@ def verdict_of(study: Study, naming: Naming) -> Line:
 
 
 def _map(found: SourceMap) -> Line:
-    """Where something acts, and what cannot be told from it."""
+    """The places of the source map, and indistinguishable alternatives."""
     alike = [[_spot(p) for p in r.places] for r in found.rivals if r.above < thresholds.RULED_OUT]
     return {"places": [_spot(p) for p in found.places], "explains": found.explains, "alike": alike}
 
@@ -169,10 +173,10 @@ def parameters_of(made: Made, name: str) -> dict[str, float]:
 
 
 def log_odds(p: float) -> float | None:
-    """ln p/(1 - p), by which a confidence is calibrated; None where it is sure."""
+    """ln p/(1 - p), the scale for the calibration of a confidence; None for certainty."""
     return math.log(p / (1.0 - p)) if 0.0 < p < 1.0 else None
 
 
 def finite(x: float) -> float | None:
-    """JSON has no infinity."""
+    """Replace infinity, which JSON does not support."""
     return x if math.isfinite(x) else None

@@ -1,4 +1,5 @@
-"""The targets of the standard group: records of identical beats, of animals that differ from their model as a whole."""
+"""The targets of the standard group: records of identical beats, from animals that differ from their model in
+common."""
 
 from __future__ import annotations
 

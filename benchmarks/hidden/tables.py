@@ -1,4 +1,4 @@
-"""The tables behind the targets: power, confusion, classes, places, confidence, parameters, and what failed."""
+"""The tables behind the targets: power, confusion, classes, places, confidence, parameters, and failures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SEPARABLE = 6.0
 
 
 def verdicts(lines: Sequence[Line]) -> str:
-    """How many of each group get which verdict."""
+    """The number of verdicts of each kind in each group."""
     names = ("none", "effect", "ambiguous", "several", "partial", "unknown", "unusable", "crashed")
     rows = []
     for group in ("null", "single", "pair", "outside"):
@@ -45,7 +45,7 @@ def power(lines: Sequence[Line]) -> str:
 
 
 def confusion(lines: Sequence[Line], least: float = 6.0) -> str:
-    """Rows: what is hidden (single effects with d' of at least ``least``, and all nulls); columns: the name on top."""
+    """Rows: hidden effects (single ones with d' of at least ``least``, and all nulls); columns: the first name."""
     chosen = w.of(lines, "single", least) + w.of(lines, "null")
     truth = sorted({w.truths(x)[0] for x in chosen if x["effects"]})
     columns = sorted({*truth, *(w.told(x) for x in chosen)} - set(_VERDICTS)) + list(_VERDICTS)
@@ -101,7 +101,7 @@ def places(lines: Sequence[Line], network: Network) -> str:
 
 
 def ambiguous(lines: Sequence[Line], least: float = 6.0) -> str:
-    """What the classes hold, per hidden effect."""
+    """The members of the classes, per hidden effect."""
     rows = []
     for name in sorted({w.truths(x)[0] for x in w.of(lines, "single", least)}):
         own = [x for x in w.of(lines, "single", least) if w.truths(x)[0] == name]
@@ -136,7 +136,7 @@ def parameters(lines: Sequence[Line]) -> str:
 
 
 def closed(lines: Sequence[Line]) -> str:
-    """How much of the gap on held-out beats what was named closes, and what remains, by verdict."""
+    """The share of the gap on held-out beats that the named effects close, and the remainder, by verdict."""
     rows = []
     for verdict in ("effect", "ambiguous", "several", "partial"):
         own = [x for x in lines if x["verdict"] == verdict]
@@ -154,7 +154,7 @@ def closed(lines: Sequence[Line]) -> str:
 
 
 def outside(lines: Sequence[Line]) -> str:
-    """What effects outside the catalogue are taken for."""
+    """The verdicts on effects outside the catalogue."""
     rows = []
     for name in sorted({w.beyond(x) for x in w.of(lines, "outside")}):
         for low, high in ((6.0, 30.0), (30.0, np.inf)):
@@ -168,7 +168,7 @@ def outside(lines: Sequence[Line]) -> str:
 
 
 def pairs(lines: Sequence[Line]) -> str:
-    """Two effects, by the smaller d' of the two: both named, one and more, and what was said."""
+    """Two effects, by the smaller d' of the two: both named, one and more, and the verdicts."""
     rows = []
     for low, high in ((0.0, 6.0), (6.0, 30.0), (30.0, np.inf)):
         own = [x for x in w.of(lines, "pair", low) if w.d_prime(x) < high]

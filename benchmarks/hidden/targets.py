@@ -1,4 +1,4 @@
-"""A table of targets against what was measured: met, missed, or open as the bound is on the wrong side."""
+"""A table of targets against measurements: met, missed, or open if the bound is on the wrong side."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ class Targets:
         self._rows.append((what, target, str(measured), met if isinstance(met, str) else _SAID[met]))
 
     def at_least(self, what: str, least: float, s: Share) -> None:
-        """A share that is to be large."""
+        """A share that should be large."""
         self.add(what, f"≥ {100 * least:g} %", s, _met(s.value >= least, s.bounds[0] >= least) if s.n else None)
 
     def at_most(self, what: str, most: float, s: Share) -> None:
-        """A share that is to be small."""
+        """A share that should be small."""
         self.add(what, f"≤ {100 * most:g} %", s, _met(s.value <= most, s.bounds[1] <= most) if s.n else None)
 
     def between(self, what: str, least: float, most: float, s: Share) -> None:
-        """A share that is to be neither small nor large."""
+        """A share that should be neither small nor large."""
         low, high = s.bounds
         met = _met(least <= s.value <= most, least <= low and high <= most) if s.n else None
         self.add(what, f"{100 * least:g}–{100 * most:g} %", s, met)
 
     def every(self, what: str, s: Share) -> None:
-        """What is to happen always: no number of records shows that it does."""
+        """A requirement without exception, which no number of records can prove."""
         self.add(what, "all", s, _met(s.hits == s.n, False) if s.n else None)
 
     def none(self, what: str, s: Share) -> None:
-        """What is not to happen at all."""
+        """An event that must not occur."""
         self.add(what, "none", s, _met(s.hits == 0, False) if s.n else None)
 
     def median_at_most(self, what: str, most: float, values: Sequence[float]) -> None:
-        """Numbers whose median is to be small; its bounds are order statistics."""
+        """Numbers whose median should be small; its bounds are order statistics."""
         if values:
             low, high = median_bounds(values)
             middle = median(values)
@@ -71,7 +71,7 @@ class Targets:
             self.add(f"{what}, calibration error of the confidence", "≤ 0.05", error_said(stated), met)
 
     def parameters(self, what: str, lines: Sequence[Line]) -> None:
-        """Errors and intervals of the parameters of what is named singly and right, where it is."""
+        """Errors and intervals of the parameters of effects with a single correct name at the correct place."""
         found = [e for x in lines if w.hides(x) == "single" and w.right_place(x) and w.single(x) for e in w.errors(x)]
         if found:
             relative = [error / size for _, size, error, _ in found if size]
@@ -79,7 +79,7 @@ class Targets:
             self.covered(f"{what}, parameter: 95 % interval covers", [e[3] for e in found])
 
     def _bias(self, what: str, most: float, relative: Sequence[float]) -> None:
-        """Relative errors whose median is to be small, of either sign."""
+        """Relative errors of either sign whose median should be small."""
         if relative:
             middle, (low, high) = median(relative), median_bounds(relative)
             bounds = f"{100 * low:+.2f} to {100 * high:+.2f}; " if np.isfinite(low) else ""
@@ -87,17 +87,17 @@ class Targets:
             self.add(what, f"≤ {100 * most:g} %", f"{100 * middle:+.2f} % ({bounds}{len(relative)})", met)
 
     def covered(self, what: str, holds: Sequence[bool]) -> None:
-        """How many 95 % intervals hold the truth."""
+        """The number of 95 % intervals that contain the truth."""
         self.between(what, 0.9, 0.98, Share(sum(holds), len(holds)))
 
     def outside(self, what: str, lines: Sequence[Line]) -> None:
-        """Effects that no catalogue has: names that are given without saying that more remains are wrong."""
+        """Effects outside the catalogue: a name without the note that more remains is wrong."""
         said = "one name or two, and not that more remains"
         self.at_most(f"{what}, outside the catalogue: {said}", 0.05, share(w.of(lines, "outside"), w.committed))
         self.at_most("– of these d′ ≥ 30", 0.05, share(w.of(lines, "outside", 30.0), w.committed))
 
     def seconds(self, what: str, most: float, longest: float, lines: Sequence[Line]) -> None:
-        """CPU time of one process that finds and names: nearly all within ``most``, none above ``longest`` [s]."""
+        """CPU time of a diagnosis in one process: nearly all within ``most``, none above ``longest`` [s]."""
         s = [x["seconds"] for x in lines if "seconds" in x]
         if s:
             text = f"median {median(s):.2g}, 95 % {np.quantile(s, 0.95):.2g}, largest {max(s):.4g} s; {len(s)}"

@@ -56,8 +56,8 @@ def _through(kind: str, seed: int, index: int, case: Case) -> Line:
 
 
 def table(lines: Iterable[Line]) -> str:
-    """The sample in Markdown: gap on held-out beats before and after where it was 2 or more, whitened RMS of sites as
-    they are predicted from the others, difference of FMU and solver, time."""
+    """The sample in Markdown: gap on held-out beats before and after if it was 2 or more, whitened RMS of sites
+    predicted from the others, difference between FMU and solver, time."""
     rows = ["| records | added | gap before | gap after | sites after | FMU against solver | seconds |",
             "| --- | ---: | ---: | ---: | ---: | ---: | ---: |"]  # fmt: skip
     by_kind: dict[str, list[Line]] = {}

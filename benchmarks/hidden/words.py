@@ -1,4 +1,4 @@
-"""What the bank counts, said of one line.
+"""The properties of a line that the bank counts.
 
 - **d'** of a hidden effect and its **separation** from the nearest rival are the generator's, from truth and noise.
 - **named right**: the truth tops the class. **single name**: verdict ``effect``, or ``partial`` with one name alone.
@@ -19,10 +19,12 @@ from tests.truth.hide import OUTSIDE, OUTSIDE_SENSOR, OUTSIDE_WALL
 Line = dict[str, Any]
 Where = tuple[str, ...]
 
+NOT_MADE, NOT_JUDGED = "not made", "not judged"  # without a periodic state; below the required d'
+
 
 def judged(lines: Iterable[Line]) -> list[Line]:
-    """Those with a verdict, or a crash in place of one; not those that the generator could not make."""
-    return [x for x in lines if x["verdict"] != "not made"]
+    """The lines with a verdict, or a crash instead; without records that could not be generated or were excluded."""
+    return [x for x in lines if x["verdict"] not in (NOT_MADE, NOT_JUDGED)]
 
 
 def group(line: Line) -> str:
@@ -39,7 +41,7 @@ def hides(line: Line) -> str:
 
 
 def beyond(line: Line) -> str:
-    """What of a line is outside the catalogue."""
+    """The part of a line outside the catalogue."""
     return str(next(e["name"] for e in line["effects"] if e["name"] in OUTSIDE))
 
 
@@ -49,7 +51,7 @@ def of(lines: Iterable[Line], wanted: str, least: float = 0.0) -> list[Line]:
 
 
 def truths(line: Line) -> tuple[str, ...]:
-    """Names of what is hidden."""
+    """Names of the hidden effects."""
     return tuple(e["name"] for e in line["effects"])
 
 
@@ -69,7 +71,7 @@ def detected(line: Line) -> bool:
 
 
 def claims(line: Line) -> bool:
-    """Whether names were given: one, a class, or several, be it that more remains."""
+    """Whether names were given: one, a class, or several, even if more remains."""
     return line["verdict"] in ("effect", "ambiguous", "several", "partial")
 
 
@@ -89,7 +91,7 @@ def alarm(line: Line) -> bool:
 
 
 def top(line: Line) -> tuple[str, ...]:
-    """Names of what tops the class; of ``unknown`` what comes nearest; none otherwise."""
+    """Names of the first member of the class; for ``unknown`` the nearest hypothesis; none otherwise."""
     if detected(line) and line.get("top"):
         return tuple(t["name"] for t in line["top"][0]["terms"])
     return ()
@@ -107,7 +109,7 @@ def committed(line: Line) -> bool:
 
 
 def named_right(line: Line) -> bool:
-    """The one true name tops the class."""
+    """The one true name is the first member of the class."""
     return line["verdict"] in ("effect", "ambiguous", "partial") and top(line) == truths(line)
 
 
@@ -127,7 +129,7 @@ def in_class(line: Line) -> bool:
 
 
 def both_named(line: Line) -> bool:
-    """Two names top the class, and they are all that is hidden."""
+    """Two names are the first member of the class, and they are exactly the hidden effects."""
     return claims(line) and len(top(line)) == 2 and sorted(top(line)) == sorted(truths(line))
 
 
@@ -173,6 +175,24 @@ def acts_right(line: Line) -> bool:
     kind = _KINDS[effect["name"]]
     several = where == "all" and sum(p["kind"] == kind for p in found) > 1
     return several or any(p["kind"] == kind and p["name"] == where for p in found) or right_place(line)
+
+
+def told_places(line: Line) -> set[str]:
+    """Where it says that something acts: the places of the class, of ``unknown`` those of the map and of what cannot be
+    told from these. Of a junction and an outlet the name is that of its segment."""
+    if claims(line):
+        return {where for member in line["class"] for term in member for where in term["where"]}
+    if line["verdict"] != "unknown" or not line.get("map"):
+        return set()
+    found = line["map"]
+    spots = [spot for spots in (found["places"], *found["alike"]) for spot in spots]
+    return {s["name"].partition(".")[0] if s["kind"] == "number" else s["name"] for s in spots}
+
+
+def holds_place(line: Line) -> bool:
+    """Whether the places that are told hold that of what is hidden, a single effect."""
+    (effect,) = line["effects"]
+    return set(effect["where"]) <= told_places(line)
 
 
 _NUMBERS = {"wall_stiffness": "E", "terminal_reflection": "outlet.R_t", "wall_radius": "R0"}

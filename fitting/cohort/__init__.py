@@ -1,1 +1,1 @@
-"""Many animals: walls fitted one by one, and what they say together."""
+"""Cohorts: individual wall fits and their joint statistics."""

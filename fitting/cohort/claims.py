@@ -1,9 +1,10 @@
-"""The paper's claims on a cohort, each as a test that could fail.
+"""The paper's claims on a cohort, each as a falsifiable test.
 
-"Equal" and "negligible" are shown by equivalence: every site's 90 % interval must lie within a stated margin (two
-one-sided tests at 5 %; all sites at once, so an intersection-union test that needs no correction). A claim is refuted
-where some site's interval lies wholly outside, at 5 % after Bonferroni's correction for the number of sites. All
-else is not decided: a large p-value shows nothing. Ratios are compared by logarithms: ±25 % means 1/1.25 … 1.25.
+"Equal" and "negligible" need an equivalence test: every site's 90 % interval must lie within a stated margin (two
+one-sided tests at 5 %; for all sites together an intersection-union test, which needs no correction). A claim is
+refuted if some site's interval lies wholly outside, at 5 % after Bonferroni's correction for the number of sites.
+Otherwise it is not decided: a large p-value proves nothing. Ratios are compared by logarithms: ±25 % means 1/1.25 …
+1.25.
 """
 
 from __future__ import annotations
@@ -46,10 +47,10 @@ class SiteEstimate:
 
 @dataclass(frozen=True)
 class Claim:
-    """verdict : "supported", "refuted" or "not decided". text : what to read.
+    """verdict : "supported", "refuted" or "not decided". text : the sentence for the reader.
 
-    estimates in ``unit``, their intervals of ``level``. allowed : where they must lie; margin : how that was said, and
-    smallest_margin : with which the claim would just have been supported (None where there is no margin).
+    estimates in ``unit``, their intervals at ``level``. allowed : the range for their intervals; margin : that range as
+    a margin; smallest_margin : the smallest one that would support the claim (None if there is no margin).
     n : animals. numbers : further results by name.
     """
 
@@ -70,8 +71,8 @@ class Claim:
 def constant_relaxation_time(values: Cells, margin: float = RATIO_MARGIN) -> Claim:
     """Whether φ0/E [s] is the same at all sites: log-ratio to the mean over sites, animals as random effect.
 
-    The mixed model supposes that all sites scatter alike. So that the verdict does not hang on it, each site's own
-    scatter must lead to the same one. The classical F test is given for information.
+    The mixed model assumes equal scatter at all sites. The verdict must not depend on this assumption, so each site's
+    own scatter must lead to the same verdict. The classical F test is given for information.
     """
     name, statement = "relaxation time", "phi0/E is the same at all sites"
     n = _animals(values)
@@ -122,7 +123,7 @@ def same_radius(ratios: Cells, margin: float = RADIUS_MARGIN) -> Claim:
 def nonlinear_viscosity(values: Cells) -> Claim:
     """Whether φ_NL/φ0 [s] differs from 0 at every site (t tests, Holm's correction).
 
-    Refuted where a site's interval lies within ±0.05 s: there it is too small to matter.
+    Refuted if a site's interval lies within ±0.05 s, where it is negligible.
     """
     name, statement = "nonlinear viscosity", "phiNL/phi0 differs from 0 at every site"
     parts = _parts(values)
@@ -155,7 +156,7 @@ def negligible_elastic_bend(values: Cells, margin: float = NEGLIGIBLE) -> Claim:
 
 
 def same_in_both_models(ratios: Mapping[str, Cells], models: tuple[str, str], margin: float = MODEL_MARGIN) -> Claim:
-    """Whether E and φ0 hardly depend on the model: ratios by parameter name, paired at every site."""
+    """Whether E and φ0 are nearly independent of the model: ratios by parameter name, paired at every site."""
     parts = [
         _Part(f"{part.label} {name}", part.contrast, part.n)
         for name, cells in ratios.items()
@@ -167,7 +168,7 @@ def same_in_both_models(ratios: Mapping[str, Cells], models: tuple[str, str], ma
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """p-values corrected by Holm's method for being looked at together."""
+    """p-values with Holm's correction for multiple tests."""
     order = np.argsort(p)
     steps = np.asarray(p)[order] * np.arange(len(p), 0, -1)
     corrected = np.empty(len(p))
@@ -180,7 +181,7 @@ def holm(p: Sequence[float]) -> list[float]:
 
 @dataclass(frozen=True)
 class _Part:
-    """A site's estimate, None if one animal alone has it."""
+    """A site's estimate, None if only one animal has it."""
 
     label: str
     contrast: Contrast | None
@@ -188,7 +189,7 @@ class _Part:
 
 
 def _parts(values: Cells, logarithm: bool = False) -> list[_Part]:
-    """The mean of each site's values (or of their logarithms) with the standard error of its own scatter."""
+    """The mean of each site's values (or of their logarithms) with the standard error of their scatter."""
     parts = []
     for site in _sites(values):
         x = np.array([v for (_, s), v in values.items() if s == site])
@@ -202,7 +203,7 @@ def _parts(values: Cells, logarithm: bool = False) -> list[_Part]:
 def _own_scatter(logs: Cells, fit: RandomIntercept, parts: list[_Part]) -> list[_Part]:
     """The same deviations with the standard error of each site's own scatter about its animals' means.
 
-    Of animals with m of J sites: the scatter is brought from 1 - 1/m to 1 - 1/J of the variance of e_ij.
+    For animals with m of J sites the scatter is rescaled from 1 - 1/m to 1 - 1/J of the variance of e_ij.
     """
     J, mu = len(fit.sites), dict(zip(fit.sites, fit.means, strict=True))
     rest: dict[str, dict[str, float]] = {}
@@ -223,7 +224,7 @@ def _own_scatter(logs: Cells, fit: RandomIntercept, parts: list[_Part]) -> list[
 def _ratios(
     name: str, statement: str, parts: list[_Part], margin: float, n: int, of: str, again: list[_Part] | None = None
 ) -> Claim:
-    """Equivalence of ratios, whose logarithms are given, to 1; ``again`` with other standard errors must agree."""
+    """Equivalence of ratios, given by their logarithms, to 1; ``again`` with other standard errors must agree."""
     limit, doubt = float(np.log1p(margin)), ""
     verdict, smallest, where = _equivalence(parts, limit)
     if again is not None:
@@ -247,7 +248,7 @@ def _ratios(
 
 
 def _equivalence(parts: list[_Part], limit: float) -> tuple[str, float | None, list[str]]:
-    """Verdict, the smallest limit that would have been met, and the sites that stand against the claim."""
+    """Verdict, the smallest limit that all sites meet, and the sites that contradict the claim."""
     level = 1.0 - 2.0 * ALPHA
     outside = [part.label for part in parts if _outside(part, 1.0 - 2.0 * ALPHA / len(parts), limit)]
     beyond = [part.label for part in parts if not _within(part, level, limit)]
@@ -259,7 +260,7 @@ def _equivalence(parts: list[_Part], limit: float) -> tuple[str, float | None, l
 
 
 def _reach(part: _Part, level: float) -> float:
-    """How far from 0 its interval goes."""
+    """The largest distance of its interval from 0."""
     return max(abs(end) for end in part.contrast.interval(level)) if part.contrast else -1.0
 
 

@@ -16,13 +16,13 @@ from solver.notebook.style import BLACK, BLUE, GREEN, ORANGE, SKY, STYLE, VERMIL
 from .claims import Claim
 from .fits import Cohort
 
-_FEWEST = 4  # sites that an axis has room for
+_FEWEST = 4  # minimum width of an axis, in sites
 
 
 def cohort_figures(cohort: Cohort) -> dict[str, Figure]:
     """The figures by name: unstressed_radius, stiffness_and_viscosity, relaxation_time, nonlinear_viscosity.
 
-    Dots are animals, or what the file calls them. The last one is missing if the main model is linear.
+    Dots are animals (or subjects). The last figure is missing if the main model is linear.
     """
     claims = {claim.name: claim for claim in cohort.claims()}
     with rc_context(STYLE):
@@ -126,7 +126,7 @@ def _figure(cohort: Cohort, title: str, n: int) -> tuple[Figure, Sequence[Axes]]
 
 
 def _places(cohort: Cohort, claim: Claim) -> np.ndarray:
-    """Where the sites of the estimates stand on the axis."""
+    """The positions of the estimates' sites on the axis."""
     return np.array([cohort.sites.index(estimate.label) for estimate in claim.estimates])
 
 
@@ -146,7 +146,7 @@ def _bars(ax: Axes, cohort: Cohort, quantity: str, factor: float, colour: str, l
 
 
 def _margin(ax: Axes, low: float, middle: float, high: float, label: str) -> None:
-    """Where the estimates of a claim must lie."""
+    """The allowed range for the estimates of a claim."""
     ax.axhspan(low, high, color=SKY, alpha=0.25, linewidth=0, label=label)
     ax.axhline(middle, color=SKY, linewidth=1.0)
 

@@ -1,9 +1,9 @@
 """Cohort files: a CSV with a line per recording, ``animal,site,record,h [mm],R0 [mm]``; or ``subject``, or ``patient``.
 
-Fields are separated by commas, semicolons or tabs; in the latter two, decimal marks may be commas.
+Fields are separated by commas, semicolons or tabs; with the latter two, decimal marks may be commas.
 
-``record`` is a file beside it, h the measured wall thickness, R0 the measured unstressed radius, which may be left
-empty: it is fitted all the same, and compared.
+``record`` is a file beside it, h the measured wall thickness, R0 the measured unstressed radius, which may be empty:
+the fit estimates it in any case, and compares.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from solver.quantity import quantities
 from ..records.tables.titles import name_and_unit
 
 _SEPARATORS = (",", ";", "\t")
-_WHO = ("animal", "subject", "patient", "participant", "volunteer")  # of whom a recording is, as the file calls them
+_WHO = ("animal", "subject", "patient", "participant", "volunteer")  # possible titles of the first column
 _COLUMNS = ("animal", "site", "record", "h", "R0")
 
 
@@ -32,7 +32,7 @@ _COLUMNS = ("animal", "site", "record", "h", "R0")
 class Entry:
     """A line of a cohort file: h and R0 [m], R0 None if it was not measured; record : path that can be opened.
 
-    noun : what the file calls those whom it records, "animal" or "patient".
+    noun : the title of the first column, "animal" or "patient".
     """
 
     animal: str
@@ -44,10 +44,10 @@ class Entry:
 
 
 def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
-    """The entries of a cohort file; records are looked for beside it.
+    """The entries of a cohort file; paths of records are relative to it.
 
-    Raises ValueError, one sentence with file and line, for a missing column, cell or record, a number that is none or
-    out of range, or an animal with two lines for one site.
+    Raises ValueError, one sentence with file and line, for a missing column, cell or record, an invalid number, or an
+    animal with two lines for one site.
     """
     source = os.fspath(path)
     text = read_text(path)
@@ -73,7 +73,7 @@ def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
 
 
 def _header(titles: Sequence[str]) -> tuple[dict[str, int], dict[str, str], str]:
-    """Place and unit of each column, a missing unit being SI, and what the first one calls those who were recorded."""
+    """Position and unit of each column, a missing unit being SI, and the title of the first one."""
     places, units, nouns = {}, {}, []
     for i, title in enumerate(titles):
         name, unit = name_and_unit(title)

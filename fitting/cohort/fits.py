@@ -45,12 +45,12 @@ QUANTITIES = {
     "ENL/E": "1",
     "strain": "1",
 }
-"""What a table holds, with units; E_inc at the mean pressure; ``strain`` is the mean strain of the loop."""
+"""The quantities of a table, with units; E_inc at the mean pressure; ``strain`` is the mean strain of the loop."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """An entry and its fits by model name; a model that does not fit is missing here and among the failures.
+    """An entry and its fits by model name; a model that cannot be fitted is among the failures instead.
 
     evidence : of the elastic laws in this recording alone, None if the law was given or no law has a fit.
     """
@@ -63,7 +63,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class Failure:
-    """What could not be used, and why; model is empty if it is the whole recording."""
+    """An unusable recording or model, and the reason; model is empty for a whole recording."""
 
     entry: Entry
     model: str
@@ -91,8 +91,8 @@ class Summary:
 class Cohort:
     """The fits of all recordings by one elastic law.
 
-    models : names, in the order asked for. evidence : of the laws in all recordings together, None if the law was
-    given. others : the same cohort by the other laws.
+    models : names, in the given order. evidence : of the laws in all recordings together, None if the law was given.
+    others : the same cohort by the other laws.
     """
 
     models: tuple[str, ...]
@@ -104,7 +104,7 @@ class Cohort:
 
     @property
     def law(self) -> str:
-        """Which elastic law, and by how much: a sentence without its end."""
+        """The elastic law and its lead, as a sentence without a full stop."""
         return f"elastic law {self.elastic}, as given" if self.evidence is None else str(self.evidence)
 
     @property
@@ -116,7 +116,7 @@ class Cohort:
 
     @property
     def main(self) -> str:
-        """The model that results are quoted from, of those that could be fitted."""
+        """The model of the quoted results, among those that could be fitted."""
         return _main([name for name in self.models if self.fits(name)])
 
     @property
@@ -138,7 +138,7 @@ class Cohort:
 
     @property
     def data(self) -> str:
-        """What every result is labelled with: "measured", "virtual (synthetic)", or how many animals are virtual."""
+        """The label of every result: "measured", "virtual (synthetic)", or the number of virtual animals."""
         k, n = len(self.virtual), len(self.animals)
         if 0 < k < n:
             return f"mixed: {k} of {n} {self.noun}s {'is' if k == 1 else 'are'} virtual"
@@ -146,13 +146,13 @@ class Cohort:
 
     @property
     def label(self) -> str:
-        """ "11 animals, measured": how many, and what their data are."""
+        """ "11 animals, measured": their number and the kind of data."""
         n = len(self.animals)
         return f"{n} {self.noun}{'' if n == 1 else 's'}, {self.data}"
 
     @property
     def noun(self) -> str:
-        """What the file calls those whom it records."""
+        """The title of the file's first column."""
         return self.recordings[0].entry.noun
 
     def fits(self, model: str | None = None) -> dict[tuple[str, str], WallFit]:
@@ -163,14 +163,14 @@ class Cohort:
         return {(r.entry.animal, r.entry.site): r.fits[name] for r in self.recordings if name in r.fits}
 
     def values(self, quantity: str, model: str | None = None) -> Cells:
-        """A quantity of ``QUANTITIES`` in SI by (animal, site), where it is known."""
+        """A quantity of ``QUANTITIES`` in SI by (animal, site), if known."""
         if quantity == "R0 measured":
             entries = (r.entry for r in self.recordings)
             return {(e.animal, e.site): e.R0 for e in entries if e.R0 is not None}
         return {cell: _quantity(fitted, quantity) for cell, fitted in self.fits(model).items()}
 
     def table(self, model: str | None = None) -> dict[str, dict[str, Summary]]:
-        """Mean, standard deviation and n by site and quantity; no entry where no recording gives it."""
+        """Mean, standard deviation and n by site and quantity; no entry without a recording."""
         result: dict[str, dict[str, Summary]] = {site: {} for site in self.sites}
         for quantity in QUANTITIES:
             cells = self.values(quantity, model)
@@ -183,7 +183,7 @@ class Cohort:
     def mean_set(self, model: str | None = None) -> ParameterSet:
         """The means over animals as start values, with the 95 % intervals of these means, and the mean h.
 
-        Raises ValueError for a model that fits nothing.
+        Raises ValueError for a model without a fit.
         """
         name = self.main if model is None else model
         fits = self.fits(name)
@@ -222,7 +222,7 @@ class Cohort:
     def claims(self) -> tuple[Claim, ...]:
         """The paper's claims that the fitted models and measured radii can test."""
         main, found = self.main, []
-        if len(self.sites) > 1:  # at one alone there is nothing to be the same as
+        if len(self.sites) > 1:  # a single site cannot be compared
             found.append(cohort_claims.constant_relaxation_time(self.values("phi0/E")))
         measured = self.values("R0 measured")
         ratios = {cell: R0 / measured[cell] for cell, R0 in self.values("R0").items() if cell in measured}
@@ -242,7 +242,7 @@ class Cohort:
         return tuple(replace(claim, text=claim.text.replace("subject", self.noun)) for claim in found)
 
     def _without_lost(self, claim: Claim, model: str) -> Claim:
-        """The claim, that says so if recordings are left out of it: they may be the very ones that speak against it."""
+        """The claim, with a note on excluded recordings, because these might contradict it."""
         lost = [cell for cell in self.fits() if cell not in self.fits(model)]
         if not lost:
             return claim
@@ -265,11 +265,11 @@ def fit_cohort(
     """Fit every recording by every model; R0 is free in all of them.
 
     models, elastic : names of :func:`fitting.wall_model.model`. eta : Poisson's ratio. Without ``elastic`` every law is
-    fitted, and the one is kept of which all recordings together give most evidence: animals have one kind of wall.
-    reading : of every record. as_measured : values that no artery has are taken as they are. jobs, scheduler : who
-    fits (:func:`fitting.tasks.done`). progress : gets the fraction done and the recording.
-    A recording or model that cannot be used is among the failures, with its sentence. Raises ValueError for an unknown
-    model, for no entries, or if no recording could be fitted.
+    fitted, and the evidence of all recordings together selects one for the cohort.
+    reading : of every record. as_measured : accept values that no artery has. jobs, scheduler : as in
+    :func:`fitting.tasks.done`. progress : called with the finished fraction and the recording.
+    The failures list unusable recordings and models, with their sentences. Raises ValueError for an unknown model, for
+    no entries, or if no recording could be fitted.
     """
     names, laws = tuple(dict.fromkeys(models)), tuple(ELASTIC_LAWS) if elastic is None else (elastic,)
     for name in names:
@@ -300,14 +300,14 @@ def fit_cohort(
 
 
 def _cohort(models: tuple[str, ...], found: Sequence[_Found], elastic: str) -> Cohort:
-    """What was found by one law."""
+    """The cohort by one law."""
     recordings = tuple(each.recording for each in found if each.recording is not None)
     return Cohort(models, recordings, tuple(failure for each in found for failure in each.failures), elastic)
 
 
 @dataclass(frozen=True)
 class _Task:
-    """A recording, the models and laws by which it is fitted, and how."""
+    """A recording, the models and laws of its fits, and the settings."""
 
     entry: Entry
     models: tuple[str, ...]
@@ -319,7 +319,7 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Found:
-    """The fits of a recording by one law, and what went wrong; None if it is the recording itself."""
+    """The fits of a recording by one law, and its failures; None if the recording itself is unusable."""
 
     recording: Recording | None
     failures: tuple[Failure, ...] = ()
@@ -349,7 +349,7 @@ def _fit(task: _Task) -> dict[str, _Found]:
 
 
 def _evidence(task: _Task, beats: Beats, fits: Mapping[str, Mapping[str, WallFit]]) -> LawEvidence | None:
-    """Of the laws in one recording, by the model that weighs them; None if no wall describes it."""
+    """The evidence for the laws in one recording, by the comparison model; None if no wall describes it."""
     name = weighing_model(_main(task.models))
     if name in task.models:
         weights = [each[name] for each in fits.values() if name in each]
@@ -361,7 +361,7 @@ def _evidence(task: _Task, beats: Beats, fits: Mapping[str, Mapping[str, WallFit
 
 
 def _main(models: Sequence[str]) -> str:
-    """The model that results are quoted from: monotone if it is there, else nonlinear, else the first."""
+    """The model of the quoted results: monotone if present, else nonlinear, else the first."""
     return next((name for name in ("monotone", "nonlinear") if name in models), models[0])
 
 
@@ -380,7 +380,7 @@ def _quantity(fitted: WallFit, name: str) -> float:
 def _mean(by_law: Sequence[tuple[float, Sequence[float]]], unit: str) -> Value:
     """The mean of the first law's values, with an interval averaged over the laws by their probability.
 
-    Without interval where values do not scatter: given rather than fitted, or one animal.
+    Without interval if values do not scatter: given rather than fitted, or one animal.
     """
     told = [(p, Summary.of(values)) for p, values in by_law]
     first = told[0][1]

@@ -2,8 +2,8 @@
 
     y_ij = μ_j + a_i + e_ij,   Var y_i = σ² (1 + λ 11ᵀ)
 
-of animal i at site j, one value a cell, cells may be missing. λ = σ_a²/σ² may be slightly negative, as a covariance
-between the sites of one animal may be: bounded at 0, contrasts between sites would look surer than they are. Then
+for animal i at site j, with one value per cell; cells may be missing. λ = σ_a²/σ² may be slightly negative, because a
+covariance between the sites of one animal may be: with a bound at 0, contrasts between sites would seem too certain. So
 balanced data give exactly the analysis of variance, and two sites the paired t test. Degrees of freedom by
 Satterthwaite's method, of F tests by that of Fai and Cornelius (J. Stat. Comput. Simul. 54, 1996, 363–378).
 """
@@ -22,8 +22,8 @@ from solver.errors import InputError
 
 Array = np.ndarray
 
-_GRID = np.linspace(np.log(1e-6), np.log(1e8), 57)  # of log(1 + n_max λ), where the likelihood is searched
-_NOTHING = 1e-28  # scatter relative to the values' squares that is rounding
+_GRID = np.linspace(np.log(1e-6), np.log(1e8), 57)  # of log(1 + n_max λ), to locate the maximum likelihood
+_NOTHING = 1e-28  # scatter due to rounding, relative to the squares of the values
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Contrast:
 class RandomIntercept:
     """sites : labels in the order of ``means`` : (J,). residual, shared : σ² and σ_a² = λσ² (see above for its sign).
 
-    animals, n : how many animals and values.
+    animals, n : numbers of animals and values.
     """
 
     sites: tuple[str, ...]
@@ -72,7 +72,7 @@ class RandomIntercept:
         return Contrast(float(w @ self.means), float(np.sqrt(self.residual * scaled)), df)
 
     def deviations(self) -> tuple[Contrast, ...]:
-        """μ_j less the mean of all μ, for each site."""
+        """μ_j minus the mean of all μ, for each site."""
         J = len(self.sites)
         return tuple(self.contrast(row) for row in np.eye(J) - 1.0 / J)
 
@@ -97,8 +97,8 @@ class RandomIntercept:
 def random_intercept(y: Array, sites: Sequence[str], animals: Sequence[str]) -> RandomIntercept:
     """Fit the model to the values y : (n,) of ``sites`` and ``animals`` : n labels each.
 
-    Sites come in the order of their first value. Raises ValueError unless there are two sites, two animals, an animal
-    with two sites, more values than sites, and one value at most a cell.
+    Sites are in the order of their first value. Raises ValueError unless there are two sites, two animals, an animal
+    with two sites, more values than sites, and at most one value per cell.
     """
     data = _Data.of(np.asarray(y, float), list(sites), list(animals))
     lam = data.best() if data.squares > _NOTHING * data.size else 0.0
@@ -134,9 +134,9 @@ class _State:
 
 @dataclass(frozen=True)
 class _Data:
-    """S : (animals, J) which cells are there; values less ``centre``, the plain site means, for their sums.
+    """S : (animals, J) mask of existing cells; values minus ``centre``, the plain site means, for their sums.
 
-    W = 1 - λ/(1 + n_i λ) 11ᵀ is the inverse of Var y_i/σ², so all that λ needs are sums by animal and by site.
+    W = 1 - λ/(1 + n_i λ) 11ᵀ is the inverse of Var y_i/σ², so λ depends only on sums by animal and by site.
     """
 
     labels: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""A cohort for readers: tables of the command line, JSON, and the files of a result folder."""
+"""The report of a cohort: tables of the command line, JSON, and the files of a result folder."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _SHOWN = (
 
 
 def tables(cohort: Cohort) -> list[RenderableType]:
-    """Means ± standard deviations of the main model by site, the claims, and what could not be used."""
+    """Means ± standard deviations of the main model by site, the claims, and the failures."""
     shown = [cohort] if cohort.evidence is None or cohort.evidence.decided else [cohort, *cohort.others]
     means = [_means(each) for each in shown]
     means[-1].caption = _sentence(cohort)
@@ -63,16 +63,16 @@ def _means(cohort: Cohort) -> Table:
 
 
 def _sentence(cohort: Cohort) -> str:
-    """The law of all recordings, and how many of them speak for it by themselves."""
+    """The law of all recordings, and the number of them that favour it individually."""
     alone = [each.evidence for each in cohort.recordings if each.evidence is not None]
     own = sum(each.decided and each.kept == cohort.elastic for each in alone)
     against = sum(each.decided and each.kept != cohort.elastic for each in alone)
-    counted = f"; by itself, {own} of {len(alone)} recordings speak for it and {against} against it" if alone else ""
+    counted = f"; individually, {own} of {len(alone)} recordings favour it and {against} another law" if alone else ""
     return f"{cohort.law[0].upper()}{cohort.law[1:]}{counted}."
 
 
 def write(cohort: Cohort, folder: str | os.PathLike[str]) -> list[Path]:
-    """Write the figures, mean_set.json, mean_set.ssv and cohort.json, in this order; the paths of what was written.
+    """Write the figures, mean_set.json, mean_set.ssv and cohort.json, in this order; return their paths.
 
     All of them or none. Raises ValueError if the folder or a file cannot be written.
     """
@@ -83,7 +83,7 @@ def write(cohort: Cohort, folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def to_json(cohort: Cohort) -> str:
-    """All numbers as JSON text in SI; null for what one animal alone cannot tell."""
+    """All numbers as JSON text in SI; null for statistics that one animal cannot give."""
     content = {
         "data": cohort.data,
         "virtual_animals": cohort.virtual,

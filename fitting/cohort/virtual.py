@@ -1,8 +1,8 @@
 """A cohort of virtual animals: synthetic bench recordings of every artery of the paper. No public recording exists.
 
-The means are the paper's (Table 1 and its text); the spread between animals is not in the paper and is ours, as are
-heart rates, pressures and sensors: see :func:`virtual_cohort`. The truth stays apart from the recordings, and animals
-and files are named ``virtual-…``, so that whatever is made of them says so.
+The means are the paper's (Table 1 and its text); the spread between animals is our choice, as are heart rates,
+pressures and sensors: see :func:`virtual_cohort`. The truth is stored apart from the recordings, and animals and files
+are named ``virtual-…``, which labels every result.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..result_files import json_text
 Array = np.ndarray
 
 SD = 0.20  # of E and of φ0, relative
-COMMON = 0.5  # part of their variance that the sites of an animal share
+COMMON = 0.5  # share of their variance common to the sites of an animal
 CORRELATION = 0.8  # of log E and log φ0: the paper finds φ0/E nearly constant
 SD_R0 = 0.01
 SD_RATIO = 0.30  # of φ_NL/φ0
@@ -33,7 +33,7 @@ SD_MEASURED = 0.005  # error of the measured R0, relative
 PERIODS = (0.40, 0.62)  # s
 MEANS = (10e3, 12e3)  # Pa
 PULSES = (3.5e3, 4.5e3)  # Pa
-NOISE = (-20.0, 300.0)  # dB that may be asked for: ten times the pulse to less than rounding
+NOISE = (-20.0, 300.0)  # allowed dB: from ten times the pulse to below rounding
 
 _POINTS = 256  # of a beat at which the wall is solved: five times the harmonics of the pressure
 
@@ -55,7 +55,7 @@ pressure (10 to 12 kPa) and pulse (3.5 to 4.5 kPa). Noise, drift and quantisatio
 
 @dataclass(frozen=True)
 class VirtualRecording:
-    """What the bench would give: time, P, R : (n,) in SI, and measured R0, h [m]. animal : "virtual-S01"."""
+    """A synthetic bench recording: time, P, R : (n,) in SI, and measured R0, h [m]. animal : "virtual-S01"."""
 
     animal: str
     site: str
@@ -67,13 +67,13 @@ class VirtualRecording:
 
     @property
     def file(self) -> str:
-        """Name of its file, "virtual-S01_AA.csv": what is drawn or fitted from it carries the label on."""
+        """Name of its file, "virtual-S01_AA.csv", which labels every figure and fit of it."""
         return f"{self.animal}_{self.site}.csv"
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What a recording was made with: the wall, period [s], mean and pulse of P [Pa]."""
+    """The true parameters of a recording: the wall, period [s], mean and pulse of P [Pa]."""
 
     wall: VirtualWall
     T: float
@@ -83,9 +83,9 @@ class Truth:
 
 @dataclass(frozen=True)
 class VirtualCohort:
-    """Recordings of virtual animals, and apart from them their truth by (animal, site).
+    """Recordings of virtual animals, and separately their truth by (animal, site).
 
-    settings : the arguments they were made with.
+    settings : the arguments of :func:`virtual_cohort`.
     """
 
     seed: int
@@ -116,8 +116,8 @@ def virtual_cohort(
     h as in Table 1. Every recording has its own period (0.40–0.62 s), mean (10–12 kPa), pulse (3.5–4.5 kPa) and phase.
 
     dB, drift, bits : sensors, as in :func:`fitting.records.virtual.measured`. rate : [1/s]. ENL : E_NL/E of all walls.
-    scale_phi0 : factors on φ0 by site, to break a rule on purpose. exact_means : scale E, φ0, R0 and φ_NL so that their
-    means over these animals, not over all that could be, are the paper's; intervals are then wider than they need be.
+    scale_phi0 : factors on φ0 by site, to violate a claim on purpose. exact_means : scale E, φ0, R0 and φ_NL so that
+    their means over these animals, rather than over the population, are the paper's; intervals are then too wide.
     Raises ValueError for an unknown site or law, or a number out of its range, before anything is computed.
     """
     _check(animals, sites, dB, beats, rate, drift, bits, viscous)
@@ -159,7 +159,7 @@ def virtual_cohort(
 def _check(
     animals: int, sites: Sequence[str], dB: float, beats: int, rate: float, drift: float, bits: int | None, viscous: str
 ) -> None:
-    """Raises ValueError, one sentence, for the first argument that makes no recording."""
+    """Raise ValueError, one sentence, for the first invalid argument."""
     unknown = [site for site in sites if site not in SITES]
     if unknown:
         raise InputError(f"virtual cohort: no site {unknown[0]!r} in the paper; use {', '.join(SITES)}.")
@@ -187,9 +187,9 @@ def _range(value: float, low: float, high: float) -> tuple[bool, str]:
 def write_cohort(
     cohort: VirtualCohort, folder: str | os.PathLike[str], progress: Callable[[float, str], None] | None = None
 ) -> Path:
-    """Write recordings, cohort.csv, truth.json and a README.txt into a folder; the path of cohort.csv.
+    """Write recordings, cohort.csv, truth.json and a README.txt into a folder; return the path of cohort.csv.
 
-    All of them or none; the folder is made if it is missing. progress : gets the fraction done and the file.
+    All of them or none; a missing folder is created. progress : called with the finished fraction and the file.
     Raises ValueError if it cannot be written.
     """
     files: dict[str, str | bytes] = {}
@@ -240,7 +240,7 @@ def _centred(herd: list[list[VirtualWall]], means: list[VirtualWall]) -> list[li
 
 
 def _stiffness_and_viscosity(rng: np.random.Generator, part: float) -> Array:
-    """Factors on E and φ0 of mean 1 : (2,), that bring ``part`` of the variance of their logarithms."""
+    """Factors on E and φ0 of mean 1 : (2,), with the fraction ``part`` of the variance of their logarithms."""
     variance = part * np.log1p(SD**2)
     normal = rng.multivariate_normal([0.0, 0.0], variance * np.array([[1.0, CORRELATION], [CORRELATION, 1.0]]))
     return np.asarray(np.exp(normal - variance / 2.0))

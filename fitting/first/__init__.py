@@ -1,1 +1,1 @@
-"""A first model from a recording: estimates from its mean beat, and the smallest network that holds its sites."""
+"""A first model from a recording: estimates from its mean beat, and the smallest network with its sites."""

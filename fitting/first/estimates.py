@@ -1,6 +1,6 @@
-"""What pressure and flow at the root tell without any model of the network: R, C, Z_c, delays, the reflection's time.
+"""Estimates from pressure and flow at the root without a model of the network: R, C, Z_c, delays, the reflection time.
 
-Each number is found in two ways where there are two, and how far these differ is taken as its standard deviation.
+Where there are two methods for a number, their difference is its standard deviation.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from .waves import foot, heard, later, smooth, steepest_foot
 
 Array = np.ndarray
 
-_VENOUS = 5.0 * MMHG  # by which a venous pressure that is not measured may be off
-_LEAST = 0.2  # relative standard deviation, by which two ways alike may both be off
-_ROUGH = 0.4  # the same of a reflection's time: it comes back from many places
+_VENOUS = 5.0 * MMHG  # uncertainty of an assumed venous pressure
+_LEAST = 0.2  # smallest relative standard deviation, as both methods may share an error
+_ROUGH = 0.4  # the same for a reflection time, as waves return from many places
 _HIGH = (3, 10)  # harmonics whose impedance is near Z_c
-_EARLY = 0.5  # of its rise: till then the flow runs into vessels without reflection
+_EARLY = 0.5  # of its rise: until then the flow enters vessels without reflection
 _CLOSED = 0.05  # of its peak: below that flow, the valve is closed
 _C = "total compliance C"
 _DECAY = (0.3, 0.98)  # of diastole: where pressure decays alike everywhere
@@ -80,12 +80,12 @@ def resistance(beats: Beats, root: str, P_venous: float) -> Found:
             f"{mL * Q:.4g} {unit_Q}, and a resistance needs both positive; check the sign of {INFLOW} and the zero of "
             f"{root}, or give --venous."
         )
-    how = f"mean of {root} less P_venous ({P_venous / MMHG:.3g} mmHg), over mean of {INFLOW}"
+    how = f"mean of {root} minus P_venous ({P_venous / MMHG:.3g} mmHg), over mean of {INFLOW}"
     return Found("total resistance R", float(P / Q), "Pa.s/m^3", float(np.hypot(0.02, _VENOUS / P)), how)
 
 
 def compliances(beats: Beats, root: str, P_venous: float, R: float) -> tuple[Found, ...]:
-    """C [m³/Pa] in two ways, or in one where diastole shows no decay.
+    """C [m³/Pa] by two methods, or by one if diastole shows no decay.
 
     By the pulse: with C, a Windkessel of resistance R has the pulse of the root under its flow. It ignores Z_c and
     comes out too small where tubes are long. By the decay in diastole: C ΔP = ∫ (P - P_venous)/R - Q dt, where P falls
@@ -117,7 +117,7 @@ def compliances(beats: Beats, root: str, P_venous: float, R: float) -> tuple[Fou
 
 
 def impedance(beats: Beats, root: str) -> Found:
-    """Z_c [Pa·s/m³] at the root: geometric mean of that of the upstroke and of that of the high harmonics.
+    """Z_c [Pa·s/m³] at the root: geometric mean of the estimates from the upstroke and from the high harmonics.
 
     ΔP/ΔQ from the foot of the flow till half its rise (R. E. Dujardin and D. N. Stone, Med. Biol. Eng. Comput. 19
     (1981) 565), and the median of |P_k/Q_k| from the third harmonic on (Nichols, O'Rourke & Vlachopoulos, McDonald's
@@ -144,7 +144,7 @@ def impedance(beats: Beats, root: str) -> Found:
 
 
 def delay(beats: Beats, root: str, site: str) -> Found:
-    """By how much the upstroke at a site is later than at the root [s], foot to foot: P to P, R to P, or Q to Q."""
+    """The delay of the upstroke at a site relative to the root [s], foot to foot: P to P, R to P, or Q to Q."""
     letter = next(letter for letter in "PRQ" if f"{site}.{letter}" in beats.values)
     pair = f"{site}.{letter}", INFLOW if letter == "Q" else root
     waves = [smooth(beats, name) for name in pair]
@@ -154,18 +154,18 @@ def delay(beats: Beats, root: str, site: str) -> Found:
     t = max(found, beats.T / beats.N)
     how = f"foot to foot, {pair[1]} to {pair[0]}; by the steepest tangents {1e3 * other:.3g} ms"
     if found < t:
-        how = f"no delay seen ({1e3 * found:.2g} ms), one sample is taken"
+        how = f"no delay detected ({1e3 * found:.2g} ms), one sample assumed"
     return Found(f"delay to {site}", t, "s", float(np.clip(abs(t - other) / t, _LEAST / 2.0, 1.0)), how)
 
 
 def reflection_time(beats: Beats, root: str, Z_c: float) -> Found:
-    """How long a wave goes to where it is reflected and back [s]: from the foot of the forward to that of the
-    backward wave, P_± = (P ± Z_c Q)/2. Source: N. Westerhof et al., Cardiovasc. Res. 6 (1972) 648."""
+    """The travel time of a wave to its reflection and back [s]: from the foot of the forward to that of the backward
+    wave, P_± = (P ± Z_c Q)/2. Source: N. Westerhof et al., Cardiovasc. Res. 6 (1972) 648."""
     P, Q = (smooth(beats, name) for name in (root, INFLOW))
     t = later(foot((P - Z_c * Q) / 2.0, beats.T) - foot((P + Z_c * Q) / 2.0, beats.T), beats.T)
     how = f"feet of the forward and the backward wave of {root} and {INFLOW}"
     if t < beats.T / beats.N:
-        t, how = beats.T / beats.N, f"the backward wave of {root} and {INFLOW} is not later, one sample is taken"
+        t, how = beats.T / beats.N, f"the backward wave of {root} and {INFLOW} is not later, one sample assumed"
     return Found("reflection time", float(t), "s", _ROUGH, how)
 
 

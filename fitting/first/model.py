@@ -1,11 +1,11 @@
-"""A first model of a recording: the smallest network that holds its sites, with numbers read off the recording.
+"""A first model of a recording: the smallest network with its sites, with parameters estimated from the recording.
 
-With the impedance Z_c at the root, the wave speed c and the time t through a tube that takes a share s of the flow,
+With the impedance Z_c at the root, the wave speed c and the transit time t of a tube with a share s of the flow,
 
     A = ρ c s/Z_c,   L = c t,   E = 2 ρ c² (1 - η²) R0/h,   C_tube = A L/(ρ c²) = s t/Z_c
 
-so that junctions are matched, and what the tubes store depends on times and Z_c alone. A Windkessel at each end takes
-its share of the rest: R1 = Z_c/s, R1 + R2 = R/s less the friction of the tubes, C = s (C - Σ C_tube).
+so that junctions are matched, and the storage of the tubes depends on times and Z_c alone. A Windkessel at each end has
+its share of the rest: R1 = Z_c/s, R1 + R2 = R/s minus the friction of the tubes, C = s (C - Σ C_tube).
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from .waves import heard
 Array = np.ndarray
 
 VENOUS = 5.0 * MMHG  # as in the bundled network human
-_MOST = 0.85  # of the compliance: what the tubes may have
+_MOST = 0.85  # of the compliance: upper limit of the tubes
 _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c
 _DISTANCE = 0.1  # the same of a length that is given
 _USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
-_ABOVE = 1.005  # times the mean pressure at the root: more is said
+_ABOVE = 1.005  # times the mean pressure at the root: larger means get a note
 _FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
 _SAMPLES = 200  # a beat, of the comparison
 
@@ -55,8 +55,8 @@ class Shown:
 
 @dataclass(frozen=True)
 class FirstModel:
-    """network : as the file ``text`` describes it. found : the numbers it rests on. shown : record against model, small
-    waves about the mean pressure. notes : what is doubtful, one sentence each."""
+    """network : that of the file ``text``. found : the estimates. shown : record against model, small waves about the
+    mean pressure. notes : doubts, one sentence each."""
 
     network: Network
     text: str
@@ -76,10 +76,10 @@ def first_model(
 ) -> FirstModel:
     """The first model of a recording with inlet.Q and a pressure at the root, and P, Q or R at other sites.
 
-    like : species whose typical aorta stands for what is not measured, mass : of the body [kg]. P_venous [Pa].
+    like : species whose typical aorta replaces missing measurements; mass : of the body [kg]. P_venous [Pa].
     distances : of sites from the root, along the vessels [m]; they give the wave speed. paths : "Ao,CA" and "Ao,FA",
-    which sites lie behind one another; by default all do, in the order of their delays. Of two ways to find C, that
-    counts with which the model comes nearer to the pressure at the root.
+    the sites along each path; by default one path in the order of the delays. Of two estimates of C, the model uses the
+    one that fits the pressure at the root better.
     Raises ValueError, one sentence that says what is needed.
     """
     channel = root_pressure(beats)
@@ -133,8 +133,8 @@ def _speed_and_area(
 ) -> tuple[Found, float, Found]:
     """Wave speed c, area of a tube with all of the flow [m²], and its radius, with Z_c = ρ c/A.
 
-    From a distance and a delay follows c; from a measured radius, A; the other from Z_c. Without either, ln c and ln A
-    are moved from what is typical in proportion to their variances till they give Z_c.
+    A distance and a delay determine c; a measured radius determines A; the other follows from Z_c. Without either, ln c
+    and ln A are shifted from typical values in proportion to their variances until they give Z_c.
     """
     unknown = sorted(set(distances) - set(delays))
     if unknown:
@@ -163,14 +163,15 @@ def _speed_and_area(
 
 
 def _inflow(beats: Beats) -> Array:
-    """Complex harmonics of the mean inflow that stand above its noise : (K+1,) [m³/s]."""
+    """Complex harmonics of the mean inflow above its noise : (K+1,) [m³/s]."""
     kept = heard(beats, INFLOW, _FINEST)
     X = coefficients(beats.mean(INFLOW))[: kept[-1] + 1]
     return np.where(np.isin(np.arange(len(X)), [0, *kept]), X, 0.0)
 
 
 def _shown(beats: Beats, network: Network) -> tuple[Shown, ...]:
-    """The channels but the inflow against the network under the measured inflow, linearised at its mean pressure."""
+    """All channels except the inflow, against the network under the measured inflow, linearised at its mean
+    pressure."""
     wave = waveforms(network, resample(beats.mean(INFLOW), _SAMPLES), beats.T)
     rows = []
     for name in beats.values:

@@ -1,4 +1,5 @@
-"""Typical aortas, for what no pressure and flow tell: radius, thickness over radius, wave speed, viscosity over E."""
+"""Typical aortas, for quantities that pressure and flow do not determine: radius, thickness over radius, wave speed,
+viscosity over E."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from solver.errors import InputError
 from solver.files import bundled, read_network
 
 WEST = "G. B. West, J. H. Brown, B. J. Enquist, Science 276 (1997) 122"
-_POWER = 3.0 / 8.0  # of the body mass, as the radius of the aorta; pressure and velocities know no size
+_POWER = 3.0 / 8.0  # of the body mass, for the radius of the aorta; pressure and velocities do not scale
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,9 @@ NAMES = tuple(_SPECIES)
 
 
 def typical(species: str, mass: float | None = None) -> Typical:
-    """The aorta of a species at a body mass [kg], by default its usual one: R ∝ mass^(3/8), all else alike.
+    """The aorta of a species at a body mass [kg], by default its usual one: R ∝ mass^(3/8), all else equal.
 
-    Source of the power: West, Brown and Enquist (1997). Raises ValueError for another species or a mass that no animal
-    of it has.
+    Source of the power: West, Brown and Enquist (1997). Raises ValueError for another species or an impossible mass.
     """
     if species not in _SPECIES:
         raise InputError(f"--like {species}: must be one of {', '.join(NAMES)}; take the one that is nearest in size.")

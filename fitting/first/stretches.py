@@ -1,4 +1,4 @@
-"""Which stretch of artery leads to which site: a path in the order of the delays, or the paths that are given."""
+"""The stretch of artery to each site: one path in the order of the delays, or the given paths."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from solver.units import INFLOW
 
 from ..records.beats import Beats
 
-_SIDE = 0.05  # of the flow: what is lost between two sites and is more than that leaves by a side branch
-_TRUNK = 0.5  # of the first delay: how much of it vessels have in common that fork at the root
+_SIDE = 0.05  # of the flow: a larger loss between two sites leaves through a side branch
+_TRUNK = 0.5  # of the first delay: the common part of vessels that fork at the root
 
 
 @dataclass(frozen=True)
 class Stretch:
     """One tube, named after the site at its end, or at the root.
 
-    parent : name of the one upstream, "" at the root. site : at its end, "" if none. time : that a wave takes through
-    it [s]. share : of the inflow that enters it. end : whether a Windkessel is at its end.
+    parent : name of the one upstream, "" at the root. site : at its end, "" if none. time : transit time of a wave [s].
+    share : fraction of the inflow that enters it. end : whether a Windkessel is at its end.
     """
 
     name: str
@@ -64,8 +64,8 @@ def stretches(
     upstream : as :func:`parents`. alone : time [s] through the one tube of a record without other sites. area : of a
     tube with all of the flow [m²].
 
-    Flow is shared as it was measured, or as the measured areas are, or else equally; what is lost on the way leaves by
-    a side branch.
+    Flow is shared as measured, or in proportion to the measured areas, or otherwise equally; flow lost on the way
+    leaves through a side branch.
     """
     if not upstream:
         return [Stretch(root or "root", "", "", alone, 1.0)]
@@ -90,12 +90,12 @@ def stretches(
 
 
 def _side(of: Stretch, lost: float) -> list[Stretch]:
-    """The branch at the end of a stretch for the flow that is lost there."""
+    """The branch at the end of a stretch for the flow lost there."""
     return [Stretch(f"{of.name}_side", of.name, "", of.time, lost)] if lost > _SIDE else []
 
 
 def _shares(beats: Beats, upstream: Mapping[str, str], area: float) -> dict[str, float]:
-    """Of the mean inflow, what flows to each site: never more than arrives before it."""
+    """The share of the mean inflow that reaches each site: never more than that of the site upstream."""
     whole = beats.mean(INFLOW).mean()
     found: dict[str, float] = {"": 1.0}
     waiting = list(upstream)

@@ -1,4 +1,4 @@
-"""The network file of a first model: values as a person would write them, each with where it comes from."""
+"""The network file of a first model: readable values, each with its origin."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from .tubes import Tube
 
 Array = np.ndarray
 
-_LARGE = 0.3  # relative standard deviations from here on are told as factors
+_LARGE = 0.3  # larger relative standard deviations are given as factors
 
 
 @dataclass(frozen=True)
 class Source:
-    """What a first model is of: file name and hash of the record, species and source of its typical aorta, period [s],
-    mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics of the inflow
+    """The source of a first model: file name and hash of the record, species and source of its typical aorta, period
+    [s], mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics of the inflow
     Q : (K+1,) [m³/s]."""
 
     record: str
@@ -40,7 +40,7 @@ class Source:
 
 
 def value(found: Found) -> str:
-    """The number in the unit that people read: "0.965 mmHg·s/mL"."""
+    """The number in its display unit: "0.965 mmHg·s/mL"."""
     unit, factor = readable(found.unit)
     return f"{factor * found.value:.3g} {unit}".strip()
 
@@ -59,10 +59,10 @@ def network_file(
 ) -> str:
     """TOML with all of it. windkessels : R1, C, R2 by stretch [SI]."""
     lines = [
-        f"# A first model of {source.record}, to be edited: it is where a calibration begins, not its result.",
-        "# Found in the recording, with one standard deviation and the way:",
+        f"# A first model of {source.record}, for editing: the start of a calibration, not its result.",
+        "# Estimates from the recording, with one standard deviation and the method:",
         *(f"#   {each.name} = {value(each)} {error(each)}: {each.how}" for each in found),
-        f"# Not in it: thickness and viscosity of the walls, of {source.typical}.",
+        f"# Not from the recording: thickness and viscosity of the walls, from {source.typical}.",
         *(f"# Doubtful: {note}" for note in notes),
         "",
         'name = "first"',
@@ -91,10 +91,10 @@ def network_file(
             *_lines(
                 Segment,
                 L=(tube.L, "wave speed times that time"),
-                R0=(tube.R0, "from c and Z_c over its part of the flow"),
-                h=(tube.h, "as typical a part of R0"),
-                E=(tube.E, "from c, R0 and h; only E h is told"),
-                phi0=(tube.phi0, "as typical a part of E"),
+                R0=(tube.R0, "from c and Z_c over its share of the flow"),
+                h=(tube.h, "a typical fraction of R0"),
+                E=(tube.E, "from c, R0 and h; the recording determines only E h"),
+                phi0=(tube.phi0, "a typical fraction of E"),
             ),
         ]
     heads: dict[str, list[str]] = {}
@@ -110,9 +110,9 @@ def network_file(
             *_lines(
                 Windkessel,
                 R1=(R1, "the impedance of the tube: no reflection of steep waves"),
-                C=(C, "its part of the compliance that is not in tubes"),
-                R2=(R2, "the rest of its part of the resistance"),
-                P_venous=(source.P_venous, "stated, not found"),
+                C=(C, "its share of the compliance outside the tubes"),
+                R2=(R2, "the rest of its share of the resistance"),
+                P_venous=(source.P_venous, "given, not estimated"),
             ),
         ]
     places = [(source.root, tubes[0].stretch.name, 0.0)] if source.root else []

@@ -13,8 +13,8 @@ from .species import Typical
 from .stretches import Stretch
 
 _ETA = 0.5  # of a network file without eta
-_PROXIMAL = 0.5  # of the resistance of an end: what R1 may have
-_LEAST = 0.1  # of the same: what R2 has at least
+_PROXIMAL = 0.5  # of the resistance of an end: upper limit of R1
+_LEAST = 0.1  # of the same: lower limit of R2
 
 
 @dataclass(frozen=True)
@@ -39,16 +39,17 @@ def made(stretch: Stretch, c: float, area: float, usual: Typical) -> Tube:
 
 
 def windkessel(end: Tube, tubes: Sequence[Tube], R: float, C: float) -> tuple[float, float, float]:
-    """R1 [Pa·s/m³], C [m³/Pa] and R2 at the end of a tube, of a network of resistance R whose ends have C together.
+    """R1 [Pa·s/m³], C [m³/Pa] and R2 at the end of a tube, for a network of resistance R with C at all ends together.
 
-    With the friction on its way, ρ C_f L/A² of each tube with C_f = friction π ν, a share s has the resistance R/s.
+    Including the friction along its path, ρ C_f L/A² of each tube with C_f = friction π ν, a share s has the resistance
+    R/s.
     """
     fluid, share, by_name = Fluid(), end.stretch.share, {each.stretch.name: each for each in tubes}
     way, at = 0.0, end.stretch.name
     while at:
         tube = by_name[at]
         friction = fluid.rho * fluid.friction * np.pi * fluid.nu * tube.L / (np.pi * tube.R0**2) ** 2
-        way += friction * tube.stretch.share / share  # the flow of others goes through it, too
+        way += friction * tube.stretch.share / share  # it also carries the flow of other tubes
         at = tube.stretch.parent
     R1 = min(end.Z, _PROXIMAL * R / share)
     return R1, C * share, float(max(R / share - R1 - way, _LEAST * R / share))

@@ -1,4 +1,4 @@
-"""Mean beats as waves: the harmonics that stand above the noise, and the foot of the upstroke."""
+"""Mean beats as waves: the harmonics above the noise, and the foot of the upstroke."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from ..records.spectral import coefficients, derivative, resample, without_high
 
 Array = np.ndarray
 
-_POINTS = 2048  # a beat, so that a foot is told to less than a millisecond
+_POINTS = 2048  # a beat, to resolve a foot to less than a millisecond
 _HIGHEST = 40  # harmonic
-_NOISE, _SMALL = 3.0, 0.01  # standard deviations, and part of the largest harmonic: what is below does not count
-_BACK = 0.3  # of the period before the steepest rise: where the end of diastole is
-_EARLY = (0.1, 0.3)  # of the rise: the part that is drawn back to the foot
+_NOISE, _SMALL = 3.0, 0.01  # standard deviations, and fraction of the largest harmonic: thresholds for a harmonic
+_BACK = 0.3  # of the period before the steepest rise: search range for the end of diastole
+_EARLY = (0.1, 0.3)  # of the rise: the part extrapolated to the foot
 
 
 def heard(beats: Beats, name: str, small: float = _SMALL) -> Array:
-    """Which harmonics k >= 1 of a channel's mean beat stand above its noise : (K,) of k.
+    """The harmonics k >= 1 of a channel's mean beat above its noise : (K,) of k.
 
-    small : part of the largest harmonic, below which one does not count.
+    small : fraction of the largest harmonic, below which one is ignored.
     """
     size = np.abs(coefficients(beats.mean(name)))[: _HIGHEST + 1]
     noise = np.zeros(len(size))
@@ -36,10 +36,10 @@ def smooth(beats: Beats, name: str, most: int | None = None) -> Array:
 
 
 def foot(x: Array, T: float) -> float:
-    """When the upstroke begins [s]: the line through 10 to 30 % of the rise meets the level at the end of diastole.
+    """The start of the upstroke [s]: the line through 10 to 30 % of the rise meets the end-diastolic level.
 
-    x : (n,) one beat of period T [s]. It is the method of intersecting tangents (Y. C. Chiu et al., Am. Heart J. 121
-    (1991) 1460) with the tangent at the begin of the rise, which reflected waves have not reached.
+    x : (n,) one beat of period T [s]. This is the method of intersecting tangents (Y. C. Chiu et al., Am. Heart J. 121
+    (1991) 1460) with the tangent at the start of the rise, before the arrival of reflected waves.
     """
     rise, start = _rise(x, T)
     first, last = (int(np.argmax(rise > part * rise.max())) for part in _EARLY)
@@ -49,7 +49,7 @@ def foot(x: Array, T: float) -> float:
 
 
 def steepest_foot(x: Array, T: float) -> float:
-    """The same [s] with the tangent where the rise is steepest."""
+    """The same [s] with the tangent at the steepest point of the rise."""
     rise, start = _rise(x, T)
     slope = np.gradient(rise)
     i = int(np.argmax(slope[: int(np.argmax(rise)) + 1]))

@@ -35,15 +35,19 @@ def extended(network: Network, fit: Fit) -> Network:
     return replace(network, channels=tuple(Channel(name, terms) for name, terms in channels.items()))
 
 
-def allowed(network: Network, fit: Fit, highest: float) -> Fit | None:
-    """A hypothesis; None if a network may not have its values, some of which go by the values of others, or if a record
-    cannot show it: a sensor that is named by a frequency above ``highest`` [Hz], half the sampling rate."""
+def allowed(network: Network, fit: Fit) -> Fit | None:
+    """A hypothesis; None if a network may not have its values, some of which go by the values of others."""
     try:
         extended(network, fit)
     except InputError:
         return None
+    return fit
+
+
+def frequency(fit: Fit) -> float:
+    """The highest frequency [Hz] that a sensor of a hypothesis is named by; 0 without one."""
     chains = [(_sensor(t), _searched(t, fit.x[_places(fit, t)])) for t in fit.terms if t.is_sensor]
-    return fit if all(sensor.frequency(numbers) <= highest for sensor, numbers in chains) else None
+    return max((sensor.frequency(numbers) for sensor, numbers in chains), default=0.0)
 
 
 def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
@@ -89,18 +93,14 @@ def estimates(
     nominal, quantities = whole.parameters(), whole.parameter_quantities()
     found: dict[str, Estimate] = {}
     for unknown in term.unknowns:
+        below, above = known[unknown.name]
         of = {
-            v: interval(fit.unknowns, v, nominal[v], quantities[v], fit.x, fit.covariance, _along(known, unknown, step))
+            v: interval(fit.unknowns, v, nominal[v], quantities[v], fit.x, fit.covariance,
+                        (below, above) if step >= 0.0 else (above, below))
             for v, step in unknown.moves
-        }
+        }  # fmt: skip
         found |= of if term.place != ALL_PLACES else _everywhere(network, fit, unknown, of, known[unknown.name])
     return found
-
-
-def _along(known: Mapping[str, Reach], unknown: Unknown, step: float) -> Reach:
-    """How far the interval of a variable goes that an unknown moves by ``step``."""
-    below, above = known[unknown.name]
-    return (below, above) if step >= 0.0 else (above, below)
 
 
 def _everywhere(

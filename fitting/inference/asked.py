@@ -137,12 +137,9 @@ def _steps(names: Sequence[str], quantity: Quantity, nominal: Mapping[str, float
         return (1.0,) * len(names), quantity.unit
     specs = [effect.search for effect in effects.ALL]
     unit = next(spec.relative[key][1] for spec in specs if key in spec.relative)
-    steps = tuple(nominal[f"{name.rpartition('.')[0]}.{reference}"] for name in names)
-    for name, step in zip(names, steps, strict=True):
-        if step == 0.0:
-            segment = name.rpartition(".")[0]
-            raise InputError(
-                f"unknown {name}: {segment}.{reference} is 0, and {key} is sought as a ratio to it; "
-                f"give {segment}.{reference} a value above 0 in the network."
-            )
-    return steps, unit
+    found = {name: f"{name.rpartition('.')[0]}.{reference}" for name in names}
+    for name, of in found.items():
+        if nominal[of] == 0.0:
+            why = f"{of} is 0, and {key} is sought as a ratio to it; give {of} a value above 0 in the network"
+            raise InputError(f"unknown {name}: {why}.")
+    return tuple(nominal[of] for of in found.values()), unit

@@ -47,15 +47,12 @@ def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) ->
         return X
 
     found = runs.workers.share(batches, _elsewhere, counted, lambda batch: _batch(*batch[:2], runs))
-    X = {(s, i): x for (s, part), own in zip(parts, found, strict=True) for i, x in zip(part, own, strict=True)}
-    return [
-        [_shown(simulator, m, X[s, i]) for i, m in enumerate(members)] for s, (simulator, members) in enumerate(sets)
-    ]
-
-
-def _shown(simulator: Simulator, member: Member, X: Array | None) -> Array | None:
-    """The outputs as the sensors of a hypothesis show them."""
-    return None if X is None else sense(member, simulator.names, X, simulator.T)
+    shown: list[list[Array | None]] = [[None] * len(members) for _, members in sets]
+    for (s, part), own in zip(parts, found, strict=True):
+        simulator, members = sets[s]
+        for i, X in zip(part, own, strict=True):
+            shown[s][i] = None if X is None else sense(members[i], simulator.names, X, simulator.T)
+    return shown
 
 
 def _cut(there: list[int], jobs: int) -> list[list[int]]:

@@ -32,13 +32,13 @@ from .gauss_newton import Point, Rules, Search, Trial, search
 from .jackknife import Rest, without_groups
 from .loop import Loop, NoFit, fourier, linearise, mean_loop
 from .misfit import Beside, Block, beside, sizes
-from .observation import chain, mean_wander, of_fewer
-from .seen import Seen
+from .observation import chain, of_other_beats
 from .simulator import Runs
 from .terms import Term, nuisances
 from .unknown import Unknown, finite_steps, values
 
 Array = np.ndarray
+Chain = tuple[Array, Array]
 
 _MOST_HARMONICS = 40
 _ABOVE_NOISE = 4.0  # standard deviations
@@ -46,6 +46,47 @@ _RULES = Rules(gain=1e-3, latent=True)  # a step of a thirtieth of a standard de
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
 _FLOOR = 1e-9  # of the pulse: noise assumed at least
 _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part of a beat
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The law of a batch of walls, with the period T [s], between two channels: pressure(r) of a measured radius.
+
+    wall : arrays (B, 1), the first of them the one that is linearised. P, R : of both channels the transfer function
+    and the offset, which broadcast to (B, N//2 + 1) and (B, 1).
+    """
+
+    wall: law.Wall
+    T: float
+    P: Chain
+    R: Chain
+
+    def true(self, r: Array) -> tuple[Array, Array]:
+        """True radius and pressure (B, N) where the measured radius is r : (N,)."""
+        transfer, offset = map(np.atleast_2d, self.R)
+        R = _chained(1.0 / transfer, r - offset)
+        return R, law.pressure(self.wall, R, R @ law.derivative_matrix(len(r), self.T).T, self.T)
+
+    def pressure(self, r: Array) -> Array:
+        """G : (B, N), the measured pressure of a measured radius."""
+        transfer, offset = map(np.atleast_2d, self.P)
+        return _chained(transfer, self.true(r)[1]) + offset
+
+    def slope(self, r: Array) -> Array:
+        """dG/dr : (N, N) of the first of the batch."""
+        N, R = len(r), self.true(r)[0][0]
+        to_P, to_R = (np.atleast_2d(transfer)[0] for transfer, _ in (self.P, self.R))
+        A = law.slope(self.wall, R, law.derivative_matrix(N, self.T) @ R, self.T)
+        if np.any(to_P != 1.0):
+            A = law.circulant(to_P, N) @ A
+        if np.any(to_R != 1.0):
+            A = A @ law.circulant(1.0 / to_R, N)
+        return A
+
+
+def _chained(h: Array, x: Array) -> Array:
+    """Harmonics of x : (…, N) times h : (B, N//2 + 1)."""
+    return x if np.all(h == 1.0) else np.fft.irfft(np.fft.rfft(x) * h, x.shape[-1])
 
 
 @dataclass(frozen=True)
@@ -89,8 +130,10 @@ class Bench(Forward):
         return order, np.zeros_like(order)
 
     def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
+        """The linear problems of trials, at the radius that was most probable where they step from."""
         runs.check()
-        return _evaluated(self, trials)
+        radius = [self.start if t.before is None else t.before.memory.after(t.step) for t in trials]
+        return [_linearised(self, t.member, r, t.by) for t, r in zip(trials, radius, strict=True)]
 
     @property
     def dof_of_noise(self) -> float:
@@ -116,7 +159,7 @@ class Bench(Forward):
     def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:  # from start, or nothing
         for begin in (start, None):
             with suppress(NoFit):
-                return allowed(self.network, fit(self, terms, begin, known), self.highest)
+                return allowed(self.network, fit(self, terms, begin, known))
         return None
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
@@ -125,7 +168,7 @@ class Bench(Forward):
             (runs or Runs()).check()
             found.append(None)
             with suppress(NoFit, np.linalg.LinAlgError):
-                found[-1] = allowed(self.network, _searched(self, f.member), self.highest)
+                found[-1] = allowed(self.network, _searched(self, f.member))
         return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
@@ -179,9 +222,8 @@ class Bench(Forward):
 
     def held_out(self, beats: Beats, fitted: Beats) -> Bench:
         other = bench(beats, self.network, self.site)
-        noise = of_fewer(self.loop.noise, np.stack([self.error, 0.0 * self.error], 1), self.n_beats / beats.n_beats)
-        wander = mean_wander(beats, fitted, self.signals)
-        noise[0] += np.diag(np.maximum(wander - np.diag(noise[0]).real, 0.0))
+        error = np.stack([self.error, 0.0 * self.error], axis=1)
+        noise = of_other_beats(self.loop.noise, error, beats, fitted, self.signals)
         return replace(other, loop=replace(other.loop, noise=noise), K=self.K)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
@@ -269,7 +311,7 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None, known: 
 def _searched(problem: Bench, member: Member, known: float = np.inf) -> Fit:
     """The minimum that a search from one point comes to. Raises NoFit where it cannot begin there."""
     found = Search(member, _RULES)
-    search(partial(_evaluated, problem), [found], known)
+    search(partial(problem.points, runs=Runs()), [found], known)
     if found.here is None:
         raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
     return found.fit(*problem.entries)
@@ -301,12 +343,6 @@ def _promise(problem: Bench, member: Member) -> float:
 
 
 # --- the linear problem -----------------------------------------------------------------------------------------------
-
-
-def _evaluated(problem: Bench, trials: Sequence[Trial]) -> list[Point | None]:
-    """The linear problem of trials, at the radius that was most probable where they step from."""
-    radius = [problem.start if t.before is None else t.before.memory.after(t.step) for t in trials]
-    return [_linearised(problem, t.member, r, t.by) for t, r in zip(trials, radius, strict=True)]
 
 
 def _settled(problem: Bench, member: Member) -> Point | None:

@@ -18,9 +18,8 @@ from solver.errors import InputError
 
 from .fit import Fit
 from .misfit import Beside, settled
-from .moves import MOST, Moves
 from .network import NetworkProblem
-from .place_model import Active, PlaceModel, Point
+from .place_model import MOST, Active, PlaceModel, Point
 from .simulator import Runs
 from .source_evidence import PRICE
 from .source_map import SourceMap
@@ -44,15 +43,20 @@ def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
         point = Point((), fit.x, nothing, widths, D[..., 0], J, model.responses(fit.x))
     except _NO_ANSWER:
         return None
-    normal, moves = model.normal(point, 0.0), Moves(model)
+    normal = model.normal(point, 0.0)
     for _ in range(MOST + 2):
-        score, active, widths = model.inferred(normal, point.active, point.widths, point.x)
-        point = replace(point, score=score, active=active, widths=widths)
-        move = moves.best(normal, point)
+        point = model.weighed(normal, point)
+        move = model.best_move(normal, point)
         if move is None:
             break
         point = replace(point, active=move[1])
     return _integrated_out(model, point, fit) if any(a.law for a in point.active) else None
+
+
+def without_errors(problem: NetworkProblem, fit: Fit) -> Beside:
+    """A fit with nothing beside it, as it is."""
+    m = len(problem.signals)
+    return Beside(fit, np.zeros((problem.K + 1, m, m)), 0.0)
 
 
 def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs) -> Beside | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -61,36 +61,24 @@ def _iterate(loop: Loop, model: WallModel, start: Values, start_lag: float | Non
     values, R = dict(start), loop.R
     for iteration in range(steps):
         relax = 1.0 if iteration < _FULL_STEPS else 0.5  # a model that misses the loop may swing about its best
-        system = _linearise(loop.earlier(lag), D, R, evaluate(model, values, R, D @ R), lag_free)
-        step = relax * system.step
+        found, step, radius = _linearised(loop.earlier(lag), D, R, evaluate(model, values, R, D @ R), lag_free)
+        step = relax * step
         step *= _admissible(model, values, step)
         for name, change in zip(model.free, step, strict=False):
             values[name] += float(change)
         lag += float(step[-1]) if lag_free else 0.0
-        R = R + relax * (system.radius - R)
+        R = R + relax * (radius - R)
         _check_bend(model, values, D @ R, iteration)
-        misfit = np.sqrt(max(1.0, system.chi2 / loop.N))
-        if iteration and np.all(np.abs(step) <= _CONVERGED * misfit * system.sd):
+        sd = np.sqrt(np.diag(found.covariance) * max(1.0, found.chi2 / loop.N))
+        if iteration and np.all(np.abs(step) <= _CONVERGED * sd):
             break
     else:
         if steps == _ITERATIONS:
             raise NoFit(
                 f"the {model.name} model with the {model.elastic} law did not converge (chi²/dof = "
-                f"{system.chi2 / loop.N:.3g}); try another model or law, check R0 if it was given, and fit no lag."
+                f"{found.chi2 / loop.N:.3g}); try another model or law, check R0 if it was given, and fit no lag."
             )
-    expected = np.sqrt(np.maximum(spectrum(system.V), 0.0))
-    return Solution(
-        values,
-        system.covariance,
-        lag,
-        R,
-        D @ R,
-        system.left,
-        expected,
-        system.chi2,
-        system.by_lag[: len(model.free)],
-        system.condition,
-    )
+    return replace(found, values=values, lag=lag, R=R, R_t=D @ R, by_lag=found.by_lag[: len(model.free)])
 
 
 def _check_bend(model: WallModel, values: Values, R_t: Array, iteration: int) -> None:
@@ -104,27 +92,9 @@ def _check_bend(model: WallModel, values: Values, R_t: Array, iteration: int) ->
         )
 
 
-@dataclass(frozen=True)
-class _System:
-    """The linear problem u = C δθ + noise of covariance V at one point, solved.
-
-    step, sd, by_lag : (p,), of the parameters and the lag, if it is free. left : u - C step. radius : the most probable
-    one after the step.
-    """
-
-    step: Array
-    sd: Array
-    covariance: Array
-    by_lag: Array
-    condition: float
-    left: Array
-    radius: Array
-    chi2: float
-    V: Array
-
-
-def _linearise(loop: Loop, D: Array, R: Array, at: Evaluated, lag_free: bool) -> _System:
-    """The linear problem at the radius R, where the law is ``at``."""
+def _linearised(loop: Loop, D: Array, R: Array, at: Evaluated, lag_free: bool) -> tuple[Solution, Array, Array]:
+    """The linear problem u = C δθ + noise of covariance V at the radius R, where the law is ``at``, solved; its step
+    (p,) of the parameters, and of the lag if it is free; and the most probable radius after it."""
     P_t = D @ at.P  # of the law: the measured one has the noise of u in it
     A = at.by_R_t[:, None] * D
     A[np.diag_indices(loop.N)] += at.by_R
@@ -136,17 +106,11 @@ def _linearise(loop: Loop, D: Array, R: Array, at: Evaluated, lag_free: bool) ->
     step = solve_triangular(triangle, q.T @ linear.z)
     inverse = solve_triangular(triangle, np.eye(len(scale))) / scale[:, None]
     left = linear.z - columns @ step
-    return _System(
-        step / scale,
-        np.linalg.norm(inverse, axis=1),
-        inverse @ inverse.T,
-        -inverse @ (q.T @ by_lag),
-        float(np.linalg.cond(columns / np.linalg.norm(columns, axis=0))),
-        linear.unwhiten(left),
-        linear.radius(left),
-        float(np.sum(left**2)),
-        linear.V,
-    )
+    condition = float(np.linalg.cond(columns / np.linalg.norm(columns, axis=0)))
+    expected = np.sqrt(np.maximum(spectrum(linear.V), 0.0))
+    found = Solution({}, inverse @ inverse.T, 0.0, R, D @ R, linear.unwhiten(left), expected, float(np.sum(left**2)),
+                     -inverse @ (q.T @ by_lag), condition)  # fmt: skip
+    return found, step / scale, linear.radius(left)
 
 
 def plain(loop: Loop, model: WallModel, start: Values, R: Array) -> dict[str, float]:

@@ -16,6 +16,7 @@ from solver.network import Network
 
 from ..records.beats import Beats
 from ..records.noise import mean_beat
+from .added import frequency
 from .fit import Fit
 from .gauss_newton import Point, Rules, Trial
 from .jackknife import Rest
@@ -46,7 +47,7 @@ class Forward(Protocol):
 
     kind : "bench" or "network", as reports say it. site : the only artery that is compared, if it is one. signals :
     the channels, and K : the highest harmonic that are compared. What has a body here is right where the model is exact
-    and has one weighting.
+    and has one weighting, or is that of the first of several recordings.
     """
 
     network: Network
@@ -57,6 +58,7 @@ class Forward(Protocol):
     @property
     def kind(self) -> str:
         """What it is."""
+        return self.first.kind
 
     @property
     def first(self) -> Forward:
@@ -71,9 +73,14 @@ class Forward(Protocol):
     def highest(self) -> float:
         """Half the sampling rate [Hz]: no sensor is named by a frequency above it."""
 
+    def shows(self, fit: Fit) -> bool:
+        """Whether the record can show a hypothesis: the frequencies that its sensors are named by."""
+        return frequency(fit) <= self.highest
+
     @property
     def rules(self) -> Rules:
         """Of its searches."""
+        return self.first.rules
 
     @property
     def entries(self) -> tuple[Array, Array]:
@@ -165,6 +172,7 @@ class Forward(Protocol):
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) what drives the FMU, as it was measured."""
+        return self.first.measured_wave(beats)
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) what drives the FMU, as the whole record says that it most probably was under a hypothesis."""
@@ -180,10 +188,13 @@ class Forward(Protocol):
 
     def driven(self, wave: Array) -> Drive:
         """How a wave drives the FMU."""
+        return self.first.driven(wave)
 
     @property
     def noise(self) -> Array:
         """(K+1, m) variance of the mean beats by the sensors alone, which gaps are counted in."""
+        return self.first.noise
 
     def covariance(self, beats: Beats) -> Array:
         """(n, m, m) of what a free run leaves of the signals at harmonic 0 … n - 1, by all that is noise."""
+        return self.first.covariance(beats)

@@ -66,6 +66,18 @@ def held_step(normal: Array, gradient: Array, x: Array, low: Array, high: Array)
     return step
 
 
+def linear_step(fit: Fit, J: Array, z: Array) -> Array:
+    """The step (p,) from a fit to the minimum of a linear problem (J, z) about it, within the bounds."""
+    return bounded_step(J, z, fit.prior, fit.x, *bounds(fit.unknowns))
+
+
+def promised(z: Array, start: Fit | None) -> float:
+    """χ² of a residual (n,), or what it promises to be where the unknowns of ``start`` follow."""
+    if start is not None and len(start.x):
+        z = z + start.J @ linear_step(start, start.J, z)
+    return float(z @ z)
+
+
 @dataclass(frozen=True)
 class Rules:
     """What differs between kinds of search.
@@ -76,7 +88,8 @@ class Rules:
     of J, relative, which λ is at least the square of: a step along what errors make up would be a leap in the dark.
     latent : a point has hidden unknowns, which move beside x with every step; the search ends where a step gained too
     little, not where one promises it, and lets them settle once where a step was in vain. hopeless : by how much a
-    search may promise to stay above the best of its batch and still go on.
+    search may promise to stay above the best of its batch and still go on. afar : it begins where derivatives say
+    little of where it will end: it may promise anything until it has moved so far that all of them are found anew.
     """
 
     gain: float
@@ -86,6 +99,11 @@ class Rules:
     error: float = 0.0
     latent: bool = False
     hopeless: float = 150.0
+    afar: bool = False
+
+    def goes_on(self, promise: float, best: float, turn: int) -> bool:
+        """Whether a search that promises a cost is worth another evaluation beside the best of its batch."""
+        return (self.afar and turn < _ALL_FRESH * self.fresh) or promise < best + self.hopeless
 
 
 @dataclass(frozen=True)
@@ -233,7 +251,7 @@ def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf
     for turn in range(max((s.rules.rounds for s in searches), default=0)):
         active = [s for s in searches if s.proposes()]
         best = min((s.cost for s in searches if not s.failed), default=known)
-        active = [s for s in active if s.promise < min(best, known) + s.rules.hopeless]
+        active = [s for s in active if s.rules.goes_on(s.promise, min(best, known), turn)]
         if not active:
             break
         fresh = active[0].rules.fresh

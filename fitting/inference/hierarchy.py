@@ -106,10 +106,10 @@ class Linear:
 
     def _of_widths(self, found: Mapping[str, float], group: str) -> Array:
         """-2 ln evidence of every width that a group may have, the others as found."""
-        widths = widths_of(group in self.apart)
+        widths, prior = _CHOICES[group in self.apart]
         w = np.tile(self._sds(found), (len(widths), 1))
         w[:, [g == group for g in self.groups]] = widths[:, None]
-        return self._scores(w) + beforehand_of(group in self.apart)
+        return self._scores(w) + prior
 
     def _scores(self, w: Array) -> Array:
         """-2 ln evidence : (m,) with standard deviations w : (m, p) of the priors."""
@@ -138,7 +138,7 @@ class Linear:
             value = best
             for group in found:
                 scores = self._of_widths(found, group)
-                value, found[group] = float(scores.min()), float(widths_of(group in self.apart)[int(scores.argmin())])
+                value, found[group] = float(scores.min()), float(_CHOICES[group in self.apart][0][scores.argmin()])
             if value > best - 0.1:
                 break
             best = value
@@ -147,10 +147,10 @@ class Linear:
     def spreads(self) -> dict[str, float]:
         """Of every group the root of the mean square of its width, over all that it may be, the others as inferred."""
         found, many = self.inferred().of, np.zeros(len(WIDTHS))  # WIDTHS stand for all that a group may have
-        many[1:] = 2.0 * math.log(np.exp(-0.5 * _BEFOREHAND[1:]).sum() / (1.0 - COMMON))
+        many[1:] = 2.0 * math.log(np.exp(-0.5 * _CHOICES[False][1][1:]).sum() / (1.0 - COMMON))
         spread = {}
         for group in found:
-            widths = widths_of(group in self.apart)
+            widths = _CHOICES[group in self.apart][0]
             score = self._of_widths(found, group) + (0.0 if group in self.apart else many)
             p = np.exp(-0.5 * (score - score.min()))
             spread[group] = math.sqrt(float(p @ widths**2 / p.sum()))
@@ -205,17 +205,11 @@ def beforehand(width: float, apart: bool = False) -> float:
     return (math.log(width) / DOUBT) ** 2 - 2.0 * math.log(1.0 - COMMON)
 
 
-_BEFOREHAND = np.array([beforehand(w) for w in WIDTHS])
-
-
-def widths_of(apart: bool) -> Array:
-    """(n,) the widths that a group may have; of a number that stands out, ``apart``."""
-    return np.array(APART if apart else WIDTHS)
-
-
-def beforehand_of(apart: bool) -> Array | float:
-    """(n,) or a number, -2 ln of their priors."""
-    return beforehand(APART[0], apart) if apart else _BEFOREHAND
+# (n,) the widths that a group may have, and -2 ln of their priors; of a number that stands out: True
+_CHOICES = {
+    apart: (np.array(widths), np.array([beforehand(w, apart) for w in widths]))
+    for apart, widths in ((False, WIDTHS), (True, APART))
+}
 
 
 def with_widths(fit: Fit) -> Fit:

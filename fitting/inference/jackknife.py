@@ -5,15 +5,15 @@ And what the rest says of a site that is left out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..records.noise import Target
 from .fit import Fit
-from .gauss_newton import bounded_step
-from .unknown import bounds, precision
+from .gauss_newton import linear_step
+from .unknown import precision
 
 Array = np.ndarray
 
@@ -27,8 +27,7 @@ def jackknife(fit: Fit, without: Sequence[Rest]) -> Array:
     covariance takes it to be; then this is larger than what the covariance says.
     B. Efron, The Jackknife, the Bootstrap and Other Resampling Plans (SIAM 1982).
     """
-    low, high = bounds(fit.unknowns)
-    steps = np.array([bounded_step(J, z, fit.prior, fit.x, low, high) for J, z in without])
+    steps = np.array([linear_step(fit, J, z) for J, z in without])
     m = len(steps)
     return np.sqrt((m - 1.0) / m * ((steps - steps.mean(axis=0)) ** 2).sum(axis=0))
 
@@ -49,29 +48,26 @@ def without_groups(fit: Fit, group: Array, L: Array) -> list[Rest]:
 # --- channels and sites of a network record --------------------------------------------------------------------------
 
 
-class Subset:
+def subset(whole: Target, keep: Array) -> Callable[[Array], Array]:
     """Turns whitened columns (n, q) of all channels into those of some: back to coefficients, chosen, whitened anew.
 
     keep : indices of the channels.
     """
+    part = Target.of([whole.names[i] for i in keep], whole.X[:, keep], whole.covariance[:, keep[:, None], keep])
+    return lambda columns: part.whiten(whole.unwhiten(columns)[:, keep])
 
-    def __init__(self, whole: Target, keep: Array) -> None:
-        self.whole, self.keep = whole, keep
-        names = [whole.names[i] for i in keep]
-        self.part = Target.of(names, self.whole.X[:, keep], self.whole.covariance[:, keep[:, None], keep])
 
-    def __call__(self, z: Array) -> Array:
-        return self.part.whiten(self.whole.unwhiten(z)[:, self.keep])
+def _within(whole: Target, fit: Fit, chosen: Array) -> Rest:
+    """The linear problem of a fit in some channels, ``chosen`` : (m,) bool, whitened by their own covariance."""
+    white = subset(whole, np.flatnonzero(chosen))(np.column_stack([fit.J, fit.z]))
+    return white[:, :-1], white[:, -1]
 
 
 def without_each_site(whole: Target, fit: Fit) -> list[Rest]:
     """The linear problem of a fit without one site, each in turn; not without one whose sensor is a term of the fit, as
     the others say nothing of it."""
     sites, faulty = _sites(whole, fit)
-    parts = [
-        Subset(whole, np.flatnonzero(sites != site)) for site in dict.fromkeys(sites.tolist()) if site not in faulty
-    ]
-    return [(part(fit.J), part(fit.z[:, None])[:, 0]) for part in parts]
+    return [_within(whole, fit, sites != site) for site in dict.fromkeys(sites.tolist()) if site not in faulty]
 
 
 def _sites(whole: Target, fit: Fit) -> tuple[Array, set[str]]:
@@ -88,14 +84,10 @@ def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
     sites, faulty = _sites(whole, fit)
     if len(set(sites)) < 2 or not len(fit.x):
         return {}
-    low, high = bounds(fit.unknowns)
     found = {}
     for site in (s for s in dict.fromkeys(sites.tolist()) if s not in faulty):
-        there = sites == site
-        others, own = (Subset(whole, np.flatnonzero(chosen)) for chosen in (~there, there))
-        J, there_J = others(fit.J), own(fit.J)
-        step = bounded_step(J, others(fit.z[:, None])[:, 0], fit.prior, fit.x, low, high)
-        left = own(fit.z[:, None])[:, 0] + there_J @ step
+        (J, z), (there_J, there_z) = (_within(whole, fit, chosen) for chosen in (sites != site, sites == site))
+        left = there_z + there_J @ linear_step(fit, J, z)
         # what the others know of the unknowns is uncertain, too
         spread = np.linalg.pinv(J.T @ J + np.diag(precision(fit.prior, fit.x)), hermitian=True)
         V = np.eye(len(left)) + there_J @ spread @ there_J.T

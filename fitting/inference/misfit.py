@@ -20,9 +20,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .fit import Fit
-from .gauss_newton import bounded_step
+from .gauss_newton import linear_step
 from .places import Place
-from .unknown import bounds, precision
+from .unknown import precision
 
 Array = np.ndarray
 
@@ -89,7 +89,7 @@ def widened(fit: Fit, blocks: Sequence[Block], parts: Array) -> Fit:
 
 def settled(fit: Fit) -> Fit:
     """A fit moved to the minimum of its linear problem, within its bounds."""
-    step = bounded_step(fit.J, fit.z, fit.prior, fit.x, *bounds(fit.unknowns))
+    step = linear_step(fit, fit.J, fit.z)
     return replace(fit, x=fit.x + step, z=fit.z + fit.J @ step)
 
 

@@ -23,23 +23,24 @@ from ..records.noise import (
     Target,
     degrees_of_freedom,
     inflow_noise,
+    mean_beat,
     pulses,
     sensor_noise,
     solver_error,
     target,
 )
 from .added import allowed
-from .batches import kind_of, simulated
+from .batches import simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
-from .gauss_newton import Point, Rules, Search, Trial, bounded_step, search
+from .gauss_newton import Point, Rules, Search, Trial, promised, search
 from .jackknife import Rest, leave_one_site_out, without_each_site
 from .misfit import sizes
 from .observation import meter, of_other_beats, sense, shown
 from .prior import of_animal
 from .simulator import Runs, Simulator, linear_response, varying
 from .terms import EVERY, Term, about_common, refined, rewired
-from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_values
+from .unknown import Unknown, absent, finite_steps, free, parameter_values
 
 Array = np.ndarray
 
@@ -101,7 +102,9 @@ class NetworkProblem(Forward):
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         drive = inflow(beats, self.simulator.settings.dt, self.network)
         felt = varying(beats, self.network, self.signals, self.K)
-        other = of_other_beats(self.exact or self.target, self.error, beats, fitted, felt)
+        own = (self.exact or self.target).covariance
+        covariance = of_other_beats(own, self.error, beats, fitted, self.signals)
+        other = Target.of(self.signals, mean_beat(beats, self.signals, self.K, felt), covariance)
         found = replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
         return found if self.exact is None else replace(found, exact=None).widened(self.model_error)
 
@@ -144,8 +147,8 @@ class NetworkProblem(Forward):
         return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
 
     def driven(self, wave: Array) -> Drive:
-        """The inflow; a run begins at rest: best where the flow is least."""
-        return Drive(INFLOW, int(np.argmin(np.abs(wave))))
+        """The inflow; a run begins at rest: best where the flow is least; with tables, where these begin."""
+        return Drive(INFLOW, 0 if self.network.sources else int(np.argmin(np.abs(wave))))
 
     @property
     def noise(self) -> Array:
@@ -195,35 +198,13 @@ class NetworkProblem(Forward):
         return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
-        groups: dict[str, list[Term]] = {}
+        terms, trials = [t for t in terms if not t.rewires], list[Trial]()
         for term in terms:
-            if not term.rewires:
-                groups.setdefault(kind_of((*at.terms, term)), []).append(term)
-        asked = [self._moved(at, group) for group in groups.values()]
-        X, found = self.observe([member for members in asked for member in members], runs), dict[str, Array]()
-        for group, members in zip(groups.values(), asked, strict=True):
-            (here, *moved), X = X[: len(members)], X[len(members) :]
-            if here is None:
-                continue
-            z0 = self.residual(here)
-            for term in group:
-                n = int(free(term.unknowns).sum())
-                mine, moved = moved[:n], moved[n:]
-                if all(x is not None for x in mine):
-                    found[term.label] = np.stack([(self.residual(x) - z0) / _STEP for x in mine if x is not None], 1)
-        return found
-
-    def _moved(self, at: Fit, group: Sequence[Term]) -> list[Member]:
-        """A fit, and one step away from it along every unknown of terms of one kind."""
-        members = [at.member]
-        for term in group:
-            here = np.concatenate([at.x, absent(term.unknowns)])
-            begins = Member((*at.terms, term), (*at.unknowns, *term.unknowns), here)
-            steps = _STEP * np.eye(len(here))[len(at.x) :][free(term.unknowns)]
-            members += [replace(begins, x=here + step) for step in steps]
-        if kind_of((*at.terms, group[0])) != kind_of(at.terms):  # the same mesh for the point that they leave from
-            members[0] = replace(members[1], x=np.concatenate([at.x, absent(group[0].unknowns)]))
-        return members
+            x = np.concatenate([at.x, absent(term.unknowns)])
+            by = len(at.x) + np.flatnonzero(free(term.unknowns))
+            trials.append(Trial(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x), by, None, 0.0 * x))
+        found = self.points(trials, runs or Runs())
+        return {term.label: point.J for term, point in zip(terms, found, strict=True) if point is not None}
 
     # --- search -------------------------------------------------------------------------------------------------------
 
@@ -239,7 +220,8 @@ class NetworkProblem(Forward):
 
     def _searched(self, searches: Sequence[Search], runs: Runs, known: float = np.inf) -> list[Fit | None]:
         search(partial(self.points, runs=runs), searches, known)
-        return [self._fit(s) for s in searches]
+        found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
+        return [None if f is None else allowed(self.network, f) for f in found]
 
     def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs) -> Search:
         unknowns = self.hypothesis(terms)
@@ -265,7 +247,7 @@ class NetworkProblem(Forward):
 
         known : whitened derivatives (n,) by unknowns, which need no simulation to begin with.
         """
-        rules = replace(_RULES, hopeless=np.inf)  # one that begins afar promises little yet
+        rules = replace(_RULES, afar=True)
         return self._searched([Search(m, rules, known=known) for m in members], runs)
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
@@ -298,7 +280,8 @@ class NetworkProblem(Forward):
 
     def granted(self, part: float) -> NetworkProblem:
         """With an independent error granted to every harmonic of every channel, of this part of its size."""
-        return self.widened(_diagonal((part * sizes(self.target.X)) ** 2)) if part else self
+        variance = (part * sizes(self.target.X)) ** 2
+        return self.widened(variance[..., None] * np.eye(len(self.signals))) if part else self
 
     def widened(self, errors: Array | float) -> NetworkProblem:
         """With errors of the model of covariance (K+1, m, m) in that of the channels."""
@@ -355,25 +338,6 @@ class NetworkProblem(Forward):
             few = term.is_sensor or term.place == EVERY or term.moves_along
             if term.starts and few and not set(term.unknowns) <= before:
                 trials = begun(member, term)
-                costs = [np.inf if X is None else self._promise(X, start) for X in self.observe(trials, runs)]
+                costs = [np.inf if X is None else promised(self.residual(X), start) for X in self.observe(trials, runs)]
                 member = trials[int(np.argmin(costs))]
         return member
-
-    def _promise(self, X: Array, start: Fit | None) -> float:
-        """The cost of an observation (K+1, m), and where a fit is known, what its unknowns may still take up of it."""
-        z = self.residual(X)
-        if start is None or not len(start.x):
-            return float(z @ z)
-        step = bounded_step(start.J, z, start.prior, start.x, *bounds(start.unknowns))
-        left = z + start.J @ step
-        return float(left @ left)
-
-    def _fit(self, s: Search) -> Fit | None:
-        if s.failed or s.here is None:
-            return None
-        return allowed(self.network, s.fit(*self.entries), self.highest)
-
-
-def _diagonal(variance: Array) -> Array:
-    """(K+1, m, m) of independent errors, variance : (K+1, m)."""
-    return variance[..., None] * np.eye(variance.shape[-1])

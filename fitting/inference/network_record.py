@@ -14,13 +14,7 @@ from solver.units import INFLOW
 
 from ..records.beats import Beats
 from ..records.inflow import inflow
-from ..records.noise import (
-    check_flow_driven,
-    harmonics_above_noise,
-    pulses,
-    solver_error,
-    target,
-)
+from ..records.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error, target
 from ..records.thresholds import MAX_HARMONICS
 from .network import NetworkProblem
 from .prior import Calibrated, possible

@@ -12,7 +12,6 @@ from solver.units import INFLOW
 
 from ..records.beats import Beats
 from ..records.inflow import Inflow
-from ..records.noise import Felt, Target, periodic_beat
 from .fit import Member
 from .unknown import values
 
@@ -94,20 +93,15 @@ def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
     return np.array([of(name) for name in names])
 
 
-def of_fewer(covariance: Array, error: Array, times: float) -> Array:
-    """A covariance (n, m, m) of noise and of errors (n, m) that more beats do not lower, of so many times fewer."""
-    at, found = np.arange(covariance.shape[-1]), covariance * times
-    found[:, at, at] -= (times - 1.0) * error**2
-    return found
+def of_other_beats(covariance: Array, error: Array, beats: Beats, fitted: Beats, names: Sequence[str]) -> Array:
+    """The covariance (n, m, m) of other beats of the same record, with the noise that the fitted ones showed, for their
+    number.
 
-
-def of_other_beats(target: Target, error: Array, beats: Beats, fitted: Beats, felt: Felt | None = None) -> Target:
-    """Other beats of the same record, with the noise that the fitted ones showed, for their number.
-
-    error : (K+1, m) standard deviation of errors that more beats do not lower, of solver and model. felt : of those
-    beats.
+    error : (n, m) standard deviation of errors that more beats do not lower, of solver and model.
     """
-    covariance = of_fewer(target.covariance, error, fitted.n_beats / beats.n_beats)
-    wander = mean_wander(beats, fitted, target.names)
-    covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
-    return Target.of(target.names, periodic_beat(beats, target.names, len(target.X) - 1, felt), covariance)
+    times, at = fitted.n_beats / beats.n_beats, np.arange(len(names))
+    found = covariance * times
+    found[:, at, at] -= (times - 1.0) * error**2
+    wander = mean_wander(beats, fitted, names)
+    found[0] += np.diag(np.maximum(wander - np.diag(found[0]).real, 0.0))
+    return found

@@ -7,7 +7,7 @@ derivatives, and the linear problem of all places about it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,16 +19,19 @@ from solver.sources import Source
 
 from ..records.noise import pulses
 from .fit import Member
-from .hierarchy import Linear
+from .hierarchy import APART, Linear, beforehand
 from .network import NetworkProblem
 from .places import Place, places
 from .simulator import Forced, Runs, filters
-from .source_evidence import PRICE, Law, Normal
+from .source_evidence import FIRST_LOOK, PRICE, Law, Normal, marginal
 from .terms import Term, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values, precisions
 
 Array = np.ndarray
+Move = tuple[float, tuple["Active", ...]]  # -2 ln evidence, and the places that act
 
+MOST = 3  # places at once
+CLOSELY = 14  # places that are looked at closely, of all
 SETTLED = 0.3  # of -2 ln evidence: less is no change
 _STEP = 0.02  # of x: finite differences
 _UNIT = 0.01  # of a pulse: the sources' units
@@ -72,17 +75,15 @@ class PlaceModel:
         self.worth = 2.0 * math.log(len(self.places))  # any place is as likely beforehand
         ends = np.cumsum([p.columns for p in self.places])
         self.columns = {p.key: np.arange(e - p.columns, e) for p, e in zip(self.places, ends, strict=True)}
-        pulse = pulses(problem.beats, problem.signals)
+        pulse = dict(zip(problem.signals, _UNIT * pulses(problem.beats, problem.signals), strict=True))
         pressure, flow = _units(problem)
-        self.units = np.concatenate([self._units_of(p, pressure, flow, pulse) for p in self.places])
+        self.units = np.concatenate([
+            [pressure if s.unit == "Pa" else flow for s in p.sources] if p.sources or p.channel is None
+            else [pulse[p.channel]] for p in self.places
+        ])  # fmt: skip
         self.low, self.high = (np.clip(b, -_FARTHEST, _FARTHEST) for b in bounds(self.unknowns))
         self.volume = problem.target.log_volume  # from which ln det C is counted
         self.sd0 = np.array([1.0 if p == 0.0 else p**-0.5 for p in precisions(self.unknowns)])
-
-    def _units_of(self, place: Place, pressure: float, flow: float, pulse: Array) -> Array:
-        if place.channel is not None and not place.sources:
-            return np.array([_UNIT * pulse[self.problem.signals.index(place.channel)]])
-        return np.array([pressure if s.unit == "Pa" else flow for s in place.sources])
 
     def weigh_at(self, x: Array) -> None:
         """Weigh the record by what the noise of the inflow does to channels with the numbers x : (p,), which those of
@@ -97,10 +98,9 @@ class PlaceModel:
 
     def _forced(self, active: Sequence[Active], g: Array) -> NetworkProblem:
         """The problem with sources in it."""
-        sized = g * self.units[self.columns_of(active)]
-        return with_signals(
-            self.problem, [(a.place, sized[:, own]) for a, own in zip(active, slices(active), strict=True)]
-        )
+        g = g * self.units[self.columns_of(active)]
+        signals = [(a.place, g[:, own]) for a, own in zip(active, slices(active), strict=True)]
+        return with_signals(self.problem, signals)
 
     def residual(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
         """D : (K+1, m); None without balance."""
@@ -186,6 +186,11 @@ class PlaceModel:
                 break
         return best + PRICE * sum(a.law is not None for a in active) + self.worth * len(active), active, widths
 
+    def weighed(self, normal: Normal, point: Point) -> Point:
+        """A point with the amplitudes, widths and evidence that are inferred there."""
+        score, active, widths = self.inferred(normal, point.active, point.widths, point.x)
+        return replace(point, active=active, widths=widths, score=score)
+
     def _precision(self, normal: Normal, point: Point) -> tuple[Array, Array, Array]:
         """Standard deviations (p,) of the priors of θ, and in their units the precision (p, p) and the gradient (p,) of
         its posterior at 0, sources integrated out."""
@@ -224,6 +229,53 @@ class PlaceModel:
         """Σ |z|² of a residual."""
         z = self.problem.granted(error).target.whiten(D[..., None])
         return float((z**2).sum())
+
+    # --- moves: one place more, one less, another in its stead, as the evidence of the linear problem has them --------
+
+    def best_move(self, normal: Normal, point: Point) -> Move | None:
+        """The move that the evidence gains most by; None where none is worth it."""
+        found = min(self._moves(normal, point), key=lambda move: move[0], default=(math.inf, point.active))
+        return found if found[0] <= point.score - SETTLED else None
+
+    def _moves(self, normal: Normal, point: Point) -> Iterator[Move]:
+        """Places added; where that gains nothing, dropped and swapped."""
+        adds = self.looked(normal, point.active, point, CLOSELY) if len(point.active) < MOST else []
+        yield from adds
+        if min((score for score, _ in adds), default=math.inf) > point.score - SETTLED:
+            yield from self.without_each(normal, point, CLOSELY // 2)
+
+    def without_each(self, normal: Normal, point: Point, closely: int) -> Iterator[Move]:
+        """Places dropped and swapped."""
+        same = {a.place.key for a in point.active}
+        for i in range(len(point.active)):
+            rest = (*point.active[:i], *point.active[i + 1 :])
+            score, rest, _ = self.inferred(normal, rest, point.widths, point.x)
+            yield score, rest
+            for other in self.looked(normal, rest, point, closely):
+                if {a.place.key for a in other[1]} != same:
+                    yield other
+
+    def looked(self, normal: Normal, active: tuple[Active, ...], point: Point, closely: int) -> list[Move]:
+        """-2 ln evidence with one place more: of all places at a few sizes, then of the best with all inferred."""
+        sd = self.sd(active, point.widths)
+        reduced = normal.without(self.columns_of(active), self.variance(active))
+        there, quick = {a.place.key for a in active}, list[tuple[float, Active]]()
+        for place in (p for p in self.places if p.key not in there):
+            if place.unknown is not None:
+                i = self.unknowns.index(place.unknown)
+                wider = np.tile(sd, (len(APART), 1))
+                wider[:, i] = APART
+                score = float(marginal(reduced.of_unknowns, wider).min()) + reduced.log_volume
+                quick.append((score + beforehand(APART[0], True), Active(place)))
+            else:
+                score, law = reduced.best_law(self.columns[place.key], place.relative, sd, *FIRST_LOOK)
+                quick.append((score + PRICE, Active(place, law)))
+        quick.sort(key=lambda each: each[0])
+        found = []
+        for _, added in quick[:closely]:
+            score, both, _ = self.inferred(normal, (*active, added), point.widths, point.x, 1)
+            found.append((score, both))
+        return sorted(found, key=lambda each: each[0])
 
 
 def with_signals(problem: NetworkProblem, signals: Sequence[tuple[Place, Array]]) -> NetworkProblem:

@@ -104,10 +104,7 @@ class _End:
     def held(self) -> Fit:
         """The fit with the unknown held at x, the others where the refits so far point to."""
         near, *others = sorted(self.refits, key=lambda f: abs(float(f.x[self.i]) - self.x))
-        if others:
-            along = others[0].x - near.x
-        else:
-            along = self.fit.covariance[:, self.i]
+        along = others[0].x - near.x if others else self.fit.covariance[:, self.i]
         x = near.x + along * (self.x - near.x[self.i]) / along[self.i]
         x = np.clip(x, *bounds(self.fit.unknowns))
         x[self.i] = self.x
@@ -127,22 +124,17 @@ class _End:
             self.outside = (self.x, g)
         at_limit = g < self.q and self.x == self.limit
         self.done = at_limit or abs(g * g - self.q**2) <= _CLOSE * self.q**2 or self.tries == _TRIES
-        self.x = self._next()
-
-    def _next(self) -> float:
         x, g = self.inside
         if self.outside is None:
-            return self._farther()
-        part = (self.q - g) / (self.outside[1] - g) if math.isfinite(self.outside[1]) else 0.5
-        return x + (self.outside[0] - x) * min(max(part, _MARGIN), 1.0 - _MARGIN)
+            self.x = self._farther()
+        else:
+            part = (self.q - g) / (self.outside[1] - g) if math.isfinite(self.outside[1]) else 0.5
+            self.x = x + (self.outside[0] - x) * min(max(part, _MARGIN), 1.0 - _MARGIN)
 
     def _farther(self) -> float:
         """Along the line through the last two tries, in the range."""
-        (x0, g0), (x, g), most = (
-            self.before,
-            self.inside,
-            (_FARTHER - 1.0) * (self.inside[0] - float(self.fit.x[self.i])),
-        )
+        (x0, g0), (x, g) = self.before, self.inside
+        most = (_FARTHER - 1.0) * (x - float(self.fit.x[self.i]))
         step = (x - x0) * (self.q - g) / (g - g0) if g > g0 else most
         x += step if abs(step) < abs(most) else most
         return max(x, self.limit) if most < 0.0 else min(x, self.limit)

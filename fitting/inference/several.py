@@ -28,14 +28,14 @@ from .asked import named, parse_unknown
 from .bench import Bench
 from .beside import found_beside
 from .fit import Fit, Member, begun, taken_over
-from .forward import Drive, Forward
-from .gauss_newton import Point, Rules, Search, Trial, bounded_step, search
+from .forward import Forward
+from .gauss_newton import Point, Search, Trial, promised, search
 from .jackknife import Rest
 from .misfit import Beside, settled
 from .network import NetworkProblem
 from .simulator import Runs
 from .terms import Term
-from .unknown import Unknown, bounds
+from .unknown import Unknown
 
 Array = np.ndarray
 
@@ -56,10 +56,6 @@ class Several(Forward):
     beats: tuple[tuple[Beats, Beats], ...] = ()
 
     # --- what is in common, and what is not --------------------------------------------------------------------------
-
-    @property
-    def kind(self) -> str:
-        return self.first.kind
 
     @property
     def first(self) -> Forward:
@@ -86,10 +82,6 @@ class Several(Forward):
     @property
     def dof_of_noise(self) -> float:
         return sum(part.dof_of_noise for part in self.parts)
-
-    @property
-    def rules(self) -> Rules:
-        return self.first.rules
 
     @property
     def deviations(self) -> tuple[Unknown, ...]:
@@ -196,11 +188,15 @@ class Several(Forward):
         known = [point for point in found if point is not None]
         if len(known) < len(found):
             return None
-        J = np.zeros((sum(len(p.z) for p in known), len(trial.by)))
-        for i, (rows, point) in enumerate(zip(self.rows, known, strict=True)):
-            J[rows, np.isin(trial.by, self.own(trial.member.unknowns, i)[1])] = point.J
-        z, log_volume = np.concatenate([p.z for p in known]), sum(p.log_volume for p in known)
-        return Point(z, J, log_volume, tuple(known))
+        J = self._jacobian(trial.member.unknowns, trial.by, known)
+        return Point(np.concatenate([p.z for p in known]), J, sum(p.log_volume for p in known), tuple(known))
+
+    def _jacobian(self, unknowns: Sequence[Unknown], by: Array, own: Sequence[Point | Fit]) -> Array:
+        """(n, q) derivatives by the unknowns ``by`` : (q,), of those that each recording has."""
+        J = np.zeros((sum(len(each.z) for each in own), len(by)))
+        for i, (rows, each) in enumerate(zip(self.rows, own, strict=True)):
+            J[rows, np.isin(by, self.own(unknowns, i)[1])] = each.J
+        return J
 
     def searched(
         self, members: Sequence[Member], runs: Runs, known: float = np.inf, columns: Mapping[str, Array] | None = None
@@ -210,11 +206,9 @@ class Several(Forward):
         rules = self.rules if known < np.inf else replace(self.rules, hopeless=np.inf)
         searches = [Search(m, rules, known=columns if rules.fresh else None) for m in members]
         search(partial(self.points, runs=runs), searches, known)
-        return [None if s.failed or s.here is None else self._allowed(s.fit(*self.entries)) for s in searches]
-
-    def _allowed(self, fit: Fit) -> Fit | None:
-        ends = ((self.of(fit, i), part.highest) for i, part in enumerate(self.parts))
-        return fit if all(allowed(self.network, mine, highest) for mine, highest in ends) else None
+        found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
+        each = range(len(self.parts))
+        return [f if f and all(allowed(self.network, self.of(f, i)) for i in each) else None for f in found]
 
     def nearest(self, choices: Sequence[Sequence[Member]], runs: Runs, start: Fit | None = None) -> list[Member]:
         """Of each choice the point that costs least, or promises to where the unknowns of ``start`` follow."""
@@ -228,13 +222,8 @@ class Several(Forward):
     def costs(self, members: Sequence[Member], runs: Runs, start: Fit | None = None) -> list[float]:
         """χ² of points, or what it promises to be where the unknowns of ``start`` follow; ∞ where they break down."""
         trials = [Trial(m, np.arange(0), None, 0.0 * m.x) for m in members]
-        return [np.inf if p is None else self._promise(p, start) for p in self.points(trials, runs)] if trials else []
-
-    def _promise(self, point: Point, start: Fit | None) -> float:
-        z = point.z
-        if start is not None and len(start.x):
-            z = z + start.J @ bounded_step(start.J, z, start.prior, start.x, *bounds(start.unknowns))
-        return float(z @ z) + point.log_volume
+        points = self.points(trials, runs) if trials else []
+        return [np.inf if p is None else promised(p.z, start) + p.log_volume for p in points]
 
     def begin(self, terms: tuple[Term, ...], start: Fit | None = None) -> list[Member]:
         """Points where the search for a hypothesis may begin: at another fit, its new terms at each of their starts."""
@@ -264,15 +253,13 @@ class Several(Forward):
         return self if all(a is b for a, b in zip(parts, self.parts, strict=True)) else replace(self, parts=parts)
 
     def restated(self, fits: Sequence[Fit], before: Several) -> list[Fit]:
-        found = [part.restated([self.of(f, i) for f in fits], before.parts[i]) for i, part in enumerate(self.parts)]
-        return [self._together(f, own) for f, *own in zip(fits, *found, strict=True)]
-
-    def _together(self, fit: Fit, own: Sequence[Fit]) -> Fit:
-        """A fit with the residuals and derivatives of those to each recording."""
-        J = np.zeros((len(fit.z), len(fit.x)))
-        for i, (rows, each) in enumerate(zip(self.rows, own, strict=True)):
-            J[rows, self.own(fit.unknowns, i)[1]] = each.J
-        return replace(fit, z=np.concatenate([f.z for f in own]), J=J, log_volume=sum(f.log_volume for f in own))
+        each = [part.restated([self.of(f, i) for f in fits], before.parts[i]) for i, part in enumerate(self.parts)]
+        found = []
+        for fit, *own in zip(fits, *each, strict=True):
+            J = self._jacobian(fit.unknowns, np.arange(len(fit.x)), own)
+            z = np.concatenate([f.z for f in own])
+            found.append(replace(fit, z=z, J=J, log_volume=sum(f.log_volume for f in own)))
+        return found
 
     @property
     def weights(self) -> tuple[Any, ...]:
@@ -341,25 +328,15 @@ class Several(Forward):
     def part(self, network: Network) -> Network:
         return self.first.part(network)
 
-    def measured_wave(self, beats: Beats) -> Array:
-        return self.first.measured_wave(beats)
-
     def wave(self, beats: Beats, fit: Fit) -> Array:
         return self.first.wave(beats, self.of(fit, 0))
-
-    def driven(self, wave: Array) -> Drive:
-        return self.first.driven(wave)
-
-    @property
-    def noise(self) -> Array:
-        return self.first.noise
-
-    def covariance(self, beats: Beats) -> Array:
-        return self.first.covariance(beats)
 
     @property
     def highest(self) -> float:
         return min(part.highest for part in self.parts)
+
+    def shows(self, fit: Fit) -> bool:
+        return all(part.shows(self.of(fit, i)) for i, part in enumerate(self.parts))
 
 
 def _beside(part: Forward, fit: Fit) -> Beside | None:

@@ -181,18 +181,14 @@ def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
 
 def filters(network: Network, names: Sequence[str], T: float, K: int) -> Array:
     """H : (K+1, m) of the filters that a network says its channels have."""
-    return np.stack([filtered(network, name, _omega(T, K)) for name in names], axis=1)
-
-
-def _omega(T: float, K: int) -> Array:
-    return 2.0 * np.pi / T * np.arange(K + 1)
+    return np.stack([filtered(network, name, 2.0 * np.pi / T * np.arange(K + 1)) for name in names], axis=1)
 
 
 def linear_response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
     """The linearised response (K + 1 + neighbours, m) to the inflow, both as their filters show them; where the linear
     solver lacks a term of a wall, that of the walls without terms."""
     K += NEIGHBOURS
-    shown = filters(network, names, T, K) / undoable(network, INFLOW, _omega(T, K))[:, None]
+    shown = filters(network, names, T, K) / undoable(network, INFLOW, 2.0 * np.pi / T * np.arange(K + 1))[:, None]
     try:
         return shown * response(network, names, T, K, parameters)
     except InputError:

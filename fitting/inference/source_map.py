@@ -14,7 +14,7 @@ what is missing.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -23,12 +23,11 @@ import numpy as np
 from solver.errors import InputError
 from solver.units import INFLOW
 
-from .moves import CLOSELY, MOST, Moves
 from .network import NetworkProblem
-from .place_model import SETTLED, Active, PlaceModel, Point, normal_size, slices, with_signals
+from .place_model import CLOSELY, MOST, SETTLED, Active, PlaceModel, Point, normal_size, slices, with_signals
 from .places import Place
 from .simulator import OutOfTime, Runs
-from .source_evidence import Law, Normal
+from .source_evidence import Law
 from .unknown import Unknown
 
 Array = np.ndarray
@@ -126,7 +125,6 @@ class _Search:
 
     def __init__(self, problem: NetworkProblem, runs: Runs) -> None:
         self.model = PlaceModel(problem, runs)
-        self.moves = Moves(self.model)
         self.none = np.zeros((problem.K + 1, 0), complex)
 
     def advanced(self, point: Point, error: float, fresh: bool) -> Point:
@@ -135,8 +133,7 @@ class _Search:
         if fresh:
             self.model.weigh_at(point.x)
         normal = self.model.normal(point, error)
-        score, active, widths = self.model.inferred(normal, point.active, point.widths, point.x)
-        point = replace(point, active=active, widths=widths, score=score)
+        point = self.model.weighed(normal, point)
         x, g = self.model.most_probable(normal, point)
         enough = max(_WORSE * self.model.chi2(point.D, error), 3.0 * 2.0 * point.D.size)
         for _ in range(_BACK):
@@ -203,9 +200,8 @@ class _Search:
     def moved(self, point: Point, error: float) -> Point | None:
         """With the move that the evidence gains most by; None where none is worth it."""
         normal = self.model.normal(point, error)
-        here = self.model.inferred(normal, point.active, point.widths, point.x)
-        point = replace(point, active=here[1], widths=here[2], score=here[0])
-        best = self.moves.best(normal, point)
+        point = self.model.weighed(normal, point)
+        best = self.model.best_move(normal, point)
         if best is None:
             return None
         # g goes on from where it was: only what left is taken out, which the next step makes good
@@ -236,8 +232,8 @@ class _Search:
         """The map of a point, weighted for it."""
         self.model.weigh_at(point.x)
         normal = self.model.normal(point, 0.0)
-        score, active, widths = self.model.inferred(normal, point.active, point.widths, point.x)
-        point = replace(point, active=active, widths=widths, score=score)
+        point = self.model.weighed(normal, point)
+        active = point.active
         columns, signals = self.model.columns_of(active), []
         sd = np.zeros_like(point.g, float)
         if len(columns):
@@ -245,19 +241,16 @@ class _Search:
         for a, own in zip(active, slices(active), strict=True):
             units = self.model.units[columns[own]]
             signals.append(Signal(a.place, point.g[:, own] * units, sd[:, own] * units, tuple(units.tolist()), a.law))
-        rivals = [Rival(tuple(a.place for a in other), s - score) for s, other in self._rivals(normal, point)]
+        others = [*self.model.looked(normal, active, point, MOST), *self.model.without_each(normal, point, CLOSELY)]
+        rivals = [Rival(tuple(a.place for a in other), s - point.score) for s, other in others]
         return SourceMap(
             signals=tuple(signals),
             unknowns=self.model.unknowns_of(active),
             x=point.x,
-            widths=widths,
-            score=score,
+            widths=point.widths,
+            score=point.score,
             chi2=self.model.chi2(point.D),
             n=normal_size(point),
             rivals=tuple(sorted(rivals, key=lambda r: r.above)),
             J=point.J,
         )
-
-    def _rivals(self, normal: Normal, point: Point) -> Iterator[tuple[float, tuple[Active, ...]]]:
-        yield from self.moves.looked(normal, point.active, point, MOST)
-        yield from self.moves.without_each(normal, point, CLOSELY)

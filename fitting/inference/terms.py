@@ -29,6 +29,7 @@ OWN = "of its own"
 _WIDEST = 2.0  # of a nuisance's logarithm: an artery of seven times the modulus is not that animal's
 _WIDEST_ALONE = 5.0  # the same on a bench, where a search may pass through what costs a network minutes
 _SPREAD = 0.2  # between arteries, of what is missing in all of them, where its quantity states none
+_LONGER = 3.0  # times the usual length, from which a part is looked for, too: it is no short one moved a little
 _MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
 
 
@@ -80,11 +81,6 @@ def effect_of(term: Term) -> Effect:
     return found
 
 
-def of_animal(network: Network, term: Term) -> bool:
-    """Whether a term is no discovery where every artery differs from the network's."""
-    return effect_of(term).of_animal(network, term.place)
-
-
 def joins(term: Term, others: Sequence[Term]) -> bool:
     """Whether a term can act beside others: not on the numbers of an outlet that another one replaces."""
     gone = tuple(f"{other.place}.outlet." for other in others if other.rewires)
@@ -114,8 +110,10 @@ def candidates(network: Network, channels: Sequence[str], site: str | None = Non
     found: list[Term | None] = []
     for effect in effects.ALL:
         if effect.owner != "channel" and (site is None or effect.search.local):
-            places = [place for place in effect.where(network) if site in (None, place)]
-            found += [term_at(network, effect, place) for place in places if not _alone(network, effect, place)]
+            where = effect.where(network)
+            one = len(effect.places) > 1 and len(where) == 2  # "all" is one place only, which then has its own name
+            places = [place for place in where if site in (None, place) and not (one and place == ALL_PLACES)]
+            found += [term_at(network, effect, place) for place in places]
     found += [term for channel in channels for term in sensor_terms(network, channel, site is not None)]
     return tuple(term for term in found if term is not None)
 
@@ -124,11 +122,6 @@ def sensor_terms(network: Network, channel: str, bench: bool = False) -> tuple[T
     """The measurement chain of one channel."""
     found = [term_at(network, effect, channel, bench) for effect in effects.ALL if effect.owner == "channel"]
     return tuple(term for term in found if term is not None)
-
-
-def _alone(network: Network, effect: Effect, place: str) -> bool:
-    """Whether "all" is one place only, which then has its own name."""
-    return place == ALL_PLACES and len(effect.places) > 1 and len(effect.where(network)) == 2
 
 
 def followers(network: Network, site: str | None, present: Sequence[Term]) -> tuple[Term, ...]:
@@ -162,6 +155,24 @@ def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | Non
             own.append(replace(each, group=variable.rpartition(".")[2]))
     unknowns = (*term.unknowns, *own)
     return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) + (0.0,) * len(own),))
+
+
+def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+    """An effect of a part of a segment that may lie elsewhere along it, from the sizes x of the usual part; or one that
+    may also have another length, from where it is.
+
+    None where there is no such thing.
+    """
+    effect = effect_of(term)
+    there = {u.name for u in term.unknowns}
+    missing = [c for c in effect.coordinates_along(network, term.place) if c.name not in there]
+    if not missing:
+        return None
+    lengths = [tuple(times * c.nominal for c in missing) for times in (1.0, _LONGER)]
+    values = lengths if term.moves_along else effect.search.starts_along
+    along = missing[: len(values[0])]
+    starts = [(*x, *((v - c.nominal) / c.size for v, c in zip(each, along, strict=True))) for each in values]
+    return replace(term, unknowns=(*term.unknowns, *(searched(effect, c) for c in along)), starts=tuple(starts))
 
 
 def rewired(network: Network, terms: Iterable[Term]) -> Network:

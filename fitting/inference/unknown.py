@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtri
 from scipy.stats import t as t_distribution
 
 from solver.coordinate import SCALE, Coordinate
@@ -24,6 +25,9 @@ Array = np.ndarray
 Reach = tuple[float, float]  # how far an interval goes down and up, in standard deviations
 
 _ANYTHING = 10.0  # half an interval of a logarithm: a factor e^20 from end to end says nothing
+WIDER = 2.0  # starts than priors: they are to be farther apart than what animals are
+ANYWHERE = 5.0  # the same without a prior, in default ones: a factor of 3 is then usual
+WIDEST = 1.0  # of a logarithm, whatever its prior: at ten times its length or more a network is slow, and no animal's
 TAILS = 15.0  # degrees of freedom of the priors of a hypothesis
 
 
@@ -112,6 +116,23 @@ def penalty(prior: Array, x: Array, tails: float = TAILS) -> float:
 def precision(prior: Array, x: Array, tails: float = TAILS) -> Array:
     """(p,) precision of the Gaussian that has the slope of the priors at x."""
     return np.asarray(prior / (1.0 + prior * x**2 / tails))
+
+
+def starting_points(unknowns: Sequence[Unknown], starts: int, seed: int) -> Array:
+    """(starts, p) x : 0, then points of a scrambled Sobol' sequence.
+
+    x_i = 2 s_i Φ⁻¹(u_i), within its allowed range; s : standard deviation of the prior, where there is none 2.5 times
+    that of the default one; 2 s is 1 at most where x is a logarithm; u : the point in the unit cube.
+    """
+    from scipy.stats.qmc import Sobol  # takes half a second
+
+    p = len(unknowns)
+    u = Sobol(p, seed=seed).random_base2(int(starts - 1).bit_length())[: starts - 1]
+    spread = np.array([(ANYWHERE if each.prior_sd is None else WIDER) * each.typical_sd for each in unknowns])
+    logarithms = [each.kind == SCALE for each in unknowns]
+    spread = np.where(logarithms, np.minimum(spread, WIDEST), spread)
+    x = spread * ndtri(np.clip(u, 1e-6, 1.0 - 1e-6))
+    return np.clip(np.concatenate([np.zeros((1, p)), x]), *bounds(unknowns))
 
 
 # --- values and intervals ---------------------------------------------------------------------------------------------

@@ -1,1 +1,1 @@
-"""What reports look like: style, figures, tables and page templates."""
+"""The presentation of reports: style, figures, tables and page templates."""

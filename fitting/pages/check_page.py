@@ -1,4 +1,4 @@
-"""The page of a check: figures by matplotlib, text by Jinja2; one file that needs no network."""
+"""The page of a check: figures by matplotlib, text by Jinja2; one self-contained file."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _value_rows(parameters: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def _value_row(name: str, value: Mapping[str, Any], undetermined: bool) -> dict[str, str]:
-    """A value of the parameter set, with its interval if it has one that says something."""
+    """A value of the parameter set, with its interval if it has an informative one."""
     unit, factor = shown_in(quantity_of(name))
     if undetermined or endless(value["value"], value["ci95"]):
         return {"name": name, "value": number(factor * value["value"]), "interval": NOT_DETERMINED, "unit": unit}
@@ -127,7 +127,7 @@ _CURVES: tuple[Curve, ...] = (("measured", MEASURED, "-"), ("FMU", SIMULATED, DA
 
 
 def _waveforms(report: CheckReport) -> Drawing:
-    """What drove the FMU, then every channel: measured mean, ± 2 standard deviations between beats, FMU."""
+    """The drive of the FMU, then every channel: measured mean, ± 2 standard deviations between beats, FMU."""
     names = [report.driver, *(channel.name for channel in report.channels)]
     waves = {name: report.waveforms[name] for name in names}
     beats = {name: (w.measured, None if name == report.driver else w.simulated) for name, w in waves.items()}
@@ -138,7 +138,7 @@ def _waveforms(report: CheckReport) -> Drawing:
 
 
 def _residuals(report: CheckReport) -> Drawing:
-    """FMU less measured mean beat, and ± 2 standard deviations of that mean."""
+    """FMU minus measured mean beat, and ± 2 standard deviations of that mean."""
     waves = {channel.name: report.waveforms[channel.name] for channel in report.channels}
     residuals = {name: (np.zeros_like(w.measured), w.simulated - w.measured) for name, w in waves.items()}
     of_mean = {name: w.scatter / np.sqrt(float(report.run["beats_measured"])) for name, w in waves.items()}

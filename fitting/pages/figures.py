@@ -1,4 +1,4 @@
-"""Figures of one site's fit, as in the paper: the P–R loop measured against linear and nonlinear model."""
+"""Figures of one site's fit, as in the paper: the measured P–R loop against linear and nonlinear model."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ _TITLES = {
 def loop_figure(fits: Sequence[WallFit], beats: Beats | None = None) -> Picture:
     """Recorded loop and model for each fit side by side, and the residuals' spectrum of each against its noise.
 
-    beats : those that were fitted, to show every one beside their mean. The title begins with the name of the record's
-    file, so that what is virtual says so.
+    beats : the fitted beats, shown individually with their mean. The title begins with the name of the record's file,
+    which labels virtual data.
     """
     first = fits[0]
     with rc_context(STYLE):
@@ -73,7 +73,7 @@ def _loop(ax: Axes, fitted: WallFit, beats: Beats | None) -> None:
 
 
 def _spectrum(ax: Axes, fits: Sequence[WallFit]) -> None:
-    """|residual_k| per model and the noise expected of it, up to the last harmonic where P stands out."""
+    """|residual_k| per model and its expected noise, up to the last harmonic of P above the noise."""
     shown = _harmonics_shown(fits[0])
     for fitted, colour, marker in zip(fits, (BLUE, VERMILION, GREEN, PURPLE), "osD^", strict=False):
         k, size, _ = fitted.residual_spectrum()

@@ -1,4 +1,4 @@
-"""What the HTML pages of all reports share: how a template is filled in, and provenance in words."""
+"""Common parts of the HTML pages of all reports: the template environment, and provenance in words."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from solver.legible import number
 from solver.units import readable
 
-_LONGEST = 400  # characters of an entry: what is longer is for programs, and in the JSON beside the page
+_LONGEST = 400  # characters of an entry: longer ones are for programs, in the JSON beside the page
 
 
 def environment(folder: Path) -> Environment:
-    """The templates of a folder; text is escaped, and a name that is missing is an error."""
+    """The templates of a folder; text is escaped, and an undefined name is an error."""
     return Environment(
         loader=FileSystemLoader(folder),
         autoescape=True,
@@ -38,9 +38,9 @@ def words(value: Any) -> str:
 
 
 def in_words(entries: Mapping[str, Any]) -> tuple[dict[str, str], list[str]]:
-    """Provenance entry by entry, and the names of those that are for programs: tables of numbers, and long ones.
+    """Provenance entry by entry, and the names of entries for programs: tables of numbers, and long ones.
 
-    What is empty is left out.
+    Empty entries are omitted.
     """
     told = {key.replace("_", " "): words(value) for key, value in entries.items() if value not in ([], {})}
     nested = {key.replace("_", " ") for key, value in entries.items() if _depth(value) > 1}
@@ -49,7 +49,7 @@ def in_words(entries: Mapping[str, Any]) -> tuple[dict[str, str], list[str]]:
 
 
 def _depth(value: Any) -> int:
-    """Of lists and mappings inside each other; a number with its unit is none."""
+    """The nesting depth of lists and mappings; a number with its unit has depth 0."""
     if isinstance(value, Mapping) and set(value) != {"value", "unit"}:
         return 1 + max(map(_depth, value.values()), default=0)
     return 1 + max(map(_depth, value), default=0) if isinstance(value, list | tuple) else 0

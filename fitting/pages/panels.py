@@ -1,4 +1,4 @@
-"""Figures of many channels: a panel for each, a legend, and the picture that goes on a page."""
+"""Figures of many channels: a panel for each, a legend, and the image for a page."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _PIXELS = 100  # an inch of figure on the page; the image itself has twice as ma
 
 @dataclass(frozen=True)
 class Drawing:
-    """One figure as PNG, its width on the page [pixels], and what it shows."""
+    """One figure as PNG, its width on the page [pixels], and its caption."""
 
     png: bytes
     width: int
@@ -37,12 +37,12 @@ class Drawing:
 
     @property
     def source(self) -> str:
-        """The PNG as the address of an image."""
+        """The PNG as a data URL."""
         return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
 
 def shown(name: str, *beats: Array) -> tuple[Array, ...]:
-    """Beats in the unit that people read, closed (the first sample ends the beat too) and thinned out for the page."""
+    """Beats in their display unit, closed (the first sample also ends the beat) and thinned for the page."""
     step = max(1, len(beats[0]) // _MOST_POINTS)
     return tuple(np.append(beat[::step], beat[0]) * of_signal(name)[1] for beat in beats)
 
@@ -96,5 +96,5 @@ def legend(figure: Figure, *curves: Curve, band: str = "") -> None:
 
 
 def drawing(figure: Figure, caption: str) -> Drawing:
-    """The figure as it stands on the page."""
+    """The figure for the page."""
     return Drawing(png(figure, 2 * _PIXELS), round(figure.get_figwidth() * _PIXELS), caption)

@@ -1,4 +1,4 @@
-"""What a calibration leaves of each recording, fitted or held out, and what each has of its own."""
+"""The residual of a calibration in each recording, fitted or held out, and the values of each."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ..parameter_set import quantity_of
 
 
 def recordings_table(result: Calibration, held_out: Sequence[HeldOut] = ()) -> Table:
-    """A line a recording: χ²/dof, the RMS of what is left over the beat by channel, and values of its own."""
+    """One line per recording: χ²/dof, the RMS residual over the beat by channel, and its own values."""
     channels = list(dict.fromkeys(name for each in result.recordings for name in each.rms))
     own = list(dict.fromkeys(name for each in result.recordings for name in each.values))
     columns = [right(f"{name}\n{of_signal(name)[0]}") for name in channels]
     columns += [right(f"{name}\n{shown_in(quantity_of(name))[0]}") for name in own]
-    table = Table("recording", right("χ²/dof"), *columns, title="RMS of what is left, over the beat")
+    table = Table("recording", right("χ²/dof"), *columns, title="RMS residual over the beat")
 
     def row(said: str, ratio: str, rms: Mapping[str, float], values: Sequence[str]) -> None:
         table.add_row(said, ratio, *(_signal(name, rms) for name in channels), *values)
@@ -35,7 +35,7 @@ def recordings_table(result: Calibration, held_out: Sequence[HeldOut] = ()) -> T
         label = Path(held.source).stem
         row(f"{label}, not fitted", DASH, held.rms, [DASH] * len(own))
         if held.refitted:
-            row("  what varies fitted", DASH, held.refitted, [_value(n, held.values) for n in own])
+            row("  varying values fitted", DASH, held.refitted, [_value(n, held.values) for n in own])
     return table
 
 

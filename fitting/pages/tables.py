@@ -1,4 +1,4 @@
-"""What the command line prints: rich tables of fits and calibrations."""
+"""Tables of fits and calibrations on the command line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..wall_model import PARAMETERS
 
 
 def _shown(parameter: str) -> tuple[str, float]:
-    """Label with the unit that people read, factor from SI."""
+    """Label with the display unit, factor from SI."""
     unit, factor = shown_in(quantities(Segment)[parameter])
     return f"{parameter.replace('phi', 'φ')}, {unit}", factor
 
@@ -39,7 +39,7 @@ SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
 
 
 def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
-    """E_inc and the parameters ± half the 95 % interval by the law of the column, one column a model."""
+    """E_inc and the parameters ± half the 95 % interval by the law of the column, one column per model."""
     models = [right(f"{f.model.name}\n{f.model.elastic}" + (" (kept)" if f is chosen else "")) for f in fits]
     title = f"Wall of {chosen.site}: {chosen.n_beats} beats of {number(chosen.loop.T, 4)} s, {chosen.source}"
     table = Table("± half the 95 % interval", *models, title=title, caption=_PHI)
@@ -60,18 +60,20 @@ def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
 
 
 def headline(fitted: WallFit, E_inc: Estimate) -> str:
-    """What does not depend on the law, with its interval; then the law, and by how much."""
+    """The modulus that does not depend on the law, with its interval; then the law and its lead."""
     P = fitted.loop.P.mean() / MMHG
     return f"{fitted.site}: E_inc = {modulus(E_inc)} at the mean pressure of {number(P, 4)} mmHg; {fitted.law}."
 
 
 def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, float]]) -> Table:
-    """Interval and bootstrap; how a time lag, or ignoring the noise of R, would move the value."""
-    # in units of the interval: a relative change says nothing of a value near 0
+    """Interval and bootstrap; the effect of a time lag, and of ignoring the noise of R, on the value."""
+    # in units of the interval, because a relative change is meaningless for a value near 0
     moved = ("moved by P\n1 ms late", "by ignoring\nnoise of R")
     told = fitted.model.elastic if fitted.evidence is None or fitted.evidence.decided else "either"
     columns = ("95 % interval", *(["bootstrap"] if bootstrapped else []), *moved)
-    table = Table("", *map(right, columns), title=f"How sure: {fitted.model.name} model of {fitted.site}, {told} law")
+    table = Table(
+        "", *map(right, columns), title=f"Uncertainty: {fitted.model.name} model of {fitted.site}, {told} law"
+    )
     for name in fitted.model.free:
         label, factor = SHOWN[name]
         row = [label, _ends(fitted.ci95(name), factor)]
@@ -85,7 +87,7 @@ def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, f
 
 
 def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
-    """What a physiologist reads."""
+    """The physiological indices of a site."""
     columns = ("index", right("value"), right("95 % interval"), "unit")
     table = Table(*columns, title=f"{site} at the mean pressure of the beat")
     for name, estimate in indices.items():
@@ -97,7 +99,7 @@ def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
 
 
 def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimate]]) -> Table:
-    """The indices of :func:`~fitting.network_indices.network_indices`, a line a site: ± half the 95 % interval."""
+    """The indices of :func:`~fitting.network_indices.network_indices`, one line per site: ± half the 95 % interval."""
     units = {name: read_in(estimate.unit) for found in sites.values() for name, estimate in found.items()}
     columns = [right(_HYPHENATED.get(name, name).replace("_", "\n") + (f"\n{unit}" if unit else ""))
                for name, (unit, _) in units.items()]  # fmt: skip
@@ -109,7 +111,7 @@ def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimat
 
 
 def calibration_table(result: Calibration) -> Table:
-    """Every value that moved, with its interval, in the unit that people read."""
+    """Every fitted value with its interval, in its display unit."""
     title = f"{result.network} calibrated: χ²/dof {number(result.chi2 / result.dof)}"
     table = Table("parameter", right("value"), right("95 % interval"), "unit", title=title)
     for name, value in result.values.items():

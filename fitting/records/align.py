@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -15,10 +16,12 @@ from .harmonic_model import evaluate, harmonics
 from .period import strict_period, usual_period
 from .record import Array, Record
 from .rounding import converter_step
-from .spikes import without_spikes
-from .timing import without_jitter, without_slope
 from .unequal import Whole, unequal
 from .upstrokes import without_gaps
+
+_ROBUST = 1.4826  # standard deviation over median absolute deviation, of a Gaussian
+_LEAST = 1e-6  # of the range: rounding is no scatter
+_EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are timed
 
 
 @single_threaded
@@ -37,14 +40,14 @@ def align(record: Record, period: float | None = None) -> Beats:
     samples = np.minimum(_grid(record, T) if whole is None else whole.samples, len(record.time) - 1)
     steps = {name: step for name, each in record.channels.items() if (step := converter_step(each)) > 0.0}
     slip = 0.0 if whole is None else limit.SLIP_OF_CUTS
-    cleaned = {name: without_spikes(x, samples, steps.get(name, 0.0), slip) for name, x in record.channels.items()}
+    cleaned = {name: _without_spikes(x, samples, steps.get(name, 0.0), slip) for name, x in record.channels.items()}
     spikes = {name: count for name, (_, count) in cleaned.items() if count}
     channels = {name: each for name, (each, _) in cleaned.items()}
     for name, each in channels.items():
         require_phases((~np.isnan(each[samples])).sum(axis=0), name, record.path)
     if whole is None:
-        equal = {name: without_slope(_equal(each, record.dt / T, samples)) for name, each in channels.items()}
-        values, shifts = without_jitter(equal, T)
+        equal = {name: _without_slope(_equal(each, record.dt / T, samples)) for name, each in channels.items()}
+        values, shifts = _without_jitter(equal, T)
     else:
         T, values, shifts = whole.T, {name: whole.of(each) for name, each in channels.items()}, np.zeros(len(samples))
         whole = replace(whole, channels={name: without_gaps(each) for name, each in channels.items()})
@@ -116,7 +119,7 @@ def _rhythm(record: Record, period: float | None) -> tuple[float, Whole | None, 
     beats = period / T
     count = max(1, round(beats))
     slip = abs(beats / count - 1.0) * len(record.time) * dt / period
-    if abs(beats - count) > limit.NEAR if whole is not None else slip > limit.SLIP:
+    if abs(beats - count) > limit.NEAR if whole is not None else slip > limit.VARIES:
         raise InputError(
             f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
         )
@@ -144,3 +147,140 @@ def _equal(x: Array, f: float, samples: Array) -> Array:
     spectrum = np.fft.rfft(np.nanmean(moved, axis=0))
     spectrum[len(c) :] = spectrum[: N // limit.MOVED] = 0.0
     return np.asarray(moved - np.fft.irfft(spectrum, N) + evaluate(c, 1.0 / N, N))
+
+
+# --- spikes -----------------------------------------------------------------------------------------------------------
+
+
+def _without_spikes(values: Array, samples: Array, step: float, slip: float) -> tuple[Array, int]:
+    """A channel with gaps in place of its spikes, and their number: single samples far off everything around them.
+
+    A spike raises the scatter as much as the mean, so the intervals grow and χ² stays at 1, while the fit is wrong. A
+    sample becomes a gap if it is off both the other beats at its phase and its own neighbours: a beat that differs as a
+    whole, an ectopic one, is not touched.
+
+    samples : (n_beats, N) the sample at each phase of each beat. step : of the channel's converter, whose rounding is
+    no spike. slip : samples by which beats may be off one another.
+    """
+    n_beats, N = samples.shape
+    if n_beats < limit.FEWEST_BEATS:
+        return values, 0
+    nearest = samples.ravel()
+    beats = values[nearest].reshape(n_beats, N)
+    gaps = np.isnan(beats)
+    if gaps.all(axis=0).any() or gaps.all(axis=1).any():
+        return values, 0  # refused later, or nothing to compare with
+    median = np.nanmedian if gaps.any() else np.median
+    usual = median(beats, axis=0)
+    off = beats - usual
+    off -= median(off, axis=1)[:, None]
+    size = _ROBUST * median(np.abs(off), axis=0)
+    least = np.maximum(np.median(size), _LEAST * np.ptp(values[~np.isnan(values)]))
+    far = np.maximum(limit.FAR * np.maximum(size, least), limit.STEPS * step + slip * np.abs(np.gradient(usual)))
+    off = np.nan_to_num(off)
+    suspect = np.abs(off) > far
+    if not suspect.any():
+        return values, 0
+    flat = off.ravel()
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(flat, 2, "edge"), 5)
+    alone = np.abs(flat - np.median(around, axis=-1)).reshape(off.shape)
+    # most of it by itself: the samples of a smooth artefact have neighbours like them
+    spikes = np.unique(nearest[(suspect & (alone > far) & (alone > 0.5 * np.abs(off))).ravel()])
+    cleaned = values.copy()
+    cleaned[spikes] = np.nan
+    return cleaned, len(spikes)
+
+
+# --- timing and drift -------------------------------------------------------------------------------------------------
+
+
+def _without_jitter(values: Mapping[str, Array], T: float) -> tuple[Mapping[str, Array], Array]:
+    """Values with significant jitter taken out, and the shifts [s]; the same values and zeros if there is none."""
+    from scipy.stats import f as f_distribution  # takes half a second
+
+    n_beats, N = next(iter(values.values())).shape
+    turns, excess, dof, means = _timing(np.stack([_spectra(beats) for beats in values.values()]), N)
+    if n_beats < 3 or f_distribution.sf(excess / (n_beats - 2), n_beats - 2, dof) > limit.JITTER:
+        return values, np.zeros(n_beats)
+    moved = {}
+    for (name, beats), mean in zip(values.items(), means, strict=True):
+        k = np.arange(1, len(mean) + 1)
+        change = np.zeros((n_beats, N // 2 + 1), complex)
+        change[:, 1 : len(mean) + 1] = (1.0 - np.exp(-2j * np.pi * np.outer(turns, k))) * mean
+        moved[name] = beats + np.fft.irfft(change * N, N, axis=1)  # the model moves back, the residual stays
+    return moved, turns * T
+
+
+def _timing(F: Array, N: int) -> tuple[Array, float, float, Array]:
+    """Shift of each beat [periods], χ² of the shifts, degrees of freedom of the noise in it, and the mean beats where
+    they are above it : (m, K), of the coefficients 1 … K of m channels, F : (m, n_beats, K), of beats of N samples.
+
+    Beat b is modelled as the mean beat s_b later: F_bk = m_k e^{-2πi k s_b} + noise of variance S_k + a straight line
+    (drift). To first order the shifts are weighted projections on the derivative of the mean beat, all channels
+    jointly; repeated until they stand still.
+    """
+    _, n_beats, K = F.shape
+    k = np.arange(1, K + 1)
+    line = np.fft.rfft(np.arange(N) / N)[k] / N
+    turns, excess, S = np.zeros(n_beats), 0.0, None
+    for _ in range(8):
+        turned = F * np.exp(2j * np.pi * np.outer(turns, k))
+        mean = turned.mean(axis=1)
+        turned -= mean[:, None]
+        S = _pooled((np.abs(turned) ** 2).sum(axis=1)) / (n_beats - 1) if S is None else S
+        S = np.maximum(S, _EXACT**2 * (np.abs(mean) ** 2).sum(axis=1, keepdims=True))
+        mean *= np.abs(mean) ** 2 > limit.SURE**2 * S / n_beats
+        tau, size = -2j * np.pi * k * mean, _inner(line, line, S)
+        template = tau - line * (_inner(tau, line, S) / size)
+        information = float(_inner(template, template, S).sum())
+        if not information > 0.0:
+            return np.zeros(n_beats), 0.0, 1.0, mean
+        change = (turned @ (template.conj() / S)[..., None]).real.sum(axis=0)[:, 0] / information
+        change -= change.mean()
+        left = turned - change[:, None] * tau[:, None]
+        left -= (left @ (line.conj() / S)[..., None]).real / size[:, None] * line
+        # the share of each harmonic's two numbers that shift and line have taken away
+        taken = (np.abs(line) ** 2 / size + np.abs(template) ** 2 / information) / (2.0 * S)
+        S = _pooled((np.abs(left) ** 2).sum(axis=1)) / (_pooled(1.0 - taken) * (n_beats - 1))
+        turns = turns + change
+        excess = 2.0 * information * float(turns @ turns)
+        if np.abs(change).max() ** 2 * information < 1e-6:
+            break
+    return turns, excess, 2.0 * (2 * limit.NEIGHBOURS + 1) * max(n_beats - 2, 1), mean
+
+
+def _spectra(beats: Array) -> Array:
+    """Fourier coefficients 1.._TIMING of each beat : (n_beats, K), gaps filled with the mean beat."""
+    there = ~np.isnan(beats)
+    if not there.all():
+        beats = np.where(there, beats, np.nanmean(beats, axis=0))
+    N = beats.shape[1]
+    return np.fft.rfft(beats, axis=1)[:, 1 : min(limit.TIMING, (N - 1) // 2) + 1] / N
+
+
+def _inner(a: Array, b: Array, S: Array) -> Array:
+    """(m, 1), each harmonic in units of its noise."""
+    return np.asarray(((a.conj() * b).real / S).sum(axis=-1, keepdims=True))
+
+
+def _pooled(S: Array) -> Array:
+    """The mean over neighbouring harmonics, fewer at the ends : (m, K)."""
+    K = S.shape[1]
+    total = np.concatenate([np.zeros((len(S), 1)), np.cumsum(S, axis=1)], axis=1)
+    low, high = np.maximum(np.arange(K) - limit.NEIGHBOURS, 0), np.minimum(np.arange(K) + limit.NEIGHBOURS + 1, K)
+    return np.asarray((total[:, high] - total[:, low]) / (high - low))
+
+
+def _without_slope(beats: Array) -> Array:
+    """Beats without the slope that the slow drift from beat to beat has within each of them.
+
+    A drift puts the same ramp into every beat: the scatter between beats does not show it, the mean beat has it. Its
+    slope is that of the beats' levels; the levels themselves stay, and count as scatter of the mean.
+    """
+    if len(beats) < 3:
+        return beats
+    measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
+    deviations = beats[measured] - np.nanmean(beats, axis=0)
+    levels = np.interp(np.arange(len(beats)), measured, np.nanmean(deviations, axis=1))  # also of a beat in a gap
+    N = beats.shape[1]
+    return np.asarray(beats - np.outer(np.gradient(levels), (np.arange(N) + 0.5) / N - 0.5))

@@ -91,6 +91,8 @@ class Beats:
     def _odd_beats(self) -> list[str]:
         """A sentence for each beat that is unlike the others: an artefact, an ectopic beat, a flushed catheter."""
         found: dict[int, str] = {}
+        w, at = self.whole, np.arange(self.n_beats) * self.T + self.shifts
+        begins = at if w is None else w.edges[w.serving] * w.dt  # [s] after the record's start
         for name, beats in self.values.items():
             measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
             size = unlikeness(beats[measured])
@@ -99,17 +101,11 @@ class Beats:
                 b = int(measured[i])
                 found.setdefault(
                     b,
-                    f"beat {b + 1} ({self._begins(b):.4g} s after the record's start) is unlike the others in {name}: "
+                    f"beat {b + 1} ({begins[b]:.4g} s after the record's start) is unlike the others in {name}: "
                     f"it deviates by {size[i] / pulse:.1%} of the pulse, they by {usual / pulse:.2g} of it; "
                     "if it is an artefact, leave its samples empty.",
                 )
         return [found[b] for b in sorted(found)][: limit.NAMED]
-
-    def _begins(self, b: int) -> float:
-        """When a beat begins [s] after the record's start."""
-        if self.whole is None:
-            return float(b * self.T + self.shifts[b])
-        return float(self.whole.edges[self.whole.serving[b]] * self.whole.dt)
 
     def require(self, names: Iterable[str]) -> None:
         """Raises ValueError that lists the channels unless all of ``names`` are there."""
@@ -170,7 +166,7 @@ class Beats:
 
     def serial_factors(self, names: Sequence[str]) -> Array:
         """(m,) how many successive beats hold as much of the mean as one that is independent: (1 + r)/(1 - r)."""
-        return np.array([_serial_factor(self._beat_means(name)) for name in names])
+        return np.array([_serial_factor(self._deviations(name).mean(axis=1)) for name in names])
 
     def select(self, indices: Sequence[int] | Array) -> Beats:
         """Some of the beats, in that order, repetition allowed."""
@@ -185,16 +181,19 @@ class Beats:
     def _moments(self, name: str) -> _Moments:
         if name not in self._cache:
             self.require((name,))
-            self._cache[name] = _moments_of(self.values[name], name, self.source)
+            values, there = self.values[name], ~np.isnan(self.values[name])
+            counts = there.sum(axis=0)
+            require_phases(counts, name, self.source)
+            whole = bool(there.all())
+            mean = values.mean(axis=0) if whole else np.where(there, values, 0.0).sum(axis=0) / counts
+            deviations = values - mean if whole else np.where(there, values - mean, 0.0)
+            self._cache[name] = _Moments(mean, (deviations * deviations).sum(axis=0), counts, whole)
         return self._cache[name]
 
     def _deviations(self, name: str) -> Array:
         """Beats less the mean beat, 0 in gaps : (n_beats, N)."""
         deviations = self.values[name] - self.mean(name)
         return deviations if self._moments(name).whole else np.nan_to_num(deviations, nan=0.0)
-
-    def _beat_means(self, name: str) -> Array:
-        return np.asarray(self._deviations(name).mean(axis=1))
 
     def _ones(self, names: Sequence[str]) -> Array:
         """Σ_j 1/n_j of each channel: N² times the variance of a coefficient of the mean under unit white noise."""
@@ -221,16 +220,6 @@ class _Moments:
     squares: Array
     counts: Array
     whole: bool
-
-
-def _moments_of(values: Array, name: str, source: str) -> _Moments:
-    there = ~np.isnan(values)
-    counts = there.sum(axis=0)
-    require_phases(counts, name, source)
-    whole = bool(there.all())
-    mean = values.mean(axis=0) if whole else np.where(there, values, 0.0).sum(axis=0) / counts
-    deviations = values - mean if whole else np.where(there, values - mean, 0.0)
-    return _Moments(mean, (deviations * deviations).sum(axis=0), counts, whole)
 
 
 def require_phases(counts: Array, name: str, source: str) -> None:

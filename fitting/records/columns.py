@@ -98,7 +98,9 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     """
     place, columns = table.place, list(table.columns)
     if not (table.titled or reading.names):
-        _ask_numbers(columns, place)
+        row = ", ".join(f"{column.values[0]:g}" for column in columns)
+        maps = " ".join(f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[: len(columns)], start=1))
+        raise InputError(f"{place}: it has no header, and its first row is {row}; say which column is which: {maps}.")
     targets = _targets(columns, reading, place)
     wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
     times = [(column, target) for column, target in wanted if target[0] == "time"]
@@ -240,26 +242,15 @@ def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str],
     if found is not None:
         return found
     if not unit:
-        _ask(kind, name, title, place)
+        bare = re.sub(r"\s*\[\s*\]$", "", name)
+        said = f'--map "{title}={bare} [{kind.example}]", or write it behind the name in the file'
+        refuse(place, None, title, f"it has no unit; say which: {said}")
     fits = next((each for each in (*KINDS.values(), TIME) if factor(unit, each) is not None), None)
     what = f"the unit {unit} is that of a {fits.noun}" if fits else f"the unit {unit} is not known or of another kind"
     advice = f"write a unit of {kind.noun}, such as [{kind.example}]"
     if fits and _swapped(name, titles, kind):
         advice = "P and R of the site seem swapped, so exchange the two names or their units"
     refuse(place, None, title, f"{what} and does not fit a {kind.noun}; {advice}")
-
-
-def _ask(kind: Kind, name: str, title: str, place: Place) -> NoReturn:
-    bare = re.sub(r"\s*\[\s*\]$", "", name)
-    why = f'it has no unit; say which: --map "{title}={bare} [{kind.example}]", or write it behind the name in the file'
-    refuse(place, None, title, why)
-
-
-def _ask_numbers(columns: Sequence[Column], place: Place) -> NoReturn:
-    """What the columns of a file without a header are."""
-    row = ", ".join(f"{column.values[0]:g}" for column in columns)
-    maps = " ".join(f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[: len(columns)], start=1))
-    raise InputError(f"{place}: it has no header, and its first row is {row}; say which column is which: {maps}.")
 
 
 def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
@@ -286,8 +277,5 @@ def _may_be_time(column: Column) -> bool:
 def _swapped(name: str, titles: Sequence[str], kind: Kind) -> bool:
     """Whether the site's other column of pressure and radius has the unit that this one should have."""
     site, _, own = name.rpartition(".")
-    others = {"P": ("R", "D"), "R": ("P",), "D": ("P",)}.get(own, ())
-    return any(
-        n in [f"{site}.{o}" for o in others] and u and factor(u, kind) is not None
-        for n, u in map(name_and_unit, titles)
-    )
+    others = [f"{site}.{other}" for other in {"P": "RD", "R": "P", "D": "P"}.get(own, "")]
+    return any(n in others and u and factor(u, kind) is not None for n, u in map(name_and_unit, titles))

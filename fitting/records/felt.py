@@ -18,6 +18,7 @@ import numpy as np
 
 from . import thresholds as limit
 from .beats import Beats
+from .spectral import coefficients
 
 Array = np.ndarray
 Transfer = Callable[[float, int], Array]
@@ -31,6 +32,11 @@ class Felt:
     change: Array
     seam: Array
     doubt: Array
+
+    def coefficients(self, n: int) -> tuple[Array, Array, Array]:
+        """(n, m) of the seam, of what is not known of it as walls are not, and of what came before the record."""
+        seam, doubt = (coefficients(x)[:, :n].T for x in (self.seam, self.doubt))
+        return seam, limit.SEAM_ERROR * seam, doubt
 
 
 def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: bool = True) -> Felt | None:
@@ -50,7 +56,8 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
     larger = np.zeros(length)
     if memory:
         unknown = np.tile(mean, limit.BEATS_UNKNOWN)
-        larger[before - len(unknown) : before] = unknown * _spread(beats.values[drive])
+        sizes = np.nanstd(beats.values[drive], axis=1)  # of the beats
+        larger[before - len(unknown) : before] = unknown * float(np.nanstd(sizes) / np.nanmean(sizes))
 
     def cut(x: Array) -> Array:
         """(m, n_beats, N) of (m, length)."""
@@ -60,12 +67,6 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
     mean_followed = followed.mean(axis=1)
     seam = mean_followed - _filtered(transfer(beats.T, harmonics), mean)
     return Felt(followed - mean_followed[:, None], seam, cut(_filtered(H, larger)).mean(axis=1))
-
-
-def _spread(beats: Array) -> float:
-    """Standard deviation of the pulses of beats (n, N) over their mean."""
-    pulses = np.nanstd(beats, axis=1)
-    return float(np.nanstd(pulses) / np.nanmean(pulses))
 
 
 def _filtered(H: Array, x: Array) -> Array:

@@ -23,9 +23,10 @@ _ENOUGH = 1e-4  # of its standard deviation: a smaller step of the period ends t
 _EXACT = 1e-14  # of a channel: noise that is assumed at least, the rounding of doubles
 
 
-def _block(n: int) -> int:
-    """Samples in a block: about √n, so that the fewest phasors are computed."""
-    return 1 << round(np.log2(max(n, 2)) / 2)
+def _blocks(n: int) -> tuple[int, int]:
+    """Samples in a block, about √n, so that the fewest phasors are computed; and blocks."""
+    block = 1 << round(np.log2(max(n, 2)) / 2)
+    return block, -(-n // block)
 
 
 @lru_cache(maxsize=8)  # the channels of a record share them
@@ -37,8 +38,7 @@ def _phasors(f: float, count: int, stride: int, orders: int) -> Array:
 
 def sums(x: Array, f: float, orders: int) -> Array:
     """Σ_j x_j e^{-2πi k f j}, k = 0..orders-1 : (orders,) complex."""
-    block = _block(len(x))
-    blocks = -(-len(x) // block)
+    block, blocks = _blocks(len(x))
     table = np.zeros(blocks * block)
     table[: len(x)] = x
     inner = _phasors(f, block, 1, orders)
@@ -49,8 +49,7 @@ def sums(x: Array, f: float, orders: int) -> Array:
 
 def evaluate(c: Array, f: float, n: int) -> Array:
     """m_j = Re Σ_k c_k e^{2πi k f j} at n samples : (n,)."""
-    block = _block(n)
-    orders, blocks = len(c), -(-n // block)
+    orders, (block, blocks) = len(c), _blocks(n)
     outer = c * _phasors(f, blocks, block, orders).conj()
     inner = _phasors(f, block, 1, orders).conj().T
     return (np.hstack([outer.real, -outer.imag]) @ np.vstack([inner.real, inner.imag])).ravel()[:n]

@@ -77,7 +77,7 @@ def inflow(beats: Beats, dt: float, network: Network | None = None, channel: str
         X[-1] *= 0.5  # the Nyquist coefficient is its own conjugate
     shown = np.ones(len(X), bool)
     if beats.n_beats > 1:
-        shown[1:] = np.abs(X[1:]) > limit.ABOVE_NOISE * np.sqrt(beats.covariance((channel,))[1:, 0, 0].real)
+        shown[1:] = np.abs(X[1:]) > limit.SURE * np.sqrt(beats.covariance((channel,))[1:, 0, 0].real)
     kept = min(len(X), int(beats.T / (2.0 * dt)) + 1)
     found = Inflow(beats.T, X[:kept], shown[:kept])
     return found if network is None else replace(found, X=found.X / undone(network, channel, found))

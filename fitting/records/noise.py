@@ -118,11 +118,11 @@ def target(
     at = np.arange(len(names))
     covariance[:, at, at] += hidden[:, :-1] ** 2 + solver_error**2
     if felt is not None:
-        seam, doubt = (coefficients(x)[:, : K + 1].T for x in (felt.seam, felt.doubt))
-        covariance[:, at, at] += np.abs(limit.SEAM_ERROR * seam) ** 2
+        _, error, doubt = felt.coefficients(K + 1)
+        covariance[:, at, at] += np.abs(error) ** 2
         covariance = covariance + doubt[:, :, None] * doubt[:, None, :].conj()
     covariance[0] = covariance[0].real
-    return Target.of(names, periodic_beat(beats, names, K, felt), covariance)
+    return Target.of(names, mean_beat(beats, names, K, felt), covariance)
 
 
 def steady_beats(
@@ -144,10 +144,7 @@ def sensor_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt
     """Variance (n, m) of the mean beats' coefficients by the channels' own noise, and by what is not known of the seam;
     response : (n, m)."""
     S = np.einsum("kii->ki", steady_beats(beats, names, response, felt)[1].covariance(names)).real[: len(response)]
-    if felt is None:
-        return S
-    seam, doubt = (np.abs(coefficients(x)[:, : len(S)].T) ** 2 for x in (felt.seam, felt.doubt))
-    return np.asarray(S + limit.SEAM_ERROR**2 * seam + doubt)
+    return S if felt is None else S + sum(np.abs(x) ** 2 for x in felt.coefficients(len(S))[1:])
 
 
 def inflow_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:
@@ -170,12 +167,12 @@ def seam_said(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[st
     less than a few times the noise."""
     if felt is None:
         return ()
-    seam, doubt = (np.abs(coefficients(x)) ** 2 for x in (felt.seam, felt.doubt))
-    weight = np.where(np.arange(seam.shape[1]) == 0, 1.0, 2.0)
-    error = np.sqrt((limit.SEAM_ERROR**2 * seam + doubt) @ weight)
+    _, *unknown = felt.coefficients(beats.N)
+    weight = np.where(np.arange(len(unknown[0])) == 0, 1.0, 2.0)
+    error = np.sqrt(weight @ sum(np.abs(x) ** 2 for x in unknown))
     noise = np.sqrt(np.einsum("kii->ik", beats.covariance(names)).real @ weight)
     i = int(np.argmax(error / noise))
-    if error[i] < limit.SEAM_SAID * noise[i]:
+    if error[i] < limit.SURE * noise[i]:
         return ()
     part, times = error[i] / pulses(beats, names)[i], error[i] / noise[i]
     return (
@@ -184,15 +181,10 @@ def seam_said(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[st
     )
 
 
-def periodic_beat(beats: Beats, names: Sequence[str], K: int, felt: Felt | None) -> Array:
-    """X_k of what the mean beat would be if all beats were it, (K+1, m)."""
-    X = mean_beat(beats, names, K)
-    return X if felt is None else X - coefficients(felt.seam)[:, : K + 1].T
-
-
-def mean_beat(beats: Beats, names: Sequence[str], K: int) -> Array:
-    """X_k of the mean beat, (K+1, m)."""
-    return np.stack([coefficients(beats.mean(name))[: K + 1] for name in names], axis=1)
+def mean_beat(beats: Beats, names: Sequence[str], K: int, felt: Felt | None = None) -> Array:
+    """X_k of the mean beat, (K+1, m); of what it would be if all beats were it, with what channels ``felt``."""
+    X = np.stack([coefficients(beats.mean(name))[: K + 1] for name in names], axis=1)
+    return X if felt is None else X - felt.coefficients(K + 1)[0]
 
 
 def pulses(beats: Beats, names: Sequence[str]) -> Array:
@@ -206,7 +198,7 @@ def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
     """The highest harmonic, at most ``most``, at which a channel is above its noise."""
     X = mean_beat(beats, names, most)
     variance = np.einsum("kii->ki", beats.covariance(names)).real + _hidden(beats, names) ** 2
-    above = np.flatnonzero((np.abs(X) ** 2 > limit.ABOVE_NOISE**2 * variance[: most + 1]).any(axis=1))
+    above = np.flatnonzero((np.abs(X) ** 2 > limit.SURE**2 * variance[: most + 1]).any(axis=1))
     return max(1, int(above[-1]) if len(above) else 1)
 
 

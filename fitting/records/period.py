@@ -84,9 +84,13 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
         )
     names, x, step = _screened(channels, dt)
     candidates = _candidates(x, step)
-    tried = _tried(x, candidates)
+    tried: list[_Later] = []  # stretches of the shortest lag after each, until all channels go on alike after one
+    for each in _later(x, candidates[0], candidates) if len(candidates) else ():
+        tried.append(each)
+        if (each.alike >= limit.GOES_ON).all() and _whole(x, each.lag, candidates):
+            break
     best = np.max([each.alike for each in tried], axis=0) if tried else np.zeros(len(names))
-    votes = best >= limit.PERIODIC
+    votes = best >= limit.HALF
     if not votes.any():
         raise InputError(
             f"{source}: no periodicity found between {limit.SHORTEST:g} and {limit.LONGEST:.2g} s in {span:.4g} s of "
@@ -103,18 +107,8 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
             f"record at least two whole beats of {limit.FEWEST_SAMPLES} samples or more each."
         )
     found = _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
-    passed = [(each.lag, score) for each, score in zip(tried, scores, strict=True)]
+    passed = list(zip([each.lag for each in tried], scores, strict=True))
     return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
-
-
-def _tried(x: Array, lags: Array) -> list[_Later]:
-    """What follows stretches of the shortest lag after each of the lags, until all channels go on alike after one."""
-    found: list[_Later] = []
-    for each in _later(x, lags[0], lags) if len(lags) else ():
-        found.append(each)
-        if (each.alike >= limit.GOES_ON).all() and _whole(x, each.lag, lags):
-            break
-    return found
 
 
 def _whole(x: Array, lag: float, candidates: Array) -> bool:
@@ -266,7 +260,9 @@ def _candidates(x: Array, step: float) -> Array:
 def _later(x: Array, length: float, lags: Iterable[float]) -> Iterator[_Later]:
     """How stretches of x : (m, n), of one length and half of it apart, go on after each of the lags [samples]."""
     h = max(1.0, length / _SAMPLES)
-    y, w = _resampled(x, h), round(length / h)
+    edges, samples = np.arange(int(x.shape[1] / h) + 1) * h, np.arange(x.shape[1] + 1)
+    sums = np.array([np.interp(edges, samples, np.concatenate([[0.0], np.cumsum(each)])) for each in x])
+    y, w = np.diff(sums, axis=1) / h, round(length / h)  # means over h samples
     windows = np.lib.stride_tricks.sliding_window_view(y, w, axis=1)
     means = windows.mean(axis=2)
     powers = np.maximum((windows**2).sum(axis=2) - w * means**2, _EXACT)
@@ -301,11 +297,3 @@ def _weighted_median(r: Array, weights: Array) -> Array:
     total = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)
     middle = (total < 0.5 * total[:, -1:]).sum(axis=1)
     return np.take_along_axis(r, np.take_along_axis(order, middle[:, None], axis=1), axis=1)[:, 0]
-
-
-def _resampled(x: Array, h: float) -> Array:
-    """Means of x : (m, n) over intervals of h samples, h >= 1."""
-    n = x.shape[1]
-    edges = np.arange(int(n / h) + 1) * h
-    total = np.array([np.interp(edges, np.arange(n + 1), np.concatenate([[0.0], np.cumsum(each)])) for each in x])
-    return np.asarray(np.diff(total, axis=1) / h)

@@ -49,24 +49,16 @@ def preview_table(found: dict[str, Any]) -> Printed:
         title=f"{found['file']}: {found['samples']} samples; {found['format']}",
     )  # fmt: skip
     for each in found["columns"]:
-        first = " ".join(_number(value) for value in each["first"])
-        numbers = (first, _number(each["min"]), _number(each["max"]), str(each["gaps"]))
-        table.add_row(*(_plain(text) for text in (each["title"], each["unit"], *numbers, _told(each))))
+        first, low, high = (
+            " ".join("" if value is None else f"{value:.5g}" for value in values)
+            for values in (each["first"], [each["min"]], [each["max"]])
+        )
+        told = each["read_as"] if each["understood"] else "?, see below"
+        texts = (each["title"], each["unit"], first, low, high, str(each["gaps"]), told)
+        table.add_row(*(text.replace("[", "\\[") for text in texts))  # rich reads brackets as styles
     return table
 
 
 def preview_questions(found: dict[str, Any]) -> list[str]:
     """What is to be said of a column before it can be read, a line each: options to copy, which no table cuts."""
     return [f"{each['title']!r}: {each['read_as']}" for each in found["columns"] if not each["understood"]]
-
-
-def _told(column: dict[str, Any]) -> str:
-    return column["read_as"] if column["understood"] else "?, see below"
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.5g}"
-
-
-def _plain(text: str) -> str:
-    return text.replace("[", "\\[")  # rich reads brackets as styles

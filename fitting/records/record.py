@@ -10,9 +10,10 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,23 +22,18 @@ import polars as pl
 from solver.errors import InputError
 from solver.files import write_whole
 
+from . import thresholds as limit
 from .columns import Reading, choose
-from .sensors import (
-    KINDS,
-    TIME,
-    check_numbers,
-    check_plateaus,
-    check_ranges,
-    constant_value,
-    may_rest,
-    refuse_constant,
-)
+from .sensors import KINDS, TIME, UnusableRecord, check_numbers, check_plateaus, check_ranges, constant_value, may_rest
 from .tables.kinds import read_table
 from .tables.table import Column, Place, Table
-from .time_axis import time_axis
-from .together import Part, together
+from .time_axis import between, time_axis
 
 Array = np.ndarray
+
+# A Hamming window of 16 slow intervals has a transition of 3.3/16 = 0.2 of the slow rate f: from 0.3 f, as it was,
+# to 0.5 f, gone
+_HALF, _CUTOFF = 8, 0.8
 
 
 @dataclass(frozen=True)
@@ -73,11 +69,6 @@ class Record:
                 raise InputError(f"{self.path}: {name} is constant ({value}), it does not pulsate; leave it out.")
         require(self.channels, names, self.path)
 
-    def site(self, name: str) -> tuple[Array, Array]:
-        """P [Pa] and R [m] of a site, (n,) each. Raises ValueError if one is missing."""
-        self.require((f"{name}.P", f"{name}.R"))
-        return self.channels[f"{name}.P"], self.channels[f"{name}.R"]
-
 
 def require(available: Iterable[str], names: Iterable[str], source: str) -> None:
     """Raises ValueError that lists what is ``available`` unless all of ``names`` are."""
@@ -105,14 +96,13 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         tables = [read_table(file, reading.decimal) for file in files]
         each = reading.each(tables) if reading.beside else [reading]
         records = [_one(tables.pop(0), own, digest.result()) for own, digest in zip(each, digests, strict=True)]
-    first, *others = records
-    if not others:
-        return first
-    time, channels, said = together([Part(r.path, r.time, r.channels) for r in records])
-    told = {**reading.told, "with": {r.path: r.sha256 for r in others}}
+    if len(records) == 1:
+        return records[0]
+    time, channels, said = together(records)
+    told = {**reading.told, "with": {r.path: r.sha256 for r in records[1:]}}
     sampling = {r.path: r.told["sampling"] for r in records if "sampling" in r.told}
     return replace(
-        first,
+        records[0],
         time=time,
         channels=channels,
         resting={name: value for r in records for name, value in r.resting.items()},
@@ -136,7 +126,7 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
         each = chosen.pop(0)  # what is not needed is not kept: a record may be large
         with np.errstate(over="ignore"):
             channels[each.name] = each.column.values * each.factor
-        check_numbers(channels[each.name], each.name, each.column.title, place)
+        check_numbers(channels[each.name], each.column.title, place)
     check_ranges(channels, titles, place)
     for name, title in titles.items():
         constant = constant_value(channels[name])
@@ -146,9 +136,64 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
             del channels[name]
             resting[name] = constant
         else:
-            refuse_constant(name, constant, title, place)
+            unit = KINDS[name.rpartition(".")[2]].unit
+            why = f"the channel is constant ({constant:g} {unit}), it does not pulsate; check the sensor, or remove"
+            raise UnusableRecord(f"{place}: column {title!r}: {why} the column.")
     channels = {name: axis.of(values) for name, values in channels.items()}
     return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, axis.said)
+
+
+def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
+    """Several files on one axis, over the time that all have: time (n,) [s], the channels of all parts (n,), and what
+    was done, for people.
+
+    The axis is that of the slowest file, the first of equals. Samples of a faster one are low-passed before they are
+    taken there, lest noise beyond half the slow rate folds into the pulse. The other way round, harmonics that no
+    sensor measured would count as measured, and free of noise.
+
+    Raises ValueError, one sentence, where the times have nothing in common or two files have one channel.
+    """
+    base = max(parts, key=lambda p: round(p.dt / parts[0].dt, 4))
+    low, high = max(p.time[0] for p in parts), min(p.time[-1] for p in parts)
+    at = base.time[(base.time >= low - limit.LOST * base.dt) & (base.time <= high + limit.LOST * base.dt)]
+    if len(at) < 2:
+        spans = ", ".join(f"{p.path} from {p.time[0]:.6g} to {p.time[-1]:.6g} s" for p in parts)
+        raise InputError(f"{spans}: their times do not overlap; give files of one recording, stamped by one clock.")
+    channels: dict[str, Array] = {}
+    for part in parts:
+        for name, values in part.channels.items():
+            if name in channels:
+                mine = f"{Path(part.path).name}:TITLE"
+                raise InputError(
+                    f'{part.path}: {name} is in another file, too; leave one out, --map "{mine}=", or say what it '
+                    f'is, --map "{mine}=AA.P [mmHg]".'
+                )
+            channels[name] = _at(part, values, base, at)
+    rates = ", ".join(f"{p.path} at {1.0 / p.dt:.6g} Hz from {p.time[0] - parts[0].time[0]:+.6g} s" for p in parts)
+    said = f"{rates}: aligned by their times over {at[-1] - at[0]:.6g} s that all have, at {1.0 / base.dt:.6g} Hz"
+    return at, channels, f"{said}, the rate of {base.path}{'' if base is parts[0] else ', the slowest'}."
+
+
+def _at(part: Record, values: Array, base: Record, at: Array) -> Array:
+    """A channel at the times ``at`` : (n,) of another file."""
+    place = (at - part.time[0]) / part.dt
+    near = np.clip(np.rint(place).astype(int), 0, len(values) - 1)
+    gaps, ratio = np.isnan(values), base.dt / part.dt
+    if ratio > 1.0 + limit.LOST:
+        values = _low_passed(np.interp(part.time, part.time[~gaps], values[~gaps]), ratio)
+    if np.abs(place - near).max() > limit.LOST:
+        there = ~np.isnan(values)
+        return np.where(gaps[near], np.nan, between(part.time[there], values[there], at))
+    return np.where(gaps[near], np.nan, values[near])
+
+
+def _low_passed(values: Array, ratio: float) -> Array:
+    """Without what a rate ``ratio`` times slower cannot show, and without delay."""
+    from scipy.signal import firwin, oaconvolve  # takes half a second
+
+    half = min(int(np.ceil(_HALF * ratio)), len(values) - 1)
+    padded = np.pad(values, half, mode="reflect", reflect_type="odd")
+    return np.asarray(oaconvolve(padded, firwin(2 * half + 1, _CUTOFF / ratio), mode="valid"))
 
 
 def write_record(

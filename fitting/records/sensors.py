@@ -50,7 +50,7 @@ def refuse(place: Place, sample: int | None, title: str, reason: str) -> NoRetur
     raise UnusableRecord(said(place, sample, title, reason))
 
 
-def check_numbers(values: Array, name: str, title: str, place: Place) -> None:
+def check_numbers(values: Array, title: str, place: Place) -> None:
     """Refuses infinite values and a channel of gaps only."""
     low, high = _extremes(values)
     if np.isinf(low) or np.isinf(high):
@@ -69,14 +69,6 @@ def constant_value(values: Array) -> float | None:
 def may_rest(name: str) -> bool:
     """Whether the channel may be constant: a flow, as at a closed outlet, but not the inflow."""
     return _kind(name).noun == "flow" and name != INFLOW
-
-
-def refuse_constant(name: str, value: float, title: str, place: Place) -> NoReturn:
-    """Raises the ValueError of a dead sensor, or of no pulsation to fit."""
-    raise UnusableRecord(
-        f"{place}: column {title!r}: the channel is constant ({value:g} {_kind(name).unit}), it does not pulsate; "
-        "check the sensor, or remove the column."
-    )
 
 
 def check_plateaus(values: Array, name: str, title: str, place: Place) -> None:
@@ -100,7 +92,8 @@ def check_plateaus(values: Array, name: str, title: str, place: Place) -> None:
         start, stop, beside = start[whole], stop[whole], beside[whole]
         fall = np.minimum(top - y[start - beside], top - y[stop - 1 + beside])
         start, fall = start[np.isfinite(fall)], fall[np.isfinite(fall)]
-        if len(fall) and np.median(fall) > limit.QUANTA * _quantum(values):
+        steps = np.abs(np.diff(values))  # between neighbouring values: small for a continuous signal
+        if len(fall) and np.median(fall) > limit.QUANTA * np.quantile(steps[steps > 0.0], 0.01):
             why = (
                 f"the channel is clipped: it rests at its {word} value, "
                 f"{top * sign * display_factor(kind.example):.6g} {kind.example}; "
@@ -116,12 +109,6 @@ def _extremes(values: Array) -> tuple[float, float]:
         values = values[~np.isnan(values)]
         low, high = (float(values.min()), float(values.max())) if len(values) else (np.nan, np.nan)
     return low, high
-
-
-def _quantum(values: Array) -> float:
-    """The step between neighbouring values of a digitised signal [its unit]; small for a continuous one."""
-    steps = np.abs(np.diff(values))
-    return float(np.quantile(steps[steps > 0.0], 0.01))
 
 
 def _kind(name: str) -> Kind:

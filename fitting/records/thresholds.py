@@ -13,18 +13,20 @@ from solver.units import MMHG
 
 # --- for all ---
 FIVE_PERCENT = 1.645  # standard deviations, one-sided
-ABOVE_NOISE = 3.0  # standard deviations, from which a harmonic of the mean beat is the signal's: 0.1 % of noise
+SURE = 3.0  # standard deviations: chance reaches it in 0.13 %. So of a harmonic of the mean beat, of a sign test on
+# whether beats differ in turn, and of what is not known of a seam
 NEIGHBOURS = 3  # harmonics on either side that share one estimate of the noise
 ORDINARY = (0.02, 0.98)  # quantiles: beyond them by the distance between them are spikes
 NAMED = 3  # beats of a kind that a note names
 
 # --- how far beats of one record may differ ---
 NEAR = 0.1  # of a beat: one that is longer or shorter by more is not used, nor a given period so far off
-UNSTEADY = 0.05  # of a beat: what is more is said, and is no strict period
-SLIP = 0.02  # of a period over the whole record, by which a given one may differ from the one of equal beats
+UNSTEADY = NEAR / 2.0  # what is more is said, and is no strict period
+ELASTIC = 1.5 * NEAR  # of a lag, by which a stretch may come early or late
 # In 400 steady synthetic recordings of 20 to 50 dB, upstrokes stray by at most 0.1 % in 95 %. Simulated: they exceed
 # VARIES in 1.5 % of the recordings, and the pulses exceed both VARIES and NO_PULSE in 1 %.
-VARIES = 0.02  # of the beat or the pulse: standard deviation, from which beats are cut singly
+VARIES = NEAR / 5.0  # of the beat or the pulse: standard deviation, from which beats are cut singly; and of a period
+# over the whole record, by which a given one may differ from the one of equal beats
 RANGE = (0.05, 0.95)  # quantiles of a beat whose distance is its pulse: spikes are beyond them
 NO_PULSE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
 ALIKE = 0.9  # median correlation of beats with their mean, from which they are those of one heart
@@ -33,7 +35,6 @@ ONE = 1.5  # times more or less often than the period says: these upstrokes are 
 UNLIKE, USUAL = 0.35, 6.0  # of the pulse, and times as much as usual: a beat that differs by both is not used
 MISSING = 3  # such beats in a row that do not end a stretch
 ODD, VISIBLE = 5.0, 1e-3  # times as much as usual, and of the pulse: a beat that differs by both is named
-DIASTOLE = 0.06  # of a beat: its end, from which a short one goes on
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval, and about which samples are spikes
 FEWEST_SAMPLES = 8  # of a beat, and of a record
 
@@ -42,30 +43,31 @@ SHORTEST, LONGEST = 0.1, 1.0 / 0.3  # that are looked for [s]: heart rates of 10
 FASTEST_HEART = 0.2  # [s]; hearts of rabbits and larger animals beat at 300 a minute at most
 SCREENED = 64.0  # [s] of the record that the search looks at
 WANDER = 0.25  # [Hz]; slower than any heart
-PERIODIC = 0.7  # correlation of a stretch with a later one; a channel with less has no beat: white noise reaches 0.65
 # correlations, of those of the best lag, after which so much of the power goes on alike
 GOES_ON = math.sqrt(0.75)  # a lag to judge
 SAME = math.sqrt(0.9)  # beats that alternate, if they do; less is another part of a beat
 NEARLY_SAME = math.sqrt(0.85)  # another part of a beat, which is said
-HALF = math.sqrt(0.5)  # of stretches as long as the lag, which hold parts of two beats
+# of stretches as long as the lag, which hold parts of two beats; and of a stretch with a later one: a channel with less
+# has no beat, and white noise reaches 0.65
+HALF = math.sqrt(0.5)
 IN_TURN = 1.5  # times the usual difference, from which beats may differ in turn: by 0.7 of its standard deviation
-SURE = 3.0  # standard deviations of a sign test: 0.13 % of beats that are alike reach it
 AS_MUCH = 4.0  # times less than the most is nearly as much: beats that are alike in turn are so after twice as many
 MUCH = 10.0  # and from which the part of a beat is not taken for one
-ELASTIC = 0.15  # of a lag, by which a stretch may come early or late
-UPSTROKES = 3  # of a beat, at most: four beats alike in turn are as likely those of one breath, but if much more so
+# of a beat, at most: four beats alike in turn are as likely those of one breath, but if much more so; of a record, at
+# least: two intervals
+UPSTROKES = 3
 UNTIMELY = 3.0  # times as much as usual, by which every second or third comes off time, if by NEAR, too
 
 # --- where a beat begins, in parts of the usual one ---
 NEAREST = 0.6  # two beats are no closer
-RISING = 0.08  # means on either side whose difference is the rise; the one after a notch is shorter
 BEFORE, AFTER = 0.12, 0.28  # of the upstroke: the part of a beat that tells its time
-ANOTHER = 0.73  # after the upstroke: the part that tells one beat from half of another
+ANOTHER = 1.0 - ELASTIC - BEFORE  # after the upstroke: the part that tells one beat from half of another
 RESEMBLING = 0.5  # of the usual correlation with the mean beat, from which there is a beat
-SEARCHED = 0.08  # by which an upstroke may come earlier or later than the mean beat says
-FLAT_FOOT = 0.1  # of the steepest slope: where the foot is
+# by which an upstroke may come earlier or later than the mean beat says; and on either side, means whose difference is
+# the rise: the one after a notch is shorter
+SEARCHED = 0.08
 UPSTROKE = 0.7  # of the usual likeness: what is less alike is an artefact, such as a sensor dead for some beats
-FEWEST_UPSTROKES = 3
+FLAT_FOOT = 0.1  # of the steepest slope: where the foot is
 
 # --- equal beats ---
 IN_STEP = 1e-6  # samples that beats may slip against the samples over the whole record and be taken as they are
@@ -93,7 +95,6 @@ MAX_HARMONICS = 40  # that a network is compared in
 TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
 BEATS_BEFORE, BEATS_UNKNOWN = 8, 3  # mean beats put before a record, and how many may have been larger or smaller
 SEAM_ERROR = 0.3  # of the seam: the walls are not yet known, and the network is not linear
-SEAM_SAID = 3.0  # times the noise: more of what is not known of the seam is worth a sentence
 COHERENT, LOW = 0.5, 6  # of the variance of P that follows R at one of so many harmonics: beats differ, not sensors
 HOLES = 0.01  # of the samples in gaps, from which phases are means of different beats: single spikes do no harm
 LOOP_SHOWN = 5.0  # standard deviations, from which a harmonic tells the law of a loop
@@ -102,13 +103,13 @@ UNDONE = 1e-4  # a filter that leaves less is not undone: any flow is then withi
 
 # --- stamps of time ---
 LATEST = 1e10  # [s], times since 1970 included
-LOST = 0.02  # of the steps: fewer wide ones are lost samples, for rates are within 2 % of what stamps show
+LOST = 0.02  # of the steps: fewer wide ones are lost samples, for rates are within 2 % of what stamps show. And of an
+# interval: nearer stamps are of one sample, and rates that differ by less need no low-pass
 WIDE_STEP = 1.5  # steps: halfway between that of neighbours and that over a lost sample
 # Of steps that are shorter than half or longer than 1.5 intervals, no sample lost: by 2 Q(0.5/(√2 0.21)) = 0.09 they
-# are 10 % where stamps are off by 0.21 intervals (Gaussian). Beyond, which samples are lost is not seen.
+# are 10 % where stamps are off by 0.21 intervals (Gaussian). Beyond, which samples are lost is not seen. As large may
+# the relative error of the rate be
 IRREGULAR = 0.1
-VAGUE_RATE = 0.1  # largest relative error of the rate
-ONE_SAMPLE = 0.02  # of an interval: nearer stamps are of one sample, and rates that differ by less need no low-pass
 
 # --- sensors that are dead or clipped ---
 FLAT = 1e-9  # of its size: a channel that varies by less is dead

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -80,9 +80,7 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     if dt > 0.0 and worst <= (q if coarse or step.max() < limit.WIDE_STEP * dt else min(q, 0.25 * dt)):
         said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
         return Axis((given[0] + t - off) * factor, given * factor, said=said)
-    bad = np.flatnonzero(step <= 0.0)
-    if len(bad):
-        _refuse_order(given, int(bad[0]), title, place)
+    _check_order(given, np.flatnonzero(step <= 0.0), title, place)
     number = _numbered(t, q)
     dt, off = _line(t, number)
     lost = int(number[-1]) + 1 - n
@@ -108,13 +106,15 @@ def _check(given: Array, factor: float, title: str, place: Place) -> None:
         longest = float(np.abs(given).max()) * factor
     if not longest < limit.LATEST:
         refuse(place, 0, title, f"times beyond {limit.LATEST:g} s; check the unit, or start the record at zero")
-    if len(back) or not given[-1] > given[0]:
-        _refuse_order(given, int(back[0]) if len(back) else 0, title, place)
+    _check_order(given, back if len(back) or given[-1] > given[0] else np.zeros(1, int), title, place)
 
 
-def _refuse_order(given: Array, at: int, title: str, place: Place) -> NoReturn:
-    why = f"the time does not increase ({given[at]:g} to {given[at + 1]:g}); correct the line, or begin the file there"
-    refuse(place, at + 1, title, why)
+def _check_order(given: Array, back: Array, title: str, place: Place) -> None:
+    """Raise ValueError if there are steps (n,) ``back`` in time."""
+    if len(back):
+        at, end = given[back[0] : back[0] + 2]
+        why = f"the time does not increase ({at:g} to {end:g}); correct the line, or begin the file there"
+        refuse(place, int(back[0]) + 1, title, why)
 
 
 def _check_regular(step: Array, numbers: Array, dt: float, lost: int, title: str, place: Place) -> None:
@@ -175,10 +175,10 @@ def _coarse(q: float, dt: float, t: Array, factor: float, place: Place) -> tuple
     """Of stamps too coarse to show single samples. An error of up to q/2 of all stamps moves the slope of their line by
     at most Σ|i| q/2 / Σi² = 1.5 q/(n dt) of itself. Raises ValueError where that is too much."""
     error = 1.5 * q / t[-1]
-    if error > limit.VAGUE_RATE:
+    if error > limit.IRREGULAR:
         raise UnusableRecord(
             f"{place}: its times are printed in steps of {q * factor:g} s, which over {t[-1] * factor:.4g} s leave the "
-            f"rate open by {error:.0%}, and {limit.VAGUE_RATE:.0%} is allowed; print the time with more decimals, or "
+            f"rate open by {error:.0%}, and {limit.IRREGULAR:.0%} is allowed; print the time with more decimals, or "
             "record longer."
         )
     return (

@@ -52,7 +52,7 @@ class Whole:
     def of(self, x: Array) -> Array:
         """The beats (m, N) of samples x : (n,), NaN in gaps; linear in x."""
         starts, ends, at = self.edges[:-1, None], self.edges[1:, None], np.arange(self.N)
-        half = max(1, round(limit.DIASTOLE * self.N / 2))
+        half = max(1, round(limit.BEFORE * self.N / 4))
         last = x[ends - 2 * half + np.arange(2 * half)]
         early, late = mean(last[:, :half]), mean(last[:, half:])
         slope = mean((late - early)[self.steady]) / half
@@ -94,7 +94,8 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     if alike < limit.ALIKE:
         return None
     beats = [x[round(a) : round(b)] for a, b in zip(found.at, found.at[1:], strict=False)]
-    pulses = np.array([np.ptp(np.quantile(beat, limit.RANGE)) for beat in beats if not np.isnan(beat).any()] or [1.0])
+    whole = [beat for beat in beats if not np.isnan(beat).any()]
+    pulses = np.array([np.ptp(np.quantile(beat, limit.RANGE)) for beat in whole] or [1.0])
     noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
     count = np.concatenate([[0.0], np.cumsum(passed)])
     wander = np.std(found.at - np.polyval(np.polyfit(count, found.at, 1), count))  # about t_b = t_0 + b T
@@ -131,8 +132,7 @@ def _likeness(x: Array, at: Array, length: float) -> float:
 def _usual(intervals: Array) -> float:
     """The interval that most others are near to."""
     near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= limit.NEAR
-    best = int(near.sum(axis=0).argmax())
-    return float(np.median(intervals[near[:, best]]))
+    return float(np.median(intervals[near[:, near.sum(axis=0).argmax()]]))
 
 
 def _odd(channels: Mapping[str, Array], whole: Whole) -> Array:
@@ -164,8 +164,7 @@ def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tup
             begin = ", ".join(f"{times[i]:.4g}" for i in which[: limit.NAMED])
             begin += " …" if len(which) > limit.NAMED else ""
             said.append(f"beats left out ({len(which)}, {begin} s after the record's start): {why}.")
-    outside = len(lengths) - (last - first)
-    if outside:
+    if outside := len(lengths) - (last - first):
         said.append(
             f"used from {times[first]:.4g} to {times[last]:.4g} s after the record's start, the longest stretch with a "
             f"steady heart rate; beats before and after it left out ({outside})."

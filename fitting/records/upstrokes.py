@@ -11,7 +11,6 @@ from . import thresholds as limit
 
 Array = np.ndarray
 
-_SMOOTH = 0.04  # of the period, over which samples are averaged before slopes are taken
 _PASSES = 6  # at most, that find the length of a beat
 
 
@@ -34,14 +33,14 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
     tried: dict[float, Array] = {}
     while length not in tried and len(tried) < _PASSES:  # until the length is the record's own, whatever was given
         tried[length] = marks = _beats(ordinary, length)
-        if len(marks) < limit.FEWEST_UPSTROKES:
+        if len(marks) < limit.UPSTROKES:
             return None
         length = float(np.median(np.diff(marks)))
     lengths = list(tried)
     length = max(lengths[lengths.index(length) :]) if length in tried else lengths[-1]  # it may be one of two in turn
     found = [_of(name, each, np.isnan(channels[name]), tried[length], length) for name, each in x.items()]
     return max(
-        (each for each in found if len(each.at) >= limit.FEWEST_UPSTROKES),
+        (each for each in found if len(each.at) >= limit.UPSTROKES),
         key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)),
         default=None,
     )
@@ -53,7 +52,7 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
         max(2, round(part * length)) for part in (limit.BEFORE, limit.AFTER, limit.SEARCHED, limit.ANOTHER)
     )
     inside = marks[(marks >= before) & (marks < len(x) - end)]
-    if len(inside) < limit.FEWEST_UPSTROKES:
+    if len(inside) < limit.UPSTROKES:
         return Upstrokes(name, inside, inside)
     mean = x[inside[:, None] + np.arange(-before, end)].mean(axis=0)
     at = marks + int(_rise(mean, length).argmax()) - before
@@ -98,7 +97,7 @@ def _beats(x: Array, length: float) -> Array:
 
 def _rise(x: Array, length: float) -> Array:
     """By how much the mean after a sample is higher than that before it : (n,)."""
-    half = max(1, round(limit.RISING * length))
+    half = max(1, round(limit.SEARCHED * length))
     total = np.concatenate([[0.0], np.cumsum(np.pad(x, half, mode="edge"))])
     j = np.arange(half, half + len(x))
     return np.asarray((total[j + half] - 2.0 * total[j] + total[j - half]) / half)
@@ -133,7 +132,7 @@ def lead(channels: Mapping[str, Array], at: Array, length: float) -> int:
     leads = []
     for x in channels.values():
         mean = without_gaps(x)[inside[:, None] + np.arange(-reach, reach)].mean(axis=0)
-        width = max(1, round(0.5 * _SMOOTH * length))
+        width = max(1, round(0.25 * limit.SEARCHED * length))
         slope = np.convolve(np.gradient(mean), np.ones(width) / width, mode="same")
         middle = slice(reach - reach // 2, reach + reach // 2)
         steepest = middle.start + int(slope[middle].argmax())

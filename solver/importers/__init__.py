@@ -1,4 +1,4 @@
-"""Networks in other people's formats: openBF's YAML, and tables with one row per vessel.
+"""Networks in other formats: openBF's YAML, and tables with one row per vessel.
 
-An importer makes the sections of a network file: dicts of texts with units, as TOML has them.
+An importer makes the sections of a network file: dicts of texts with units, as in TOML.
 """

@@ -2,13 +2,13 @@
 https://github.com/INSIGNEO/openBF): YAML in SI units, the inflow in a table of two columns.
 
 openBF solves P = Pext + E h/((1 - σ²) R0) (√(A/A0) - 1) with σ = 1/2, α = 1 and the friction 2 (γ + 2) π ν of the
-velocity profile 1 - (r/R)^γ; between the rows of the inflow run straight lines. A vessel without h0 has the thickness
+velocity profile 1 - (r/R)^γ; it interpolates the inflow linearly. A vessel without h0 has the thickness
 (Olufsen 1999, as in Boileau et al. 2015)
 
     h = R0 (0.2802 e^{-505.3 R0/m} + 0.1324 e^{-11.14 R0/m})
 
-Where R1 and Cc stand without R2, R1 is all of the resistance; the impedance ρ c0/A0 of the vessel's end is taken off it
-and put before the compliance, so that waves meet no step.
+With R1 and Cc but without R2, R1 is the total resistance; the impedance ρ c0/A0 of the vessel's end is subtracted from
+it and placed before the compliance, so that waves are not reflected.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .sections import Edge, Sections, joined, names
 ETA = 0.5
 _TOP = ("project_name", "network", "blood", "inlet_file", "solver", "write_results", "output_directory")
 _BLOOD = ("rho", "mu")
-# the last seven are of openBF's numerics and output, or of its start, which beats forget
+# the last seven belong to openBF's numerics and output, or to its start, which does not affect periodic beats
 _VESSEL = (
     *("label", "sn", "tn", "L", "E", "R0", "Rp", "Rd", "h0", "Pext", "gamma_profile", "gamma profile", "visco-elastic"),
     *("outlet", "Rt", "R1", "R2", "Cc", "Pout", "inlet_impedance_matching"),
@@ -39,9 +39,9 @@ _OUTLETS = ("reflection", "wk2", "wk3", "none")
 def read_openbf(path: str | Path, *, as_run: bool = False) -> Sections:
     """The sections of a network in openBF's format.
 
-    as_run : what openBF 2 computes, by its source, where that differs from what the file says: radii stay those of the
-    proximal ends, R1 without R2 stays whole beside R2 = R1 - ρ c0/A0, "gamma profile", without the underscore, is not
-    read (γ = 2), and where one vessel goes on as one other the total pressure is continuous.
+    as_run : import what openBF 2 computes, according to its source, where that differs from the file: radii are those
+    of the proximal ends, R1 without R2 keeps its full value beside R2 = R1 - ρ c0/A0, "gamma profile", without the
+    underscore, is ignored (γ = 2), and a junction of two vessels conserves the total pressure.
     Raises ValueError, one sentence with the file and the line, the vessel or the key.
     """
     path = Path(path)
@@ -59,7 +59,7 @@ def _parsed(text: str) -> Mapping[str, Any]:
         raise InputError("reading YAML needs PyYAML, which is not installed; pip install pyyaml.") from None
 
     class Loader(yaml.SafeLoader):
-        """Of two equal keys YAML keeps the last without a word; here they are an error."""
+        """YAML silently keeps the last of two equal keys; here they are an error."""
 
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
             names = [self.construct_object(key, deep=True) for key, _ in node.value]
@@ -105,7 +105,7 @@ def _sections(data: Mapping[str, Any], path: Path, as_run: bool) -> Sections:
         Edge(name, str(v["sn"]), str(v["tn"]), f"vessel {v['label']}") for name, v in zip(labels, vessels, strict=True)
     ]
     first, junctions, free = joined(edges)
-    if as_run:  # where vessels part it keeps the static pressure, as this solver does
+    if as_run:  # at bifurcations it conserves the static pressure, as this solver does
         junctions = [j | ({"k": 1.0} if len(j["in"]) == len(j["out"]) == 1 else {}) for j in junctions]
     project = str(_text(data, "project_name", path.stem))
     times, flows = _inflow(path.parent / str(_text(data, "inlet_file", f"{project}_inlet.dat")))
@@ -144,7 +144,7 @@ def _exponent(vessels: list[Mapping[str, Any]], as_run: bool) -> float:
 
 
 def _radii(vessel: Mapping[str, Any], as_run: bool) -> tuple[float, float]:
-    """At the proximal and the distal end [m]."""
+    """The radii at the proximal and the distal end [m]."""
     where = f"vessel {vessel['label']}"
     if "R0" not in vessel and "Rp" not in vessel:
         raise InputError(f"{where}: it has no radius; give R0, or Rp and Rd.")
@@ -194,7 +194,7 @@ def _outlet(vessel: Mapping[str, Any], rho: float, as_run: bool) -> dict[str, An
         R2 = R1 + R2 - Z
         R1 = R1 if as_run and not matched else Z
         if not R2 > 0.0:
-            raise InputError(f"{where}: R1 leaves nothing behind the impedance {Z:.4g} Pa s/m^3 of its end; check R1.")
+            raise InputError(f"{where}: R1 does not exceed the impedance {Z:.4g} Pa s/m^3 of its end; check R1.")
         R1, R2 = (float(f"{each:.8g}") for each in (R1, R2))
     texts = {"R1": f"{R1!r} Pa*s/m^3", "C": f"{C!r} m^3/Pa", "R2": f"{R2!r} Pa*s/m^3"}
     P = _number(vessel, "Pout", where, 0.0)
@@ -202,7 +202,7 @@ def _outlet(vessel: Mapping[str, Any], rho: float, as_run: bool) -> dict[str, An
 
 
 def _inflow(path: Path) -> tuple[list[float], list[float]]:
-    """Times [s] and flows [m³/s] of a table of two columns, in the order of time: curves read off figures run back."""
+    """Times [s] and flows [m³/s] of a table of two columns, sorted by time: digitised curves can run backwards."""
     rows = []
     for n, line in enumerate(read_text(path).splitlines(), 1):
         if not line.strip():
@@ -225,7 +225,7 @@ def _mapping(value: Any, where: str) -> Mapping[str, Any]:
 
 
 def _text(table: Mapping[str, Any], key: str, otherwise: str) -> str | int:
-    """Text, or a number that stands for it."""
+    """Text, or a number in its place."""
     value = table.get(key, otherwise)
     if not isinstance(value, str | int) or isinstance(value, bool) or value == "":
         raise InputError(f"{key} = {value!r} must be text; correct it, or leave it out.")

@@ -18,7 +18,7 @@ Sections = dict[str, Any]
 
 @dataclass(frozen=True)
 class Edge:
-    """A vessel between two nodes; ``where`` : how errors call it."""
+    """A vessel between two nodes; ``where`` : its name in errors."""
 
     name: str
     start: str
@@ -27,9 +27,9 @@ class Edge:
 
 
 def names(labels: Sequence[str]) -> list[str]:
-    """Names that a network may hold, of labels: "1-Ascending aorta" is Ascending_aorta, or v1_… where that is taken.
+    """Valid names from labels: "1-Ascending aorta" becomes Ascending_aorta, or v1_… if that is taken.
 
-    Raises ValueError for a label without a letter or digit, or for two that would have one name.
+    Raises ValueError for a label without a letter or digit, or for two labels with the same name.
     """
     for label in labels:
         if not re.search("[A-Za-z0-9]", label):
@@ -42,16 +42,16 @@ def names(labels: Sequence[str]) -> list[str]:
     ]
     for name, label in zip(found, labels, strict=True):
         other = labels[found.index(name)]
-        if other != label:  # one label given twice is for the caller to say
+        if other != label:  # the caller reports a duplicate label
             raise InputError(f"{other!r} and {label!r}: both would be called {name}; rename one of them.")
     return found
 
 
 def joined(edges: Iterable[Edge], further: Collection[str] = ()) -> tuple[str, list[dict[str, Any]], list[str]]:
-    """The name of the first vessel, the sections of the junctions, and the names of the vessels that end freely.
+    """The name of the first vessel, the sections of the junctions, and the names of the vessels with a free end.
 
-    further : names of vessels with an inlet of their own. Raises ValueError where not exactly one vessel beside these
-    begins at a node that no other ends at.
+    further : names of vessels with their own inlet. Raises ValueError unless exactly one other vessel begins at a node
+    where no vessel ends.
     """
     edges = list(edges)
     taken = Counter(e.name for e in edges)
@@ -80,9 +80,9 @@ def joined(edges: Iterable[Edge], further: Collection[str] = ()) -> tuple[str, l
 
 
 def write(sections: Sections, path: Path, comment: str = "", force: bool = False) -> list[Path]:
-    """Write a network file, and the table of its inlet beside it; returns what was written.
+    """Write a network file, and the table of its inlet beside it; return the written paths.
 
-    Raises ValueError if one is there already and is not to be replaced (force), or cannot be written.
+    Raises ValueError if one exists and may not be replaced (force), or cannot be written.
     """
     inlet = dict(sections["inlet"])
     files: dict[Path, Content] = {}

@@ -1,8 +1,8 @@
-"""Tables of vessels (CSV), as papers print them: one row per vessel, a row of names and one of units.
+"""Tables of vessels (CSV), as in papers: one row per vessel, a row of names and one of units.
 
-A column is ``name`` (or id), ``from`` and ``to`` (nodes) or ``parent`` (a name), any key of a segment or an outlet of
-the network file; with _in and _out behind it, it is a value at one end. What is not of one vessel stands in lines
-before the table, ``# key = value`` as in TOML: ``# fluid.rho = "1050 kg/m^3"``.
+A column is ``name`` (or id), ``from`` and ``to`` (nodes) or ``parent`` (a name), or any key of a segment or an outlet
+of the network file; the suffixes _in and _out denote values at one end. Settings that do not belong to one vessel
+precede the table, ``# key = value`` as in TOML: ``# fluid.rho = "1050 kg/m^3"``.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def read_sheet(path: str | Path) -> Sections:
 
 
 def _edges(table: Table, rows: list[tuple[int, dict[str, str]]], own: dict[str, str], label: str) -> list[Edge]:
-    """The vessels between nodes; with a column ``parent``, the node where a vessel ends has its name."""
+    """The vessels between nodes; with a column ``parent``, the end node of a vessel has its name."""
     by_nodes, by_parent = {"from", "to"} <= set(table.names), "parent" in table.names
     if by_nodes == by_parent:
         raise InputError("give either the columns from and to, or the column parent, which say how vessels are joined.")
@@ -91,7 +91,7 @@ def _edges(table: Table, rows: list[tuple[int, dict[str, str]]], own: dict[str, 
 
 
 def _check_settings(table: Table) -> None:
-    """Raise ValueError for a line that looks like a setting, # fluids.rho = …, and is none."""
+    """Raise ValueError for a line that looks like a setting, # fluids.rho = …, but is none."""
     for line in table.comments:
         if _LIKE_A_SETTING.match(line) and not _SETTING.match(line):
             raise InputError(f"{table.path}: # {line}: no such setting; correct its name, or write it without =.")

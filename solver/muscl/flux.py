@@ -14,7 +14,7 @@ Array = np.ndarray
 def rates(model: Model, A: Array, Q: Array, Q_end: Array, P_end: Array) -> tuple[Array, Array]:
     """∂A/∂t and ∂Q/∂t : (B, n_cells) without friction and viscosity.
 
-    Q_end, P_end : (B, 2, n_segments) flow [m³/s] and elastic pressure [Pa] where segments begin and end.
+    Q_end, P_end : (B, 2, n_segments) flow [m³/s] and elastic pressure [Pa] at the starts and ends of segments.
     """
     P = pressure_elastic(model.wall, A)
     P_face, Q_face = _at_faces(model, P), _at_faces(model, Q)
@@ -60,8 +60,8 @@ def speeds(model: Model, wall: Wall, s: Array, U: Array) -> tuple[Array, Array]:
 def _at_faces(model: Model, x: Array) -> Array:
     """Values at the left and right face of every cell : (B, 2, n_cells), from those of the cells.
 
-    The slope is the settings' mean of the differences to both neighbours; that to the one neighbour where a segment
-    ends.
+    The slope is the settings' mean of the differences to both neighbours, or the difference to the only neighbour at an
+    end of a segment.
     """
     grid, difference = model.mesh, np.diff(x, axis=-1)
     a, b = np.empty_like(x), np.empty_like(x)
@@ -72,7 +72,7 @@ def _at_faces(model: Model, x: Array) -> Array:
 
 
 def _rusanov(flux: Array, value: Array, speed: Array) -> Array:
-    """The flux of a value : (B, 2, n_cells) through both faces of each cell, where two cells meet.
+    """The flux of a value : (B, 2, n_cells) through both faces of each cell, between two cells.
 
     F = (F_left + F_right)/2 - a/2 (right - left), a the larger speed on both sides.
     """
@@ -85,6 +85,6 @@ def _rusanov(flux: Array, value: Array, speed: Array) -> Array:
 
 
 def _put_ends(model: Model, flux: Array, at_ends: Array) -> None:
-    """Put the fluxes : (B, 2, n_segments) where segments begin and end among those of the faces."""
+    """Insert the fluxes : (B, 2, n_segments) at the starts and ends of segments into those of the faces."""
     flux[:, 0, model.mesh.first] = at_ends[:, 0]
     flux[:, 1, model.mesh.last] = at_ends[:, 1]

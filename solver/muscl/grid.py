@@ -15,13 +15,13 @@ from ..scheme.mesh import Topology, topology
 
 Array = np.ndarray
 
-FEWEST = 4  # cells of a segment: what the samples of a site reach for
+FEWEST = 4  # cells of a segment: the stencil of a site
 _MOST = 100_000  # cells of a network
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Every segment cut into equal cells, one segment after the other.
+    """Every segment divided into equal cells, one segment after the other.
 
     segment : (n_cells,) segment of each cell. count : (n_segments,). left, middle, right : (n_cells,) x/L of the faces
     and the centre. nodes : (2, n_segments) node where each begins and ends.
@@ -56,11 +56,11 @@ class Grid:
 
     @cached_property
     def elimination(self) -> Elimination:
-        """How the system of the nodes is solved."""
+        """The elimination order for the system of the nodes."""
         return eliminate(self.nodes.T, self.topology.n_nodes)
 
     def same_as(self, other: object) -> bool:
-        """Whether a state on this grid means the same on the other."""
+        """Whether a state on this grid is valid on the other."""
         return isinstance(other, Grid) and np.array_equal(self.count, other.count)
 
     def samples(self, segment: Array, position: Array) -> tuple[Array, Array, Array]:
@@ -78,7 +78,7 @@ class Grid:
 
 
 def build_grid(network: Network, L: Array, cell: float) -> Grid:
-    """Cut segments of length L : (n_segments,) [m] into cells no longer than ``cell`` [m], at least four each.
+    """Divide segments of length L : (n_segments,) [m] into cells of at most ``cell`` [m], at least four each.
 
     Raises ValueError if that makes too many.
     """

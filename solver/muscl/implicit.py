@@ -1,16 +1,16 @@
-"""The implicit part of a step: wall viscosity and friction in the cells, and all that meets at the nodes.
+"""The implicit part of a step: wall viscosity and friction in the cells, and the conditions at the nodes.
 
 In the cells, with Q, the flows at the ends of the segment, and the elastic pressure known,
 
     (w + C_f/A) Q - A/ρ ∂/∂x (ν_s ∂Q/∂x) = w Q_before
 
-a tridiagonal system. It is solved for three right sides: for what is known, and for a unit of flow at either end. That
-makes the pressure at both ends linear in the flows there,
+a tridiagonal system. It is solved for three right-hand sides: the known terms, and a unit flow at either end. So the
+pressure at both ends is linear in the flows there,
 
     H = P_in + Z (Q_end - Q_in) - ν_s ∂Q/∂x + k ρ/2 U²,        Z = ρ c²/(A λ)
 
-P_in, Q_in being extrapolated from the cells, and λ the speed of the wave that enters: > 0 where a segment begins, < 0
-where it ends. Then ΣQ = 0 at the nodes.
+with P_in, Q_in extrapolated from the cells, and λ the speed of the incoming wave: > 0 at the start of a segment, < 0 at
+its end. Then ΣQ = 0 at the nodes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .model import Model
 
 Array = np.ndarray
 
-_OUT = np.array([[-1.0], [1.0]])  # what flows on into the node, where segments begin and end
+_OUT = np.array([[-1.0], [1.0]])  # sign of the flow into the node, at starts and ends of segments
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class Solved:
 
 @dataclass(frozen=True)
 class Nodes:
-    """What stands at the nodes besides ΣQ. drives : (n_inlets, B) [m³/s] or [Pa]; kinds : outlets, load; behind : (B,
-    n_outlets) [Pa] the pressures behind the outlets; H : (B, n_nodes) [Pa], about which loads are linearised."""
+    """The conditions at the nodes besides ΣQ. drives : (n_inlets, B) [m³/s] or [Pa]; kinds : outlets, load; behind :
+    (B, n_outlets) [Pa] the pressures behind the outlets; H : (B, n_nodes) [Pa], about which loads are linearised."""
 
     drives: Array
     kinds: tuple[tuple[Array, Load], ...]
@@ -51,7 +51,7 @@ class Nodes:
 
 
 def solve(model: Model, A: Array, Q: Array, known: Array, weight: float, nodes: Nodes) -> Solved:
-    """The flow at the end of a step, where the area is A : (B, n_cells).
+    """The flow at the end of a step with the area A : (B, n_cells).
 
     known : (B, n_cells) [m³/s²] is ``weight`` [1/s] times the flow without viscosity and friction; Q : a guess.
     """
@@ -73,7 +73,7 @@ def solve(model: Model, A: Array, Q: Array, known: Array, weight: float, nodes: 
     outer, inner = (X[..., grid.at_ends[:, i]] for i in range(2))
     Q_in = 1.5 * outer - 0.5 * inner
     kinetic = model.kinetic * U / A_in
-    H = -Z * Q_in + viscous * _OUT * (9.0 * outer - inner)  # by known, flow at the left end, flow at the right end
+    H = -Z * Q_in + viscous * _OUT * (9.0 * outer - inner)  # known terms, flow at the left and right end
     for i in range(2):
         H[1 + i, :, i] += Z[:, i] - 8.0 * viscous[:, i] * _OUT[i] + kinetic[:, i]
     H[0] += P_in - 0.5 * kinetic * Q_guess
@@ -89,11 +89,11 @@ def _extrapolated(x: Array) -> Array:
 
 
 def _tridiagonal(model: Model, A: Array, known: Array, weight: float, viscous: Array) -> Array:
-    """The flows for what is known, and for a unit of flow at the left and at the right end : (3, B, n_cells).
+    """The flows for the known terms, and for a unit flow at the left and at the right end : (3, B, n_cells).
 
     ∂Q/∂x at an end is (-8 Q_end + 9 Q_outer - Q_inner)/(3 dx), of second order; viscous : ν_s/(3 dx) there.
     """
-    from scipy.linalg.lapack import dgtsv  # not where nobody asks for this scheme, as in an FMU
+    from scipy.linalg.lapack import dgtsv  # imported only if this scheme is used, unlike in an FMU
 
     grid, per_length = model.mesh, A / (model.wall.rho * model.dx)
     between = model.viscosity / (0.5 * (A[:, 1:] + A[:, :-1]) * model.dx[:, 1:])
@@ -120,7 +120,7 @@ def _meet(model: Model, H: Array, nodes: Nodes) -> tuple[Array, Array]:
     grid, first = model.mesh, model.mesh.topology.outlets.start
     (a, b), (c, d) = ((H[1, :, i], H[2, :, i]) for i in range(2))
     inverse = np.stack([np.stack([d, -b], 1), np.stack([-c, a], 1)], 1) / (a * d - b * c)[:, None, None]
-    at_rest = -(inverse * H[0][:, None]).sum(axis=2)  # what flows at zero pressure in the nodes
+    at_rest = -(inverse * H[0][:, None]).sum(axis=2)  # flow at zero pressure in the nodes
     net = _summed(_OUT * at_rest, grid.nodes, grid.topology.n_nodes)
     scale, less = np.ones_like(net), np.zeros_like(net)
     for node, (inlet, drive) in enumerate(zip(model.network.inlets, nodes.drives, strict=True)):
@@ -139,7 +139,7 @@ def _meet(model: Model, H: Array, nodes: Nodes) -> tuple[Array, Array]:
 
 
 def _summed(values: Array, targets: Array, n: int) -> Array:
-    """(B, n) sums of values : (B, …) that go to targets : (…)."""
+    """(B, n) sums of values : (B, …) by their targets : (…)."""
     B = len(values)
     everywhere = (n * np.arange(B)[:, None] + targets.ravel()).ravel()
     return np.bincount(everywhere, values.ravel(), B * n).reshape(B, n)

@@ -9,6 +9,7 @@ import numpy as np
 from ..coefficients import Coefficients, Parameters, Term, changes, coefficients
 from ..errors import InputError
 from ..network import Network
+from ..table_source import refuse
 from ..wall import Wall
 from .grid import Grid, build_grid
 from .settings import MusclSettings
@@ -20,11 +21,11 @@ Array = np.ndarray
 class Model:
     """A network, or a batch of B parameter sets of it, on cells. Made by :func:`build`.
 
-    parameters : what was laid over the network's own numbers. dx : (B, n_cells) [m]. wall : (B, n_cells) at the
-    centres; faces : (B, 2, n_cells) at the left and right face of each cell; ends : (B, 2, n_segments) where segments
-    begin and end. viscosity : (B, n_cells - 1) ν_s A [Pa·s] between cells of one segment, else 0; end_viscosity :
-    (B, 2, n_segments). tapered : whether walls change along a segment. kinetic : (B, 2, n_segments) ρ k of the pressure
-    that a junction keeps. A_rest : (B, n_cells).
+    parameters : replacements of the network's own numbers. dx : (B, n_cells) [m]. wall : (B, n_cells) at the
+    centres; faces : (B, 2, n_cells) at the left and right face of each cell; ends : (B, 2, n_segments) at the starts
+    and ends of segments. viscosity : (B, n_cells - 1) ν_s A [Pa·s] between cells of one segment, else 0; end_viscosity
+    : (B, 2, n_segments). tapered : whether walls change along a segment. kinetic : (B, 2, n_segments) ρ k of the
+    pressure that a junction keeps. A_rest : (B, n_cells).
     """
 
     network: Network
@@ -47,7 +48,7 @@ class Model:
 def build(network: Network, parameters: Parameters | None = None, settings: MusclSettings | None = None) -> Model:
     """The model of a network with some parameters replaced by numbers or by arrays of B numbers.
 
-    Raises ValueError for parameters that are not allowed, or for an effect that this scheme does not have.
+    Raises ValueError for parameters that are not allowed, or for an effect that this scheme does not support.
     """
     settings = settings or MusclSettings()
     c = coefficients(network, parameters)
@@ -84,7 +85,8 @@ def _walls(c: Coefficients, segment: Array, x: Array) -> Wall:
 
 
 def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
-    """Raise ValueError for effects that bend, delay or pierce the wall, or pull at the fluid."""
+    """Raise ValueError for effects on the viscous stress, leaks, and forces on the fluid."""
+    refuse(network.sources, "scheme 'muscl'")
     wall, every = c.base, np.arange(len(network.segments))
     for term in c.terms:
         before, lacking = wall, changes(term.effect, "drag")
@@ -100,7 +102,7 @@ def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
 def _lacking(network: Network, term: Term) -> str:
     neutral = ", ".join(f"{key} = {value:g}" for key, value in term.effect.neutral.items() if key in term.values)
     return (
-        f"network {network.name}: scheme 'muscl' does not have the effect {term.effect.name}; "
+        f"network {network.name}: scheme 'muscl' does not support the effect {term.effect.name}; "
         f"switch it off ({neutral}) or use the default scheme."
     )
 

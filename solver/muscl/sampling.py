@@ -1,4 +1,4 @@
-"""What is reported of a state of the finite volumes."""
+"""The outputs of a state of the finite volumes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = np.ndarray
 
 def reporter(model: Model) -> Reporter[State]:
     """The outputs of :func:`solver.outputs.reporter`: elastic pressure, Q and ∂A/∂t = -∂Q/∂x at a site by
-    cubics through the four nearest cells, P by the wall law; at outlets and inlet pressure and flow of the nodes."""
+    cubics through the four nearest cells, P from the wall law; at outlets and inlet pressure and flow of the nodes."""
     network, grid = model.network, model.mesh
     index = {segment.name: i for i, segment in enumerate(network.segments)}
     segment = np.array([index[site.segment] for site in network.sites], int)

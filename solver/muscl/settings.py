@@ -14,12 +14,12 @@ ENDS = ("coupled", "neumann")
 
 @dataclass(frozen=True)
 class MusclSettings:
-    """dt : between outputs [s]; steps are shorter as cfl asks. cell : longest cell [m]. cfl : of (|U| + c) dt/dx.
+    """dt : output interval [s]; cfl makes steps shorter. cell : longest cell [m]. cfl : limit of (|U| + c) dt/dx.
 
-    ends : where segments end, "coupled": the total pressure is common; "neumann": ∂Q/∂x = 0, as published, so that the
-    elastic pressure is. slopes : by which pressure and flow are linear in the cells (:mod:`~solver.muscl.slopes`).
-    A batch takes the steps of its fastest member, so that the answer of a member depends, within the error of a step,
-    on those beside it. Raises ValueError for what is not allowed.
+    ends : condition at the ends of segments, "coupled": the total pressure is common; "neumann": ∂Q/∂x = 0, as
+    published, so only the elastic pressure is common. slopes : those of the linear reconstruction of pressure and flow
+    (:mod:`~solver.muscl.slopes`). A batch takes the steps of its fastest member, so a member's result depends on the
+    other members, within the error of a step. Raises ValueError for values that are not allowed.
     """
 
     dt: float = 1e-3

@@ -1,7 +1,7 @@
 """Slopes in the cells from the differences a and b to the neighbours on both sides, by name.
 
-All are exact where a = b, so of second order where waves are smooth. The limited ones make no new crests: where
-a and b differ in sign they are 0, or a fifth of the larger at most (van Albada's).
+All are exact for a = b, so of second order for smooth waves. The limited ones create no new extrema: if a and b differ
+in sign they are 0, or at most a fifth of the larger (van Albada's).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _NOTHING = 1e-300  # where both differences vanish
 
 
 def van_albada(a: Array, b: Array) -> Array:
-    """(a b² + b a²)/(a² + b²), nearer to the smaller one; a smooth function of both."""
+    """(a b² + b a²)/(a² + b²), closer to the smaller difference; a smooth function of both."""
     return (a * b) * (a + b) / (a * a + b * b + _NOTHING)
 
 
@@ -31,7 +31,7 @@ def monotonized_central(a: Array, b: Array) -> Array:
 
 
 def central(a: Array, b: Array) -> Array:
-    """The mean of both, not limited."""
+    """The mean of both, unlimited."""
     return 0.5 * (a + b)
 
 

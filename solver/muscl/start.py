@@ -14,13 +14,15 @@ from .model import Model
 from .step import State
 
 
-def periodic_state(model: Model, drive: Any, T: float, t: float = 0.0, dt: float | None = None) -> State:
-    """The state of :func:`solver.start.periodic_state`, whose arguments and errors these are.
+def periodic_state(
+    model: Model, drive: Any, T: float, t: float = 0.0, dt: float | None = None, backend: str = "numpy"
+) -> State:
+    """The state of :func:`solver.start.periodic_state`, with the same arguments and errors.
 
-    The first step from it is Euler's, as from rest.
+    The first step from it is an Euler step, as from rest.
     """
     grid, other = model.mesh, build(model.network, model.parameters)
-    found = start.periodic_state(other, drive, T, t, dt)
+    found = start.periodic_state(other, drive, T, t, dt, backend)
     n = len(model.network.segments)
     segment = np.concatenate([grid.segment, np.tile(np.arange(n), 2)])
     x = np.concatenate([grid.middle, np.repeat([0.0, 1.0], n)])

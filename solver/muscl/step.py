@@ -1,4 +1,4 @@
-"""A step of the output, in as many steps as the CFL number asks for."""
+"""An output step, divided into as many steps as the CFL number requires."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _MOST_STEPS = 10_000  # in a step of the output
 
 @dataclass(frozen=True)
 class Level:
-    """What a step takes from a time: A, Q : (B, n_cells), P_C : (B, n_outlets) stored pressures of the outlets, and the
-    rates of A and Q by the hyperbolic part."""
+    """The solution at one time level: A, Q : (B, n_cells), P_C : (B, n_outlets) stored pressures of the outlets, and
+    the rates of A and Q from the hyperbolic part."""
 
     A: Array
     Q: Array
@@ -40,8 +40,8 @@ Arrays = TypeVar("Arrays", Level, Solved)
 class State:
     """Everything a step needs.
 
-    A [m²], solved.Q [m³/s] : (B, n_cells). P_C : (B, n_outlets) [Pa]. before : the time before the last step, of
-    length dt [s]; None at the start. halved : steps are never cut into halves.
+    A [m²], solved.Q [m³/s] : (B, n_cells). P_C : (B, n_outlets) [Pa]. before : the level before the last step, of
+    length dt [s]; None at the start. halved : always 0, as steps are never halved.
     """
 
     t: float
@@ -93,7 +93,7 @@ def initial_state(model: Model, t: float = 0.0) -> State:
 
 
 def adopt(model: Model, state: State) -> State:
-    """A state on this grid under other parameters; that of one member serves a whole batch.
+    """A state on this grid under other parameters; that of one member can start a whole batch.
 
     Raises ValueError for a batch of another size.
     """
@@ -106,7 +106,7 @@ def adopt(model: Model, state: State) -> State:
 def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> State:
     """Advance by dt [s].
 
-    drive : (n_inlets, 4) or (n_inlets, 4, B), the inflow [m³/s], or the pressure [Pa] of an inlet that is driven by it,
+    drive : (n_inlets, 4) or (n_inlets, 4, B), the inflow [m³/s], or the pressure [Pa] of a pressure-driven inlet,
     at the times t + INFLOW_TIMES dt. P_venous : (n_outlets,) or (B, n_outlets)
     [Pa] during the step, default the parameters'.
     Raises NonPhysicalState if the result is not physical.
@@ -124,7 +124,7 @@ def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | 
 
 
 def _steps(model: Model, state: State, dt: float) -> int:
-    """How many steps of equal length keep (|U| + c) dt/dx <= cfl."""
+    """The number of equal steps with (|U| + c) dt/dx <= cfl."""
     carried, root = speeds(model, model.wall, np.sqrt(state.A / model.wall.A0), state.Q / state.A)
     n = math.ceil(dt * float(np.max((np.abs(carried) + root) / model.dx)) / model.settings.cfl)
     if n > _MOST_STEPS:
@@ -136,7 +136,7 @@ def _advance(model: Model, s: State, dt: float, drives: Array, venous: Array) ->
     """One step, with drives : (n_inlets, B) at its end: (3/2 y - 2 y_1 + 1/2 y_2)/dt = 2 f_1 - f_2 + g for equal ones,
     f the hyperbolic, g the implicit part.
 
-    r is the length of the step over that of the one before; the first step is Euler's, r = 0.
+    r is the length of the step over that of the one before; the first step is an Euler step, r = 0.
     """
     now = Level(s.A, s.Q, s.P_C, *rates(model, s.A, s.Q, s.solved.Q_end, s.solved.P_end))
     before, r = (now, 0.0) if s.before is None else (s.before, dt / s.dt)
@@ -147,7 +147,7 @@ def _advance(model: Model, s: State, dt: float, drives: Array, venous: Array) ->
     P_C = (last * now.P_C + past * before.P_C) / lead
     kinds, behind, charge = [], np.empty_like(P_C), np.empty_like(P_C)
     for ends in model.coefficients.outlets:
-        load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), dt / lead)
+        load = ends.load(model.outlet_wall.at(ends.index), dt / lead)
         kinds.append((ends.index, load))
         behind[:, ends.index] = load.keep * P_C[:, ends.index] + load.give * venous[:, ends.index]
         charge[:, ends.index] = load.charge

@@ -1,5 +1,4 @@
-"""What a notebook shows of a result: HTML, data frames and figures. Not part of the FMU's code.
+"""Display of results in notebooks: HTML, data frames and figures. Not part of the FMU's code.
 
-Only these modules know matplotlib, polars and pandas. The classes of results import them when they are asked to show
-themselves.
+Only these modules use matplotlib, polars and pandas. The classes of results import them for display only.
 """

@@ -1,4 +1,4 @@
-"""Columns as data frames, of polars or of pandas."""
+"""Columns as data frames, polars or pandas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A network drawn from left to right, on axes of its own."""
+"""A drawing of a network from left to right, on its own axes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ..network import Network
 from .style import ARTERY, FAINT, STYLE, TEXT, Picture
 
 Mark = Callable[[str, str], str | None]
-"""The colour that marks a place, or None: its kind ("segment", "outlet", "junction", "channel") and its name."""
+"""The colour of a marked place, or None, from its kind ("segment", "outlet", "junction", "channel") and its name."""
 
 _LETTER = 0.075  # inches of a name
 
 
 def figure(network: Network) -> Picture:
-    """Vessels as wide as their radii, inlets as arrows, outlets as bars, and the sites by their names."""
+    """Vessels with width by radius, inlets as arrows, outlets as bars, and the sites with their names."""
     with rc_context(STYLE):
         drawn, axes, at = draw(network)
         for site in network.sites:
@@ -32,7 +32,7 @@ def figure(network: Network) -> Picture:
 def draw(
     network: Network, mark: Mark = lambda kind, place: None, widest: float = 14.0
 ) -> tuple[Picture, Axes, dict[str, Lane]]:
-    """The figure, its axes, and where each segment lies; what has a mark is drawn in its colour. widest : inches."""
+    """The figure, its axes, and the lane of each segment; marked places have their colour. widest : inches."""
     drawn = {lane.segment.name: lane for lane in lanes(network)}
     columns = max(max(lane.x0, lane.x1) for lane in drawn.values())
     rows = max(lane.y for lane in drawn.values())
@@ -70,7 +70,7 @@ def below(axes: Axes, text: str, x: float, y: float) -> None:
 
 
 def _names_below(drawn: list[Lane], column: float) -> set[str]:
-    """In a row of vessels that are shorter than their names, every other name. column : inches."""
+    """Every other name in a row of vessels that are shorter than their names. column : inches."""
     below: set[str] = set()
     ends: dict[tuple[float, float], str] = {}
     for lane in sorted(drawn, key=lambda lane: lane.x0):
@@ -83,7 +83,7 @@ def _names_below(drawn: list[Lane], column: float) -> set[str]:
 
 
 def _vessel(axes: Axes, lane: Lane, colour: str | None, above: bool) -> None:
-    """A line as wide as its radius."""
+    """A line with width by radius."""
     width = 3.0 + 7.0 * lane.relative_radius
     if colour:
         axes.plot(*lane.path.T, color=colour, lw=width + 8, solid_capstyle="butt", alpha=0.95, zorder=1)

@@ -1,4 +1,4 @@
-"""Figures of many channels: a panel for each, in the order of places."""
+"""Figures with a panel for each channel, in the order of places."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _COLUMNS = 3  # panels in a row
 
 
 def by_place(names: Sequence[str]) -> tuple[Picture, dict[str, Axes]]:
-    """A panel for each channel; where places have several, each place begins a row."""
+    """A panel for each channel; if places have several channels, each place begins a row."""
     places = [name.rpartition(".")[0] for name in names]
     several = len(set(places)) < len(places)
     cells: dict[str, tuple[int, int]] = {}

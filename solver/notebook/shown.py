@@ -1,4 +1,4 @@
-"""What all results have in common in a notebook."""
+"""The common part of the display of results in notebooks."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Any
 
 
 class Shown:
-    """A result that shows itself in a notebook, by a module of its own.
+    """A result with a display in notebooks, in its own module.
 
-    The module has ``html(result)`` and ``columns(result)``, arrays or lists by heading; it is imported when asked.
+    The module has ``html(result)`` and ``columns(result)``, arrays or lists by heading; it is imported on first use.
     """
 
     @property
@@ -20,13 +20,13 @@ class Shown:
         return str(self._page.html(self))
 
     def to_polars(self) -> Any:
-        """A polars.DataFrame; the class says of what."""
+        """A polars.DataFrame; the class defines its columns."""
         from . import frames
 
         return frames.polars(self._page.columns(self))
 
     def to_pandas(self) -> Any:
-        """The pandas.DataFrame of the columns of :meth:`to_polars`. Raises ImportError where pandas is missing."""
+        """The pandas.DataFrame of the columns of :meth:`to_polars`. Raises ImportError if pandas is missing."""
         from . import frames
 
         return frames.pandas(self._page.columns(self))

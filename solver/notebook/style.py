@@ -1,4 +1,4 @@
-"""How figures look: one style, and colours that everyone tells apart."""
+"""The style of figures, with colours that colour-blind readers can distinguish."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart
+# Okabe and Ito's colours, which colour-blind readers can distinguish
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 # vessels, and texts on them
@@ -26,14 +26,14 @@ STYLE: dict[Any, Any] = {
 
 
 def png(figure: Figure, dpi: int = 160) -> bytes:
-    """The figure as PNG; the same figure gives the same bytes whatever the version of matplotlib says of itself."""
+    """The figure as PNG; the bytes do not contain the version of matplotlib."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
     return stream.getvalue()
 
 
 class Picture(Figure):
-    """A figure that a notebook shows as it is, without pyplot."""
+    """A figure that a notebook displays directly, without pyplot."""
 
     def _repr_png_(self) -> bytes:
         return png(self, 100)

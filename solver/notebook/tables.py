@@ -7,9 +7,9 @@ from html import escape
 
 
 def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], notes: Sequence[str] = ()) -> str:
-    """A title, a table with its first column to the left and all others to the right, and sentences below it.
+    """A title, a table with its first column left-aligned and all others right-aligned, and sentences below it.
 
-    All are plain text: what HTML would read as markup is escaped.
+    All are plain text: HTML markup is escaped.
     """
     body = "".join(f"<tr>{_cells('td', row)}</tr>" for row in rows)
     said = "".join(f"<p>{escape(note)}</p>" for note in notes)

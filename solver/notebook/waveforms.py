@@ -20,20 +20,20 @@ from .tables import table
 
 Array = np.ndarray
 
-_PLACES = 12  # that are drawn if none is named
+_PLACES = 12  # drawn by default
 _ROWS = 60  # of the table
 _DIGITS = 5
 
 
 def html(result: Waveforms) -> str:
-    """Least, mean and largest value of every variable, in the unit that people read."""
+    """Minimum, mean and maximum of every variable, in its display unit."""
     rows = [_row(name, values) for name, values in result.items()]
     more = [f"{len(rows) - _ROWS} further variables are not shown."] if len(rows) > _ROWS else []
     return table(_title(result), ("variable", "unit", "least", "mean", "largest"), rows[:_ROWS], (*more, *result.notes))
 
 
 def columns(result: Waveforms) -> Mapping[str, Array]:
-    """By heading ("CA.P [Pa]"), in SI: a batch has its members one below the other, with their number in front."""
+    """Columns by heading ("CA.P [Pa]"), in SI: members of a batch one below the other, with their number in front."""
     size = _size(result)
     if size is None:
         return {"time [s]": result.time, **{result.heading(name): values for name, values in result.items()}}
@@ -45,7 +45,7 @@ def columns(result: Waveforms) -> Mapping[str, Array]:
 
 
 def figure(result: Waveforms, names: Sequence[str] = ()) -> Picture:
-    """A panel for each variable; of a batch, a curve for each member, coloured from the first to the last."""
+    """A panel for each variable; for a batch, a curve for each member, coloured from the first to the last."""
     shown = _named(result, names) if names else _usual(result)
     size = _size(result) or 1
     colours = [BLUE] if size == 1 else colormaps["viridis"](np.linspace(0.0, 0.9, size))

@@ -80,13 +80,15 @@ class HighDegrees:
 Damping = NoDamping | HighDegrees
 
 
-def damping(mesh: Mesh, wall: Wall, A: Array, h: Array) -> Damping:
-    """The damping of elements of length h : (B, n_e, 1) [m], in walls at rest at A : (B, n_e, N) [m²]."""
+def damping(mesh: Mesh, wall: Wall, A: Array, h: Array, every: bool = False) -> Damping:
+    """The damping of elements of length h : (B, n_e, 1) [m], in walls at rest at A : (B, n_e, N) [m²]. every : whether
+    it is there although all walls damp enough themselves, and it is 0."""
     el, N, joined = mesh.element, mesh.element.N, mesh.topology.junctions
     c = wall.wave_speed(A)
     viscosity = wall.loss(A, c * N * np.sqrt(2.0 * (N + 1)) / h)
-    Z = (wall.rho * c / A - 2.0 * N * (N + 1) / h * viscosity).mean(axis=-1, keepdims=True)
-    if N == 1 or joined.start == joined.stop or not (Z > 0.0).any():
+    Z = (wall.rho * c / A - 2.0 * N * (N + 1) / h * viscosity).sum(axis=-1)[..., None] / N
+    if N == 1 or joined.start == joined.stop or not (every or (Z > 0.0).any()):
         return NoDamping()
-    small = ((_SEEN * A * c) ** 2).mean(axis=-1, keepdims=True)
-    return HighDegrees(*(np.repeat(x, N + 1, axis=-1) for x in (np.maximum(Z, 0.0), small)), el.high_degrees)
+    small = ((_SEEN * A * c) ** 2).sum(axis=-1)[..., None] / N
+    Z, small = (np.broadcast_to(x, (*x.shape[:-1], N + 1)).copy() for x in (np.maximum(Z, 0.0), small))
+    return HighDegrees(Z, small, el.high_degrees)

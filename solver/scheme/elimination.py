@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -153,6 +154,12 @@ class Factor:
 
 
 # --- which node goes when -----------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=32)
+def eliminated(ends: bytes, n: int, core: int = CORE) -> Elimination:
+    """As :func:`eliminate`, of the bytes of the ends: meshes that are joined alike share it."""
+    return eliminate(np.frombuffer(ends, int).reshape(-1, 2), n, core)
 
 
 def eliminate(ends: Array, n: int, core: int = CORE) -> Elimination:

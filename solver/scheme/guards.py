@@ -12,6 +12,10 @@ from .model import Model
 
 Array = np.ndarray
 
+VISCOSITY_REASON = "the effective wall viscosity turned negative: the strain rate passed {:.3g} 1/s"
+BARE_REMEDY = ", or use shorter elements: a wall without viscosity damps no short waves"
+UNSOLVED = ("the step did not converge", "use a smaller dt or check the parameters there")
+
 
 def check(model: Model, A: Array, A_t: Array, Q: Array, t: float) -> None:
     """Raise NonPhysicalState unless A > 0, effective viscosity > 0, dP/dA > 0 and |U| < c everywhere."""
@@ -57,8 +61,7 @@ def refuse(
         if not np.min(margin + innocent) > 0.0:
             _fail(NotConverged, model, margin + innocent, t, reason(), remedy)
     margin = innocent - changes[..., None] / model.wall.A0
-    remedy = "use a smaller dt or check the parameters there"
-    _fail(NotConverged, model, margin, t, "the step did not converge", remedy)
+    _fail(NotConverged, model, margin, t, *UNSOLVED)
 
 
 def margins(model: Model, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Array, Callable[[], str], str]]:
@@ -78,7 +81,7 @@ def margins(model: Model, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Arra
 
 def _viscosity_reason(model: Model, relative: Array) -> str:
     r = np.broadcast_to(model.wall.r, relative.shape).ravel()[np.argmin(relative)]
-    return f"the effective wall viscosity turned negative: the strain rate passed {-0.5 / r:.3g} 1/s"
+    return VISCOSITY_REASON.format(-0.5 / r)
 
 
 def _member(model: Model, b: int) -> str:
@@ -96,5 +99,5 @@ def _fail(error: type[NonPhysicalState], model: Model, margin: Array, t: float, 
     s = int(model.mesh.segment[e])
     x = float(model.mesh.positions(model.mesh.element.x_gauss)[e, g]) * _length(model, b, s)
     if model.wall.phi0[b if model.coefficients.batched else 0, e, g] == 0.0:
-        remedy += ", or use shorter elements: a wall without viscosity damps no short waves"
+        remedy += BARE_REMEDY
     raise error(reason + _member(model, b), model.network.segments[s].name, x, t, remedy)

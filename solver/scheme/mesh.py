@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..network import Network
 from .element import Element, element, lagrange
-from .elimination import CORE, Elimination, Sums, eliminate
+from .elimination import CORE, Elimination, Sums, eliminated
 
 Array = np.ndarray
 Index = Array | slice
@@ -145,7 +145,7 @@ class Mesh:
     @cached_property
     def elimination(self) -> Elimination:
         """How the system of the nodal pressures is solved."""
-        return eliminate(self.ends, self.n_nodes, self.core)
+        return eliminated(self.ends.astype(int).tobytes(), self.n_nodes, self.core)
 
     @cached_property
     def joined(self) -> Sums:
@@ -201,7 +201,7 @@ class Mesh:
             near = inside[np.sort(np.argsort(np.abs(points[inside] - x), kind="stable")[: N + 1])]
             at.append(np.resize(near, N + 1))
             weight.append(np.resize(lagrange(points[near], np.array([x]))[0], N + 1) * (np.arange(N + 1) < len(near)))
-        return Samples(np.array(at, int).reshape(len(at), -1), np.array(weight))
+        return Samples(np.array(at, int).reshape(len(at), N + 1), np.array(weight).reshape(len(at), N + 1))
 
     def sample_lobatto(self, segment: Array, position: Array) -> Samples:
         """Q (B, n_e (N+1)) at x = position · L."""

@@ -18,6 +18,7 @@ from .damping import Damping, damping
 from .inlet import Inlets
 from .mesh import Layout, Mesh, build_mesh
 from .optional import DragForce, Force, Leaking, NoForce, Storage, Tight
+from .tables import NoTables, Tables
 
 Array = np.ndarray
 
@@ -80,6 +81,7 @@ class Model:
     force: Force
     storage: Storage
     inlets: Inlets
+    tables: Tables | NoTables
     A_rest: Array
     flow_floor: Array
     pressure_floor: Array
@@ -95,7 +97,7 @@ class Model:
         owners = {name.rpartition(".")[0] for name in changed}
         check_parameters(self.network, {n: v for n, v in parameters.items() if n.rpartition(".")[0] in owners})
         c = coefficients(self.network, parameters, checked=False)
-        return _lay_out(self.network, parameters, self.settings, c, self.mesh)
+        return _possible(lay_out(self.network, parameters, self.settings, c, self.mesh))
 
     def repeated(self, times: int) -> Model:
         """A batch of all parameter sets, so many times one after the other."""
@@ -103,7 +105,7 @@ class Model:
         for name, value in self.parameters.items():
             every[name] = np.tile(np.broadcast_to(value, B), times)
         c = coefficients(self.network, every, checked=False)
-        return _lay_out(self.network, every, self.settings, c, self.mesh)
+        return _possible(lay_out(self.network, every, self.settings, c, self.mesh))
 
     def at_rest(self) -> Array:
         """The state vector of a fluid at rest under P_0, whose walls have been at rest for ever."""
@@ -121,11 +123,14 @@ def build(network: Network, parameters: Parameters | None = None, settings: Sett
     settings = settings or Settings()
     c = coefficients(network, parameters)
     mesh = build_mesh(network, c.L.max(axis=0), settings.element_length, settings.degree, c.cuts)
-    return _lay_out(network, dict(parameters or {}), settings, c, mesh)
+    return _possible(lay_out(network, dict(parameters or {}), settings, c, mesh))
 
 
-def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Coefficients, mesh: Mesh) -> Model:
-    """Spread the numbers from segments (B, n_segments) to points (B, n_e, N) and (B, n_e, N+1)."""
+def lay_out(
+    network: Network, parameters: Parameters, settings: Settings, c: Coefficients, mesh: Mesh, every: bool = False
+) -> Model:
+    """Spread the numbers from segments (B, n_segments) to points (B, n_e, N) and (B, n_e, N+1). every : whether the
+    damping of high degrees is there where it is 0."""
     el, ends = mesh.element, mesh.topology.outlet_segment
     wall = _walls(c, mesh, el.x_gauss)
     # full contiguous arrays: broadcasting over a last axis of length N is several times slower
@@ -134,12 +139,12 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
     rho, alpha = c.rho[..., None], c.alpha[..., None]
     mass = np.broadcast_to(rho * el.w_lobatto * J, lobatto).copy()
     force = _force(c, mesh, mass)
-    node_kinetic = np.zeros((c.B, mesh.n_nodes))
+    node_kinetic = np.zeros_like(c.L, shape=(c.B, mesh.n_nodes))
     node_kinetic[:, : mesh.topology.n_nodes] = 0.5 * c.rho * c.alpha
     node_kinetic[:, mesh.topology.junctions] = 0.5 * c.rho * (c.alpha - c.k)
     layout = _layout(c, mesh, wall, force)
     A_rest = np.broadcast_to(wall.area(c.P_0[..., None]), gauss).copy()
-    model = Model(
+    return Model(
         network=network,
         settings=settings,
         parameters=parameters,
@@ -153,17 +158,16 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
         friction=mass * c.C_f[..., None],
         kinetic=np.broadcast_to(0.5 * rho * alpha, gauss).copy(),
         end_kinetic=node_kinetic[:, mesh.outer_nodes] * mesh.outward,
-        damping=damping(mesh, wall, A_rest, 2.0 * J),
+        damping=damping(mesh, wall, A_rest, 2.0 * J, every),
         force=force,
         storage=Leaking(wall.leakage, mesh.sink, wall, wall.A0) if wall.leaks else Tight(),
         inlets=_inlets(network, wall, mesh, layout),
+        tables=Tables.of(network, mesh),
         A_rest=A_rest,
         flow_floor=_ROUND_OFF * np.min(wall.A0 * wall.c0, axis=(1, 2)),
         pressure_floor=_ROUND_OFF * np.max(np.abs(wall.K), axis=(1, 2)),
         impedance=np.min(wall.rho * wall.c0 / wall.A0, axis=(1, 2)),
     )
-    _refuse_unreachable_pressure(model)
-    return model
 
 
 def _inlets(network: Network, wall: Wall, mesh: Mesh, layout: Layout) -> Inlets:
@@ -217,7 +221,8 @@ def _force(c: Coefficients, mesh: Mesh, mass: Array) -> Force:
     return DragForce.of(sum(found[1:], found[0]), mass, el.at_lobatto) if found else NoForce()
 
 
-def _refuse_unreachable_pressure(model: Model) -> None:
+def _possible(model: Model) -> Model:
+    """The model, if its walls can carry the start pressure; or ValueError."""
     c, law = model.coefficients, model.network.elastic_law
     for _, e in np.argwhere(~(model.A_rest[..., 0] > 0.0)):
         name = model.network.segments[model.mesh.segment[e]].name
@@ -232,3 +237,4 @@ def _refuse_unreachable_pressure(model: Model) -> None:
                 f"{name}.outlet.P_venous: the wall at the outlet cannot carry P_0 - P_venous under the {law} law; "
                 f"bring {name}.outlet.P_venous nearer to network.P_0."
             )
+    return model

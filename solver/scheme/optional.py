@@ -59,7 +59,7 @@ class DragForce:
 
     @staticmethod
     def of(drag: Drag, mass: Array, at_lobatto: Array) -> DragForce:
-        weight, rate = (np.ascontiguousarray(np.moveaxis(array, 0, 1)) for array in (drag.weight, drag.rate))
+        weight, rate = (np.moveaxis(array, 0, 1).copy() for array in (drag.weight, drag.rate))
         return DragForce(mass, drag.quadratic, weight, rate, at_lobatto)
 
     @property

@@ -102,7 +102,7 @@ def operators_about(model: Model, tau: float, y: Array, H: Array) -> Operators:
     """
     inertia, loads, memory = model.mass / tau, loads_of(model, tau), memory_of(model)
     about, behind = start(model, tau, inertia, memory, loads, y, model.coefficients.P_venous)
-    K = terms.jacobian(about, about.Q.astype(type(tau)))
+    K = terms.jacobian(about, terms.still(about))
     return Operators(tau, inertia, memory, loads, condense(model, loads, K, H, behind))
 
 
@@ -135,7 +135,8 @@ class Memory:
     def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
         s, layout = stage.start, stage.start.model.layout
         _, _, P_C, stress, history = layout.split(end)
-        P_C[:] = stage.behind + stage.operators.loads.charge * Q[:, s.model.mesh.outlet_element, -1]
+        let_out = s.model.tables.let_out(Q[:, s.model.mesh.outlet_element, -1], stage.g)
+        P_C[:] = stage.behind + stage.operators.loads.charge * let_out
         if stress.size:
             stress[:] = s.wall.carried(A, A_t).swapaxes(0, 1)
         if history.size:
@@ -159,12 +160,12 @@ def start(
 def loads_of(model: Model, tau: float) -> Loads:
     c, nodes = model.coefficients, model.mesh.topology
     outlet_nodes = np.arange(model.mesh.n_nodes)[nodes.outlets]
-    scale = np.ones_like(c.P_0, type(tau), shape=(c.B, model.mesh.n_nodes))
+    scale = np.ones_like(c.P_0 + 0.0 * tau, shape=(c.B, model.mesh.n_nodes))  # complex where tau is
     keep, give, charge = (np.zeros_like(scale, shape=(c.B, len(outlet_nodes))) for _ in range(3))
     scale[:, nodes.inlets] *= model.inlets.scale
     kinds = []
     for ends in c.outlets:
-        load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), tau)
+        load = ends.load(model.outlet_wall.at(ends.index), tau)
         at = outlet_nodes[ends.index]
         scale[:, at], keep[:, ends.index], give[:, ends.index] = load.scale, load.keep, load.give
         charge[:, ends.index] = load.charge
@@ -183,7 +184,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     less = np.zeros_like(loads.scale, shape=(len(K), mesh.n_nodes))  # several states may have one parameter set
     less[:, mesh.topology.inlets] += model.inlets.slope
     for nodes, outlets, load in loads.kinds:
-        less[:, nodes] += load.slope(H[:, nodes] - behind[:, outlets])
+        less[:, nodes] += load.slope((H[:, nodes] - behind[:, outlets]).real)
     nodal = mesh.elimination.factor(products.reshape(len(K), -1), loads.scale, less)
     return Condensed(K_inverse, by_ends, nodal, mesh.end_nodes)
 
@@ -192,7 +193,7 @@ class Stage(NamedTuple):
     """A stage from ``start``: find Q and the nodal pressures H at its end, at time t [s].
 
     behind : (B, n_outlets) [Pa] the pressures behind the outlets. given : (B, n_inlets) [m³/s] what drives the inlets,
-    by their gain. P_venous : (B, n_outlets) [Pa].
+    by their gain. P_venous : (B, n_outlets) [Pa]. g : (n_sources,) amplitudes of what tables describe.
     """
 
     start: Start
@@ -201,12 +202,15 @@ class Stage(NamedTuple):
     given: Array
     P_venous: Array
     t: float
+    g: Array | None = None
 
     @staticmethod
-    def of(model: Model, o: Operators, y: Array, given: Array, P_venous: Array, t: float) -> Stage:
+    def of(
+        model: Model, o: Operators, y: Array, given: Array, P_venous: Array, t: float, g: Array | None = None
+    ) -> Stage:
         """The stage that starts from the state vector y : (B, n)."""
         s, behind = start(model, o.tau, o.inertia, o.memory, o.loads, y, P_venous)
-        return Stage(s, o, behind, given, P_venous, t)
+        return Stage(s, o, behind, given, P_venous, t, g)
 
     def solve(self, Q: Array, H: Array, small: tuple[Array, Array]) -> tuple[Array, Array, Array]:
         """Chord iterations from a guess until Q and H change by no more than ``small`` : two (B,).
@@ -243,17 +247,22 @@ class Stage(NamedTuple):
             lost = ~done & ~finite
             Q, H = np.where(lost[:, None, None], guess[0], Q), np.where(lost[:, None], guess[1], H)
             try:
-                jacobian = condense(model, self.operators.loads, terms.jacobian(start, Q), H, self.behind)
+                jacobian = condense(model, self.operators.loads, self.jacobian(Q), H, self.behind)
             except np.linalg.LinAlgError:  # a state without a Jacobian: nothing to go on with
                 break
         changes = np.abs(last[0] - before).max(axis=2)
         A_t = start.area_rate(last[0])
         refuse(model, start.area(A_t), A_t, *last, changes, self.P_venous, done, self.t)
 
+    def jacobian(self, Q: Array) -> Array:
+        """That of momentum in every element, where the flow is Q."""
+        return terms.jacobian(self.start, terms.flow(self.start, Q))
+
     def correct(self, jacobian: Condensed, Q: Array, H: Array) -> tuple[Array, Array]:
         """One chord iteration: momentum residual, condensation onto the nodes, nodal pressures, flow. Returns the flow
         and the change of the pressures."""
         R = terms.residual(self.start, Q, H)
+        self.start.model.tables.add_to_momentum(R, self.g)
         Q_new = Q - np.einsum("beij,bej->bei", jacobian.K_inverse, R)
         dH = jacobian.nodal.solve(self.node_residual(Q_new, H))
         jacobian.add_to(Q_new, dH)
@@ -264,6 +273,7 @@ class Stage(NamedTuple):
         model, loads = self.start.model, self.operators.loads
         net, inlets = model.mesh.net_inflow(Q, loads.signs), model.mesh.topology.inlets
         net[:, inlets] += model.inlets.flow(self.given, H[:, inlets])
+        model.tables.add_to_nodes(net, loads.scale, self.g)
         for nodes, outlets, load in loads.kinds:
             net[:, nodes] -= load.flow(H[:, nodes] - self.behind[:, outlets])
         return net

@@ -160,21 +160,21 @@ def _parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array 
 def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None) -> State:
     """A step: at every stage start = y + dt Σ a_j k_j, end = solve(start), k = (end - start)/τ."""
     o, c, layout, guess = operators(model, dt), model.coefficients, model.layout, state.guess
-    drives = model.inlets.at_stages(drive)
+    drives, acting = model.inlets.at_stages(drive), model.tables.at(state.t + SDIRK3.sum(axis=1) * dt)
     venous = c.P_venous if P_venous is None else c.venous(np.atleast_2d(P_venous))
     small = tolerances(model, state, model.inlets.gain * drive[:, -1].T)
     y = state.y.copy()
-    model.inlets.begin(y, drive[:, 0])
+    model.inlets.begin(y, model.tables.let_in(drive[:, 0], state.t))
     # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
     last, before = at_stages_of(state, dt)
     guesses = 2.0 * last - before
     unknowns, k = np.empty_like(guesses), list[Array]()
     changes, heads = o.tau * guess.part(guesses, "rates"), guesses[..., guess.places["heads"]]
-    for a, change, head, found, given in zip(_BEFORE, changes, heads, unknowns, drives, strict=True):
+    for a, change, head, found, given, g in zip(_BEFORE, changes, heads, unknowns, drives, acting, strict=True):
         start = y
         for a_j, k_j in zip(a, k, strict=True):
             start = start + (dt * a_j) * k_j
-        stage = Stage.of(model, o, start, given, venous, state.t + dt)
+        stage = Stage.of(model, o, start, given, venous, state.t + dt, g)
         Q, H, A_t = stage.solve(stage.start.Q + change, head, small)
         end = stage.end(Q, A_t)
         k_i = end - start

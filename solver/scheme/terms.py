@@ -85,6 +85,13 @@ def flow(s: Start, Q: Array) -> Flow:
     return Flow(Q, A_end, Q / A_end, dQ, A_t, A, U, m.kinetic * U)
 
 
+def still(s: Start) -> Flow:
+    """The flow that a stage starts from, with areas that stay as they are: what small waves are about."""
+    el, A_end = s.model.mesh.element, s.A @ s.model.mesh.element.at_lobatto
+    U = s.Q @ el.at_gauss / s.A
+    return Flow(s.Q, A_end, s.Q / A_end, s.Q @ el.d_xi, 0.0 * s.A, s.A, U, s.model.kinetic * U)
+
+
 def change(s: Start, f: Flow) -> Change:
     """How it follows."""
     el = s.model.mesh.element
@@ -107,9 +114,8 @@ def residual(s: Start, Q: Array, H: Array) -> Array:
     return R
 
 
-def jacobian(s: Start, Q: Array) -> Array:
+def jacobian(s: Start, f: Flow) -> Array:
     """Its derivative with respect to Q, (B, n_e, N+1, N+1)."""
-    f = flow(s, Q)
     d = change(s, f)
     K = d_pressure(s, f, d)
     K += d_convection(s, f, d)

@@ -49,6 +49,10 @@ class Traced(View, NDArrayOperatorsMixin):
     def T(self) -> Traced:
         return self._view(self.index.T)
 
+    @property
+    def real(self) -> Traced:
+        return self
+
     def __len__(self) -> int:
         return len(self.index)
 
@@ -71,7 +75,7 @@ class Traced(View, NDArrayOperatorsMixin):
         return self._view(self.index.reshape(-1))
 
     def astype(self, kind: Any) -> Traced:
-        if np.dtype(kind) != float:
+        if kind is not Traced and np.dtype(kind) != float:
             raise Untraceable(f"an array becomes {np.dtype(kind)}")
         return self.copy()
 
@@ -96,26 +100,31 @@ class Traced(View, NDArrayOperatorsMixin):
     # --- numbers, which it has not ----------------------------------------------------------------------------------
 
     def _unknown(self, *_: Any, **__: Any) -> Any:
-        raise Untraceable("a number is asked for that depends on the state")
+        return self.recorder.look(self)
 
-    __array__ = __float__ = __int__ = __index__ = item = tolist = argmin = argmax = _unknown
+    __array__ = __int__ = __index__ = item = tolist = argmin = argmax = _unknown
+
+    def __float__(self) -> float:
+        return float(self.recorder.look(self, "number"))
 
     def __iter__(self) -> Any:
         return (self[i] for i in range(len(self)))
 
     def __bool__(self) -> bool:
-        if isinstance(self, _Guard):
-            return True
-        return bool(self._unknown())
+        return bool(self.recorder.look(self))
 
     # --- operations -------------------------------------------------------------------------------------------------
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         found: Any
+        if any(hasattr(x, "has_two_parts") for x in inputs):  # a Complex, which knows what to do
+            return NotImplemented
         if method == "reduce":
             found = _reduced(self.recorder, ufunc.__name__, inputs[0], **options)
         elif method == "reduceat" and ufunc is np.add:
             found = _sums(self.recorder, inputs[0], *inputs[1:], **options)
+        elif method == "__call__" and out is not None and list(options) == ["where"]:
+            found = elementwise(self.recorder, "where", options["where"], getattr(ufunc, method)(*inputs), out[0])
         elif method != "__call__" or options:
             raise Untraceable(f"{ufunc.__name__}.{method} with {', '.join(options)}")
         elif ufunc is np.matmul:
@@ -130,6 +139,8 @@ class Traced(View, NDArrayOperatorsMixin):
         return out[0]
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> Any:
+        if any(hasattr(kind, "has_two_parts") for kind in types):
+            return NotImplemented
         if function in _ON_INDEX:
             return self._view(function(self.index, *inputs[1:], **options))
         if function not in _FUNCTIONS:
@@ -145,17 +156,34 @@ class Traced(View, NDArrayOperatorsMixin):
     def min(self, axis: Any = None) -> Traced:
         return _reduced(self.recorder, "minimum", self, axis=axis)
 
+    def any(self, axis: Any = None) -> Traced:
+        found = _reduced(self.recorder, "logical_or", self != 0.0, axis=axis)
+        return _Any(self.recorder, found.buffer, found.index)
+
     def all(self, axis: Any = None) -> Traced:
         found = _reduced(self.recorder, "logical_and", self != 0.0, axis=axis)
         return _Guard(self.recorder, found) if axis is None else found
 
 
+class _Any(Traced):
+    """Whether any of something is true."""
+
+    def __bool__(self) -> bool:
+        return bool(self.recorder.look(self, "any"))
+
+
 class _Guard(Traced):
-    """What a branch takes to be true: the program stops where it is not."""
+    """What a branch takes to be true where it is not known: the program stops where it is not."""
 
     def __init__(self, recorder: Recorder, condition: Traced) -> None:
         super().__init__(recorder, condition.buffer, condition.index)
-        recorder.emit("require", (recorder.operand(condition, ()),), (1,), 1)
+
+    def __bool__(self) -> bool:
+        try:
+            return bool(self.recorder.look(self))
+        except Untraceable:
+            self.recorder.emit("require", (self.recorder.operand(self, ()),), (1,), 1)
+            return True
 
 
 def of(r: Recorder, slot: Slot, shape: tuple[int, ...]) -> Traced:
@@ -187,8 +215,8 @@ _ALIASES = {
     "bitwise_and": "logical_and", "bitwise_or": "logical_or", "float_power": "power",
 }  # fmt: skip
 _POWERS = {2: "square", 0.5: "sqrt", 1: "copy", -1: "reciprocal"}  # as NumPy does
-_OF_NOTHING = {"add": 0.0, "logical_and": 1.0}
-REDUCED = {"add": "sum", "maximum": "largest", "minimum": "least", "logical_and": "least"}
+_OF_NOTHING = {"add": 0.0, "logical_and": 1.0, "logical_or": 0.0}
+REDUCED = {"add": "sum", "maximum": "largest", "minimum": "least", "logical_and": "least", "logical_or": "largest"}
 
 
 def elementwise(r: Recorder, name: str, *values: Any) -> Traced:
@@ -328,6 +356,11 @@ def _clip(r: Recorder, x: Any, low: Any, high: Any) -> Traced:
     return elementwise(r, "minimum", elementwise(r, "maximum", x, low), high)
 
 
+def _together(r: Recorder, *arrays: Any) -> tuple[Any, ...]:
+    shape = np.broadcast_shapes(*map(np.shape, arrays))
+    return tuple(np.broadcast_to(x, shape) for x in arrays)
+
+
 _ON_INDEX = {np.swapaxes, np.moveaxis, np.broadcast_to, np.expand_dims, np.reshape, np.transpose, np.ravel, np.squeeze,
              np.atleast_2d, np.atleast_1d}  # fmt: skip
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
@@ -344,6 +377,9 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.max: lambda r, x, axis=None: _reduced(r, "maximum", x, axis=axis),
     np.min: lambda r, x, axis=None: _reduced(r, "minimum", x, axis=axis),
     np.all: lambda r, x, axis=None: x.all(axis),
+    np.any: lambda r, x, axis=None: x.any(axis),
+    np.broadcast_arrays: _together,
+    np.unique: lambda r, x, **options: np.unique(r.look(x, "number"), **options),
     np.shape: lambda r, x: x.shape,
     np.ndim: lambda r, x: x.ndim,
     np.size: lambda r, x: x.size,

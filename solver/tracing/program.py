@@ -1,7 +1,8 @@
 """Recorded operations as numbers that the engine in ``native/`` runs.
 
-A program has four kinds of memory: constants of the code; what a parameter set fixes, one block a member of a batch;
-workspace; and indices. An address is 4 · offset + kind. What only one phase uses shares its place with others.
+A program has five kinds of memory: constants of the code; what a parameter set fixes, one block a member of a batch;
+workspace; what one phase makes that is held beside it, a block each time that it runs; and indices. An address is
+4 · offset + kind. What only one phase uses shares its place with others.
 """
 
 from __future__ import annotations
@@ -20,14 +21,15 @@ Array = np.ndarray
 _OTHER = ("gather", "scatter", "sums", "product", "inverse", "sum", "largest", "least", "require")
 OPERATIONS = (*ELEMENTWISE, *_OTHER)
 _CODES = {name: code for code, name in enumerate(OPERATIONS, 1)}
-_CONSTANT, _FIXED, _WORK = range(3)
+_CONSTANT, _FIXED, _WORK, _HELD = range(4)
 _AT_ONCE = 256  # numbers of an operation
 
 
 @dataclass(frozen=True)
 class Program:
     """code : of all phases, begin : (n_phases + 1,) where each begins. constants, index : numbers and places in it.
-    n_fixed, n_work : how many numbers a member and the workspace have. address : of inputs and outputs by name."""
+    n_fixed, n_work, n_held : how many numbers a member, the workspace and a block have. address : of inputs and outputs
+    by name."""
 
     code: Array
     begin: Array
@@ -35,14 +37,16 @@ class Program:
     index: Array
     n_fixed: int
     n_work: int
+    n_held: int
     address: Mapping[str, int]
 
 
 def compiled(
-    r: Recorder, phases: int, units: int, inputs: Mapping[str, Sequence[Traced]], outputs: Mapping[str, Traced]
-) -> Program:
-    """The program of all that was recorded and that outputs need; units : elements of the mesh. What several phases
-    take as one input has one place."""
+    r: Recorder, phases: int, units: int, inputs: Mapping[str, Sequence[Traced]], outputs: Mapping[str, Traced],
+    held: int | None = None,
+) -> Program:  # fmt: skip
+    """The program of all that was recorded and that outputs need; units : elements of the mesh; held : the phase that
+    makes blocks. What several phases take as one input has one place."""
     ends = {name: r.operand(x, x.shape) for name, x in outputs.items()}
     for name, end in ends.items():
         if end.single and outputs[name].size > 1 or end.slot.phase == CONSTANT:
@@ -58,9 +62,8 @@ def compiled(
                 needed |= {operand.slot for operand in instruction.operands}
         kept[phase].reverse()
     given = {name: [x.buffer.slot for x in each] for name, each in inputs.items()}
-    place = _Places(
-        units, {slot for each in given.values() for slot in each} | {end.slot for end in ends.values()}, kept
-    )
+    asked = {slot for each in given.values() for slot in each} | {end.slot for end in ends.values()}
+    place = _Places(units, asked, kept, held)
     for first, *others in given.values():
         place.address |= {slot: place.of(first) for slot in others}
     written = [place.encoded(kept[phase]) for phase in range(phases)]
@@ -74,6 +77,7 @@ def compiled(
         index=np.concatenate([np.zeros(1, np.int32), *place.indices]).astype(np.int32),
         n_fixed=place.size[_FIXED],
         n_work=place.size[_WORK],
+        n_held=place.size[_HELD],
         address=address,
     )
 
@@ -117,8 +121,9 @@ class _Places:
     units: int
     lasting: set[Slot]
     kept: Mapping[int, list[Instruction]]
+    held: int | None
     address: dict[Slot, int] = field(default_factory=dict)
-    size: list[int] = field(default_factory=lambda: [1, 0, 0])
+    size: list[int] = field(default_factory=lambda: [1, 0, 0, 0])
     constants: list[Array] = field(default_factory=list)
     indices: list[Array] = field(default_factory=list)
     n_index: int = 1
@@ -132,9 +137,8 @@ class _Places:
     def of(self, slot: Slot) -> int:
         """The address of a slot, which gets one the first time."""
         if slot not in self.address:
-            kind = (
-                _CONSTANT if slot.phase == CONSTANT else _FIXED if slot.phase == 0 and slot in self.lasting else _WORK
-            )
+            kind = {CONSTANT: _CONSTANT, 0: _FIXED, self.held: _HELD}.get(slot.phase, _WORK)
+            kind = _WORK if kind != _CONSTANT and slot not in self.lasting else kind
             if kind == _CONSTANT:
                 self.constants.append(np.zeros(slot.size) if slot.data is None else slot.data)
             if kind == _WORK and slot not in self.lasting and self.free[slot.size]:
@@ -157,7 +161,8 @@ class _Places:
                 group.add(each.out, self._width(each, units), self._grouped(each, units))
             else:
                 code += self._elementwise(each) if each.name in ELEMENTWISE else self._other(each)
-            for slot in {each.out, *(o.slot for o in each.operands)}:
+            # in order, so that the same network has the same program
+            for slot in dict.fromkeys((each.out, *(o.slot for o in each.operands))):
                 if last[slot] == i and slot.phase != CONSTANT and slot not in self.lasting:
                     self.free[slot.size].append(self.address[slot])
         return code + group.encoded()

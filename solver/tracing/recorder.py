@@ -74,6 +74,11 @@ class Recorder:
         data = np.ascontiguousarray(value, float).ravel()
         return self._constants.setdefault(data.tobytes(), Slot(data.size, CONSTANT, data))
 
+    def look(self, x: View, kind: str = "truth") -> Array:
+        """The numbers behind an array that code asks for: a "truth", "any" of them, or a "number". Here there are
+        none."""
+        raise Untraceable("a number is asked for that depends on the state")
+
     # --- operands -------------------------------------------------------------------------------------------------
 
     def operand(self, x: Any, shape: tuple[int, ...]) -> Operand:
@@ -82,13 +87,13 @@ class Recorder:
             value = np.broadcast_to(np.asarray(x, float), shape)
             same = value.size > 0 and value.max() == value.min()
             return Operand(self.constant(value.flat[0] if same else value), 0, bool(same))
-        index, slot = np.broadcast_to(x.index, shape).ravel(), x.buffer.slot
+        index, slot = (x.index if x.index.shape == shape else np.broadcast_to(x.index, shape)).ravel(), x.buffer.slot
         if index.size == 0:
             return Operand(slot, 0, False)
         first = int(index[0])
         if index[0] == index[-1] and index.min() == index.max():
             return Operand(slot, first, True)
-        if np.array_equal(index, np.arange(first, first + index.size)):
+        if index[-1] == first + index.size - 1 and (index == np.arange(first, first + index.size)).all():
             return Operand(slot, first, False)
         return Operand(self.emit("gather", (Operand(slot, 0, False),), (index.size,), index.size, index), 0, False)
 

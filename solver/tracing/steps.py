@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,9 +21,8 @@ from ..scheme.guards import margins
 from ..scheme.mesh import Layout, Mesh
 from ..scheme.model import Model
 from ..scheme.sdirk import INFLOW_TIMES
-from ..scheme.stage import Stage, condense, largest, operators_about
+from ..scheme.stage import Operators, Stage, condense, largest, operators_about
 from ..scheme.step import State, tolerances
-from ..scheme.terms import jacobian
 from .array import Traced, array, later
 from .program import Program, compiled
 from .recorder import Recorder
@@ -47,11 +46,12 @@ _MESH = ("segment", "parts", "left", "piece", "ends")
 @dataclass
 class Recorded:
     """A program, and the address of each array of numbers of its models, -1 where none needs it. checked : whether a
-    step of it was compared with NumPy's."""
+    step of it was compared with NumPy's. classes : what it was recorded from, without the network."""
 
     program: Program
     places: tuple[int, ...]
     checked: bool = False
+    classes: Hashable = ()
 
 
 # --- a model as numbers and what they belong to --------------------------------------------------------------------
@@ -61,14 +61,15 @@ class Recorded:
 class Leaves:
     """The arrays of numbers in frozen objects, in the order of their fields.
 
-    arrays : (B, n) each. kind : all else that the objects hold: models of one kind have one program. recorder : where
-    :meth:`of` makes traced arrays of one member in their place.
+    arrays : (B, n) each. kind : what else the objects hold; classes : theirs. Models that are alike in both have one
+    program. recorder : where :meth:`of` makes traced arrays of one member in their place; without one it only looks.
     """
 
-    recorder: Recorder = field(default_factory=Recorder)
+    recorder: Recorder | None = None
     arrays: list[Array] = field(default_factory=list)
     traced: list[Traced] = field(default_factory=list)
     kind: list[Hashable] = field(default_factory=list)
+    classes: list[Hashable] = field(default_factory=list)
 
     def of(self, x: Any, axis: int | None = 0) -> Any:
         """The same object with traced arrays in it; ``axis`` counts the members of a batch, None where they share x."""
@@ -78,17 +79,17 @@ class Leaves:
             self.kind.append(_facts(x))
             return x
         if is_dataclass(x) and not isinstance(x, type):
-            self.kind.append(type(x))
+            self.classes.append(type(x))
             axes: Mapping[str, int | None] = getattr(x, "MEMBER_AXIS", {})
-            named = {f.name: getattr(x, f.name) for f in fields(x) if f.init}
-            return replace(x, **{name: self.of(value, axes.get(name, 0)) for name, value in named.items()})
+            found = {f.name: self.of(getattr(x, f.name), axes.get(f.name, 0)) for f in fields(x) if f.init}
+            return replace(x, **found) if self.recorder else x
         if isinstance(x, tuple):
             parts = [self.of(part) for part in x]
             return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
         if isinstance(x, Mapping):
             self.kind.append(tuple(x))
             return {key: self.of(value) for key, value in x.items()}
-        self.kind.append(x)
+        self.classes.append(x)
         return x
 
     def _array(self, x: Array, axis: int | None) -> Any:
@@ -96,8 +97,10 @@ class Leaves:
             self.kind.append((x.shape, x.tobytes()))
             return x
         self.kind.append((x.shape[:axis], x.shape[axis + 1 :]))
-        rows = np.moveaxis(x, axis, 0)
+        rows = np.moveaxis(x, axis, 0) if axis else x
         self.arrays.append(rows.reshape(len(rows), math.prod(rows.shape[1:])))
+        if not self.recorder:
+            return x
         self.traced.append(array(self.recorder, _PHASE["bind"], (*x.shape[:axis], 1, *x.shape[axis + 1 :])))
         return self.traced[-1]
 
@@ -119,47 +122,85 @@ def numbers(model: Model) -> tuple[Any, ...]:
 
 # --- recording -----------------------------------------------------------------------------------------------------
 
-_programs: dict[Hashable, Recorded] = {}
-
 
 def recorded(model: Model, tau: float) -> tuple[Recorded, list[Array]]:
     """The program of the steps of a model with stages of length tau [s], and the numbers that it is bound to.
 
     Raises Untraceable, which says what cannot be recorded.
     """
-    leaves = Leaves()
-    m, walls = leaves.of(numbers(model))
-    key = (tau, *leaves.kind)
-    found = _programs.pop(key, None) or _Recording(leaves.recorder, m, tau).all(leaves, walls)
-    while len(_programs) >= _KEPT:
-        _programs.pop(next(iter(_programs)), None)
-    _programs[key] = found
-    return found, leaves.arrays
+    return _programs.of(numbers(model), tau, lambda r, own, leaves: Recording(r, own[0], tau).all(leaves, own[1]))
 
 
-class _Recording:
+class Programs:
+    """The programs of the last kinds of models."""
+
+    def __init__(self) -> None:
+        self.kept: dict[Hashable, Recorded] = {}
+
+    def of(
+        self, own: tuple[Any, ...], tau: float, record: Callable[[Recorder, tuple[Any, ...], Leaves], Recorded]
+    ) -> tuple[Recorded, list[Array]]:
+        """The program for objects, which ``record`` makes of traced ones where none of the same kind has it, and the
+        numbers in them. tau : the length of stages."""
+        looked = Leaves()
+        looked.of(own)
+        key = (tau, tuple(looked.kind), tuple(looked.classes))
+        found = self.kept.pop(key, None)
+        if found is None:
+            recorder = Recorder()
+            leaves = Leaves(recorder)
+            found = record(recorder, leaves.of(own), leaves)
+            found.classes = tuple(looked.classes)
+        while len(self.kept) >= _KEPT:
+            self.kept.pop(next(iter(self.kept)), None)
+        self.kept[key] = found
+        return found, looked.arrays
+
+
+_programs = Programs()
+
+
+class Recording:
     """What is given to the program of a model m, and what it leaves, by name; all of one member."""
+
+    phases: ClassVar[Mapping[str, int]] = _PHASE
 
     def __init__(self, recorder: Recorder, m: Any, tau: float) -> None:
         self.recorder, self.m, self.n_H, self.shapes = recorder, m, m.mesh.n_nodes, m.layout.shapes
         self.given, self.out = defaultdict[str, list[Any]](list), dict[str, Any]()
-        self.o = operators_about(m, tau, m.at_rest(), np.broadcast_to(m.coefficients.P_0, (1, self.n_H)))
+        self.tau = tau
+        self.o = self.operators()
+
+    def operators(self) -> Operators:
+        """Of the steps."""
+        H = np.broadcast_to(self.m.coefficients.P_0, (1, self.n_H))
+        return operators_about(self.m, self.tau, self.m.at_rest(), H)
 
     def all(self, leaves: Leaves, walls: Any) -> Recorded:
         """The program; walls : at the sites."""
+        self.steps(walls)
+        return self.recorded(leaves)
+
+    def steps(self, walls: Any) -> tuple[State, Any]:
+        """All phases of steps; the state at their start, and P_venous."""
         state, venous = self.prepare()
         stage = self.start(venous)
         self.correct(stage, "correct", "", self.o.at_rest)
         self.refresh(stage)
         self.end(stage)
         self.report(state, walls)
+        return state, venous
+
+    def recorded(self, leaves: Leaves, held: int | None = None) -> Recorded:
+        """The program of all that is given and left; held : the phase whose numbers are kept apart."""
         places = {f"leaf {i}": [leaf] for i, leaf in enumerate(leaves.traced)}
-        program = compiled(self.recorder, len(PHASES), self.m.mesh.n_elements, {**self.given, **places}, self.out)
+        units = self.m.mesh.n_elements
+        program = compiled(self.recorder, len(self.phases), units, {**self.given, **places}, self.out, held)
         return Recorded(program, tuple(program.address.get(name, -1) for name in places))
 
     def take(self, name: str, phase: str, *shape: int) -> Any:
         """An array that is given before a phase; one of the same name lies where that of an earlier phase does."""
-        self.given[name].append(array(self.recorder, _PHASE[phase], (1, *shape)))
+        self.given[name].append(array(self.recorder, self.phases[phase], (1, *shape)))
         return self.given[name][-1]
 
     def prepare(self) -> tuple[State, Any]:
@@ -193,14 +234,15 @@ class _Recording:
         s, Q = stage.start, self.take("Q", "finite", *self.shapes["Q"])
         self.out["finite"] = (s.area(s.area_rate(Q)) > 0.0).all(axis=(0, 1, 2))
         Q, H = self.take("Q", "refresh", *self.shapes["Q"]), self.take("H", "refresh", self.n_H)
-        self.correct(stage, "correct_fresh", "_fresh", condense(self.m, self.o.loads, jacobian(s, Q), H, stage.behind))
+        there = condense(self.m, self.o.loads, stage.jacobian(Q), H, stage.behind)
+        self.correct(stage, "correct_fresh", "_fresh", there)
 
     def end(self, stage: Stage) -> None:
         """The state at the end of the stage, and the smallest number that must be positive of a solution."""
         m, Q = self.m, self.take("Q", "end", *self.shapes["Q"])
         A_t: Any = stage.start.area_rate(Q)
         end: Any = stage.end(Q, A_t)
-        checked = (later(self.recorder, x, _PHASE["check"]) for x in (m.layout.part(end, "A"), A_t, Q))
+        checked = (later(self.recorder, x, self.phases["check"]) for x in (m.layout.part(end, "A"), A_t, Q))
         least = [np.min(margin) for margin, _, _ in margins(m, *checked)]
         self.out |= {"A_t": A_t, "end": end, "margin": np.min(np.stack(least))}
 

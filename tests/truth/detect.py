@@ -51,13 +51,15 @@ class Detection:
     place_rival: str = ""
 
 
-def detect(made: Made) -> Detection:
-    """d' and separation of what is hidden in a record."""
+def detect(made: Made, least: float = 0.0) -> Detection:
+    """d' and separation of what is hidden in a record; of less d' than ``least`` no separation."""
     if any(effect.over_beats for effect in made.case.effects):
         return Detection((wander(made),))
     problem = BenchProblem(made) if made.case.kind == "bench" else NetworkProblem(made)
     effects = made.case.effects
     seen = tuple(d_prime(problem, [e for j, e in enumerate(effects) if j != i]) for i in range(len(effects)))
+    if min(seen, default=0.0) < least:
+        return Detection(seen)
     if len(effects) == 2 and isinstance(problem, BenchProblem) and min(seen) >= _BOTH:
         one = {e.name: problem.left_with_one(e) for e in effects}
         one |= {name: problem.left_with(name) for name in bench_rivals(made)}

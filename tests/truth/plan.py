@@ -14,8 +14,12 @@ catalogue).
     offcentre      stenoses and leaks away from the middle of their segment, half of them in individual walls
     outside_walls  effects outside the catalogue in individual walls
     own            one wall or end far off by itself, in individual walls: E x 0.4 to 3, R_t +- 0.3, R0 +- 12 %
+    elastic        individual walls without viscosity, seven sites; one effect or two
+    pairs          two effects in individual walls, seven sites
+    three          one effect in individual walls, seen by the inflow and three pressures
 
-In groups other than the standard one sizes are from the upper half of their ranges. Where walls are off by themselves
+In groups other than the standard one sizes are from the upper half of their ranges, of `pairs` from the upper quarter,
+of `elastic` and `three` from the upper third. Where walls are off by themselves
 nothing is hidden that is merely this animal's wall: another stiffness, or another phi0 where there is one.
 """
 
@@ -41,6 +45,9 @@ JUNCTIONS = ("AA", "BT", "PD", "MD", "DD")
 _BEYOND = ("fractional_viscosity", "cubic_rate", "swinging_outlet", "inflow_bent", "inflow_rectified")
 
 
+_OF_VISCOUS_WALLS = ("nonlinear_wall_viscosity", "stress_relaxation", "fractional_viscosity")
+
+
 @dataclass(frozen=True)
 class Group:
     """A group of records.
@@ -64,6 +71,8 @@ class Group:
     only: tuple[str, ...] = ()
     position: tuple[float, float] | None = None
     sizes: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    channels: str = ""
+    base: str = ""
 
 
 _SPREADS = (0.5, 1.0, 1.5)
@@ -77,6 +86,10 @@ GROUPS = {
                        position=(0.15, 0.85)),
     "outside_walls": Group(25, 20320203, {"bench": 120, "network": 120}, 0.0, 1.0, walls=_SPREADS),
     "own": Group(26, 20320204, {"network": 90}, 0.0, 1 / 3, least=0.0, walls=_SPREADS, only=tuple(_OWN), sizes=_OWN),
+    "elastic": Group(27, 20320205, {"network": 60}, 0.0, pairs=0.5, least=2 / 3, walls=_SPREADS, channels="all",
+                     base="elastic"),
+    "pairs": Group(28, 20320206, {"network": 60}, 0.0, pairs=1.0, least=0.75, walls=_SPREADS, channels="all"),
+    "three": Group(29, 20320207, {"network": 60}, 0.0, least=2 / 3, walls=_SPREADS, channels="three pressures"),
 }  # fmt: skip
 TUNING_SEED, REPORTED_SEED = GROUPS["standard"].tuning, GROUPS["standard"].reported
 REPORTED = GROUPS["standard"].records
@@ -119,6 +132,8 @@ class _Draw:
 
     def takes(self, name: str) -> bool:
         """Whether an effect of the catalogue belongs to the group."""
+        if self.group.base == "elastic" and name in _OF_VISCOUS_WALLS:
+            return False
         return name in self.group.only if self.group.only else not (self.own_walls and name == "wall_stiffness")
 
     def pair(self, names: list[str]) -> tuple[str, str]:
@@ -134,6 +149,7 @@ class _Draw:
         channels = str(rng.choice(SITES))
         if self.kind == "network":
             channels = "all" if rng.random() < 0.7 else "three pressures"
+            channels = self.group.channels or channels
         effects = tuple(self._effect(name, channels, len(names) == 2) for name in names)
         law = "regression" if self.kind == "bench" and rng.random() < 0.3 else "beta"
         base = self._base(effects)
@@ -157,9 +173,11 @@ class _Draw:
         unseen = self.kind == "bench" or self.own_walls  # in a viscous wall it is a scale of its phi0
         everywhere = any(e.name == "wall_viscosity" and (e.where == ALL or unseen) for e in effects)
         chance = self.rng.random()
+        if self.group.base:
+            return self.group.base
         if everywhere:
             return "elastic"
-        if names & {"nonlinear_wall_viscosity", "stress_relaxation", "fractional_viscosity", *OUTSIDE_WALL}:
+        if names & {*_OF_VISCOUS_WALLS, *OUTSIDE_WALL}:
             return "sheep"
         if "wall_viscosity" in names:
             return "elastic" if chance < 0.5 else "sheep"
@@ -176,7 +194,7 @@ class _Draw:
             high = POSITIVE_RATIO
         if name == "wall_stiffness" and sign < 0.0:
             high = min(high, SOFTEST)
-        share = rng.uniform(0.5 if pair else self.group.least, 1.0)
+        share = rng.uniform(max(0.5, self.group.least) if pair else self.group.least, 1.0)
         size = sign * low * (high / low) ** share
         where = self._where(name, channels)
         if name == "channel_gain" and self.kind == "network" and where[0].endswith(".R"):

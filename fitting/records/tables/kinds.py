@@ -1,60 +1,36 @@
 """The kinds of file that a record may come in, and what to do with those that are not read.
 
-A further kind is a function from a path to a :class:`.table.Table`, and a line of ``READ``.
+A further kind is a function from a path to a :class:`.table.Table`, and a line of ``_KINDS``.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from solver.errors import InputError
 
-from .edf import read_edf
-from .matlab import read_matlab
+from .binary import read_edf, read_matlab
 from .table import Table
 from .text import read_text_table
 
-
-@dataclass(frozen=True)
-class _Kind:
-    """suffixes of its names; starts : what its files begin with."""
-
-    read: Callable[[Path, str | None], Table]
-    suffixes: tuple[str, ...] = ()
-    starts: tuple[bytes, ...] = ()
-
-
-@dataclass(frozen=True)
-class _Other:
-    """What a file is that is not read, and what to do instead."""
-
-    noun: str
-    advice: str
-    suffixes: tuple[str, ...] = ()
-    starts: tuple[bytes, ...] = ()
-
-
-_ZIP = b"PK\x03\x04"
-READ = (
-    _Kind(read_matlab, (".mat",), (b"MATLAB 5.0", b"MATLAB 7.")),
-    _Kind(read_edf, (".edf", ".bdf"), (b"0       ", b"\xffBIOSEMI")),
-)
-_OTHERS = (
-    _Other("an Excel workbook", "save the sheet as CSV", (".xlsx", ".xlsm", ".xls")),
-    _Other("an OpenDocument sheet", "save the sheet as CSV", (".ods",)),
-    _Other("a WFDB record", "write it as CSV: rdsamp -r NAME -c -H -v -pe > NAME.csv", (".hea", ".atr")),
-    _Other("a LabChart file", "export it as text from LabChart", (".adicht", ".adibin")),
-    _Other("a file of AcqKnowledge", "save it as text from AcqKnowledge", (".acq",)),
-    _Other("a LabVIEW file", "export it as CSV", (".tdms",)),
-    _Other("a Parquet file", "write it as CSV", (".parquet",), (b"PAR1",)),
-    _Other("an HDF5 file", "write its columns as CSV, or save from MATLAB with save(…, '-v7')", (), (b"\x89HDF",)),
-    _Other("an old Office document", "save the sheet as CSV", (), (b"\xd0\xcf\x11\xe0",)),
-    _Other("a compressed file", "unpack it first", (".gz", ".bz2", ".xz", ".zst"), (b"\x1f\x8b",)),
-    _Other("an FMU or another archive", "give the recording, such as a CSV file", (), (_ZIP,)),
-)
+# suffixes of names, what files begin with, and how they are read, or what they are and what to do instead
+_KINDS: tuple[tuple[tuple[str, ...], tuple[bytes, ...], Callable[[Path, str | None], Table] | str], ...] = (
+    ((".mat",), (b"MATLAB 5.0", b"MATLAB 7."), read_matlab),
+    ((".edf", ".bdf"), (b"0       ", b"\xffBIOSEMI"), read_edf),
+    ((".xlsx", ".xlsm", ".xls"), (), "an Excel workbook; save the sheet as CSV"),
+    ((".ods",), (), "an OpenDocument sheet; save the sheet as CSV"),
+    ((".hea", ".atr"), (), "a WFDB record; write it as CSV: rdsamp -r NAME -c -H -v -pe > NAME.csv"),
+    ((".adicht", ".adibin"), (), "a LabChart file; export it as text from LabChart"),
+    ((".acq",), (), "a file of AcqKnowledge; save it as text from AcqKnowledge"),
+    ((".tdms",), (), "a LabVIEW file; export it as CSV"),
+    ((".parquet",), (b"PAR1",), "a Parquet file; write it as CSV"),
+    ((), (b"\x89HDF",), "an HDF5 file; write its columns as CSV, or save from MATLAB with save(…, '-v7')"),
+    ((), (b"\xd0\xcf\x11\xe0",), "an old Office document; save the sheet as CSV"),
+    ((".gz", ".bz2", ".xz", ".zst"), (b"\x1f\x8b",), "a compressed file; unpack it first"),
+    ((), (b"PK\x03\x04",), "an FMU or another archive; give the recording, such as a CSV file"),
+)  # fmt: skip
 
 
 def read_table(path: str | os.PathLike[str], decimal: str | None = None) -> Table:
@@ -68,11 +44,12 @@ def read_table(path: str | os.PathLike[str], decimal: str | None = None) -> Tabl
     try:
         with open(path, "rb") as stream:
             start = stream.read(16)
-        for kind in (*READ, *_OTHERS):
-            if path.suffix.lower() in kind.suffixes or start.startswith(kind.starts):
-                if isinstance(kind, _Kind):
-                    return kind.read(path, decimal)
-                raise InputError(f"{path}: {kind.noun}, which is not read; {kind.advice}.")
+        for suffixes, starts, read in _KINDS:
+            if path.suffix.lower() in suffixes or start.startswith(starts):
+                if isinstance(read, str):
+                    noun, _, advice = read.partition("; ")
+                    raise InputError(f"{path}: {noun}, which is not read; {advice}.")
+                return read(path, decimal)
         return read_text_table(path, decimal)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}); check the path.") from None

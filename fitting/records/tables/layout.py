@@ -45,7 +45,7 @@ class Layout:
     clocks: Sequence[bool]
 
     def __str__(self) -> str:
-        mark = {",": "comma", ".": "point"}[self.mark]
+        mark = next(word for word, sign in _MARKS.items() if sign == self.mark)
         header = f"header in line {self.header}" if self.header else "no header"
         return f"{_SEPARATORS.get(self.separator, 'spaces')} between fields, decimal {mark}, {header}"
 
@@ -82,15 +82,19 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
     return Layout(separator, mark, decimal is not None, titles, units, header + 1, start + 1, clocks)
 
 
-def _fields(line: str, separator: str, width: int | None = None) -> list[str]:
-    """The fields of a line, a leading mark of a comment aside; width : of a line of numbers."""
+def _fields(line: str, separator: str, width: int | None = None, strict: bool = False) -> list[str]:
+    """The fields of a line, a leading mark of a comment aside, none of one that is not CSV; width : of a line of
+    numbers. strict : raise csv.Error for a line that is not."""
     if separator == SPACE:
         text = line.lstrip("#%/ ")
         words, apart = _WORD.findall(text), re.split(r"\s{2,}", text.strip())
         return apart if len(words) != width == len(apart) else words
+    rows = csv.reader([line.lstrip("#%/ ")], delimiter=separator, skipinitialspace=True, strict=strict)
     try:
-        return next(csv.reader([line.lstrip("#%/ ")], delimiter=separator, skipinitialspace=True), [])
+        return next(rows, [])
     except csv.Error:
+        if strict:
+            raise
         return []
 
 
@@ -153,14 +157,10 @@ def _header(rows: Sequence[Sequence[str]], start: int, lines: Sequence[str]) -> 
 
 def _titles(line: str, separator: str, source: str, at: int, width: int | None) -> list[str]:
     try:
-        found = _fields(line, separator, width)
-        if separator != SPACE:
-            found = next(csv.reader([line.lstrip("#%/ ")], delimiter=separator, skipinitialspace=True, strict=True), [])
+        return [title.strip() for title in _fields(line, separator, width, strict=True)]
     except csv.Error as error:
-        raise InputError(
-            f"{source}: line {at + 1}: not a CSV header ({error}); write time [s],AA.P [mmHg], ..."
-        ) from None
-    return [title.strip() for title in found]
+        why = f"not a CSV header ({error}); write time [s],AA.P [mmHg], ..."
+        raise InputError(f"{source}: line {at + 1}: {why}") from None
 
 
 def _is_units(row: Sequence[str]) -> bool:
@@ -180,16 +180,14 @@ def _mark(rows: Sequence[Sequence[str]], separator: str, source: str, first: int
     cells = [cell.strip() for row in rows for cell in row if _NUMBER.fullmatch(cell.strip()) and not is_date(cell)]
     commas = [cell for cell in cells if "," in cell and "." not in cell]
     points = [cell for cell in cells if "." in cell and "," not in cell]
-    if separator == "," and not commas:
-        return "."
-    if not commas and not points:
+    if not commas and (separator == "," or not points):
         return "."
     mark, other, marked = (",", ".", commas) if len(commas) > len(points) else (".", ",", points)
     if commas and points or not all(re.fullmatch(_GROUPED.format(mark), cell) for cell in marked):
         return mark
     if mark == "." and separator != ";":
         return mark
-    name = {",": "comma", ".": "point"}
+    name = {sign: word for word, sign in _MARKS.items()}
     whole = marked[0].replace(mark, "")
     raise InputError(
         f"{source}: line {first}: {marked[0]!r} may be {marked[0].replace(mark, '.')} or {whole}; say which: "

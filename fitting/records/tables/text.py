@@ -33,7 +33,8 @@ def read_text_table(path: Path, decimal: str | None) -> Table:
             f"{source}: line {form.header}: there is no channel beside the time; add one, such as 'AA.P [mmHg]'."
         )
     numbers = None
-    plain = form.header == form.first - 1 < 2 and encoding.startswith("utf-8") and not _to_prepare(form)
+    plain = form.header == form.first - 1 < 2 and encoding.startswith("utf-8")
+    plain = plain and form.separator != SPACE and not any(form.clocks)
     lines: list[str] = []
     if plain and form.mark == ".":
         numbers = quickly(path, form.header, len(titles), form.separator, form.mark)
@@ -55,10 +56,6 @@ def read_text_table(path: Path, decimal: str | None) -> Table:
         if title or not np.isnan(values).all()  # a separator at the end of every line makes a column of nothing
     ]
     return Table(place, columns, str(form), header is not None)
-
-
-def _to_prepare(form: Layout) -> bool:
-    return form.separator == SPACE or any(form.clocks)
 
 
 def _prepared(lines: list[str], form: Layout) -> list[str]:

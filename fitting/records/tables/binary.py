@@ -1,4 +1,4 @@
-"""MATLAB files as tables: vectors and columns of matrices, and those in structs."""
+"""Files of MATLAB, by SciPy, and EDF and BDF files, by pyEDFlib (extra ``edf``), as tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from .table import Array, Column, Place, Table
 
 
 def read_matlab(path: Path, decimal: str | None) -> Table:
-    """A file of ``save(…, "-v7")`` or older; titles as MATLAB spells them: P, data.P, data(:,1).
+    """A file of ``save(…, "-v7")`` or older; titles of vectors, columns of matrices and those in structs
+    as MATLAB spells them: P, data.P, data(:,1).
 
     Vectors of another length than most are columns without values. Raises ValueError, one sentence.
     """
@@ -56,3 +57,34 @@ def _vectors(held: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Arra
                 down = value.shape[0] >= value.shape[1]
                 for i, column in enumerate(value.T if down else value, start=1):
                     yield (f"{title}(:,{i})" if down else f"{title}({i},:)"), column
+
+
+def read_edf(path: Path, decimal: str | None) -> Table:
+    """The signals of the highest rate, and their time; the others are columns without values.
+
+    Raises ValueError, one sentence.
+    """
+    source = str(path)
+    try:
+        import pyedflib
+    except ImportError:
+        raise InputError(
+            f"{source}: an EDF file, and the reader of such files is not installed; run "
+            "pip install 'arterial-fmu[edf]', or export CSV."
+        ) from None
+    try:
+        with pyedflib.EdfReader(source) as reader:
+            rates, titles = reader.getSampleFrequencies(), reader.getSignalLabels()
+            units = [reader.getPhysicalDimension(i) for i in range(len(titles))]
+            rate = max(rates, default=0.0)
+            signals = [reader.readSignal(i) if each == rate else None for i, each in enumerate(rates)]
+    except OSError as error:
+        raise InputError(f"{source}: not a whole EDF file ({error}); export it again, or as CSV.") from None
+    longest = max((len(each) for each in signals if each is not None), default=0)
+    columns = [Column("time [s]", np.arange(longest) / rate if longest else np.empty(0))]
+    for title, unit, values, own in zip(titles, units, signals, rates, strict=True):
+        if values is None:
+            columns.append(Column(title, np.empty(0), unit, f"it is sampled at {own:g} Hz, others at {rate:g} Hz"))
+        else:
+            columns.append(Column(title, values, unit))
+    return Table(Place(source), columns, f"EDF file, {rate:g} Hz")

@@ -1,0 +1,111 @@
+"""What `discover` says of a real mock circulation, and how long ten starts of `calibrate` take: real-recordings.md.
+
+    python benchmarks/mock_loop_verdicts.py FOLDER [--time-limit "1 min"] [--starts 10] [--json FILE]
+
+FOLDER as for benchmarks/mock_loop.py. Each file is studied with its first model, the stated low-passes given, in a
+process of its own (``--jobs 1``); then that model's six numbers are calibrated from so many starts. RMS is over the
+mean held-out beat, through the FMU, of the model without and with what was named. Nothing is asserted.
+"""
+
+from __future__ import annotations
+
+import os
+
+# before NumPy is imported: one thread, so that CPU time is time
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.mock_loop import CHANNELS, COLUMNS, FILTERS, FREE, Clock, both
+from fitting.first.model import first_model
+from fitting.records.align import align
+from fitting.records.columns import Reading
+from fitting.records.filters import with_filters
+from fitting.records.record import read_record
+from fitting.starts import calibrate_from
+from solver.files import write_network, write_whole
+from solver.units import MMHG
+
+Row = dict[str, Any]
+
+
+def spent() -> float:
+    """CPU seconds of all child processes until now."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def studied(path: Path, limit: str, folder: Path) -> Row:
+    """The verdict on one file, with CPU and wall seconds."""
+    beats = align(read_record(path, Reading(names=COLUMNS)))
+    model, out = folder / f"{path.stem}.toml", folder / path.stem
+    write_network(with_filters(first_model(beats).network, FILTERS), model)
+    mapped = [word for column, name in COLUMNS.items() for word in ("--map", f"{column}={name}")]
+    command = [sys.executable, "-m", "discrepancy", "discover", str(path), "--model", str(model), "--out", str(out)]
+    begun, cpu = time.monotonic(), spent()
+    done = subprocess.run([*command, *mapped, "--time-limit", limit, "--jobs", "1", "--quiet"], check=False)
+    row: Row = {"file": path.stem, "exit": done.returncode, "cpu": spent() - cpu, "wall": time.monotonic() - begun}
+    if not (out / "verdict.json").exists():
+        return row
+    verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
+    channels = [verdict["gap"]["channels"].get(name) or {} for name in CHANNELS]
+    rms = [[(c.get(key) or float("nan")) / MMHG for c in channels] for key in ("rms_before", "rms_after")]
+    kept = ("verdict", "complete", "class", "effects", "gap", "map", "learned", "remains", "reason", "sentence")
+    return row | {"rms_before": rms[0], "rms_after": rms[1]} | {key: verdict[key] for key in kept}
+
+
+def from_many(path: Path, starts: int) -> Row:
+    """CPU seconds of a calibration from many starts, and how many ended in the lowest minimum."""
+    beats = align(read_record(path, Reading(names=COLUMNS)))
+    network = with_filters(first_model(beats).network, FILTERS)
+    clock = Clock()
+    tried = calibrate_from(beats, network, FREE, starts, jobs=1)
+    return {"starts": starts, "starts_cpu": clock.lap(), "ended": list(tried.report)}
+
+
+def named(row: Row) -> str:
+    """What was named, or acts."""
+    effects = [f"{e['name']} at {', '.join(e['where'])}" for e in row["effects"]]
+    return " + ".join(effects) or ", ".join(f"{p['kind']} {p['where']}" for p in row["map"] or ())
+
+
+def main(
+    folder: Annotated[Path, typer.Argument(help="Folder of the CSV files.")],
+    limit: Annotated[str, typer.Option("--time-limit", help="Of naming, for each file.")] = "1 min",
+    starts: Annotated[int, typer.Option(help="Of calibrate; 0: none.")] = 10,
+    files: Annotated[int | None, typer.Option(help="Of the folder, the first ones; default: all.")] = None,
+    kept: Annotated[Path | None, typer.Option(help="Folder for the studies; default: none is kept.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Also write all numbers to this file.")] = None,
+) -> None:
+    """Measure and print."""
+    rows = list[Row]()
+    with tempfile.TemporaryDirectory() as made:
+        for path in sorted(folder.glob("*.csv"))[:files]:
+            rows.append(studied(path, limit, kept or Path(made)))
+            rows[-1] |= from_many(path, starts) if starts else {}
+            if json_file is not None:
+                write_whole(json_file, json.dumps(rows, indent=1) + "\n")
+    table = Table(title=f"rms of {' / '.join(CHANNELS)} in mmHg, held out; seconds of one core")
+    for column in ("file", "verdict", "CPU, s", "wall, s", "rms before", "rms after", "named or acting", "starts, s"):
+        table.add_column(column)
+    for r in rows:
+        said = [r.get("verdict", "–") + ("" if r.get("complete") else ", incomplete"), f"{r['cpu']:.0f}"]
+        rms = [both(r["rms_before"]), both(r["rms_after"]), named(r)] if "verdict" in r else ["–"] * 3
+        table.add_row(r["file"], *said, f"{r['wall']:.0f}", *rms, f"{r.get('starts_cpu', 0.0):.0f}")
+    Console(width=190).print(table)
+
+
+if __name__ == "__main__":
+    typer.run(main)

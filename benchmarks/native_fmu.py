@@ -1,0 +1,96 @@
+"""The FMU that needs no Python, from a host in C (native_fmu.c): CPU time of a step, cold start, memory, size.
+
+    python benchmarks/native_fmu.py [--json FILE] [--small]
+
+Steps of 1 ms with the inflow set and 40 outputs read, and a cold start from loading the library to the end of the first
+step; beside it the pythonfmu FMU from a host in Python, in the same run. Nothing here is asserted: see the tests.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Annotated
+
+import fmpy
+import numpy as np
+import typer
+
+from benchmarks.table import Row, Small, show
+from build_fmu import build, build_native
+from solver import load
+from solver.errors import InputError
+
+HOST = Path(__file__).with_suffix(".c")
+READ = 40  # outputs
+
+
+def main(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    small: Small = False,
+) -> None:
+    """Measure and print."""
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        print("Nothing to measure: no C compiler for the host.")
+        return
+    rows = list[Row]()
+    with tempfile.TemporaryDirectory() as folder:
+        host = Path(folder) / "host"
+        subprocess.run([compiler, "-O2", "-D_GNU_SOURCE", HOST, "-o", host, "-ldl", "-lm"], check=True)
+        for name in ("sheep",) if small else ("sheep", "human", "adan56"):
+            try:
+                fmu = build_native(load(name), Path(folder) / "native")
+            except InputError as reason:
+                print(f"Nothing to measure: {reason}")
+                return
+            cold, step, memory = measured(fmu, host, 200 if small else 20_000, 1 if small else 5)
+            other = python_step(build(load(name), Path(folder) / "python"), 20 if small else 500)
+            note = f"pythonfmu FMU from a host in Python {1e6 * other:.0f} us, x {other / step:.0f}"
+            rows += [
+                Row(f"{name}: doStep of 1 ms, {READ} outputs read", 1e6 * step, "us", 30.0, note),
+                Row(f"{name}: cold start to the first step", 1e3 * cold, "ms", 20.0),
+                Row(f"{name}: memory of an instance", 1e-6 * memory, "MB", 5.0),
+                Row(f"{name}: file, one platform", 1e-6 * fmu.stat().st_size, "MB", 0.4),
+            ]
+    show(rows, "FMU without Python, from a host in C, one thread", json_file)
+
+
+def measured(fmu: Path, host: Path, steps: int, times: int) -> tuple[float, float, float]:
+    """CPU seconds of a cold start and of a step, and bytes of an instance: the least of some runs."""
+    folder, description = Path(fmpy.extract(os.fspath(fmu))), fmpy.read_model_description(os.fspath(fmu))
+    vr = {v.name: v.valueReference for v in description.modelVariables}
+    outputs = [v.valueReference for v in description.modelVariables if v.causality == "output"][:READ]
+    library = next((folder / "binaries").rglob("*.so"))
+    numbers = [steps, vr["inlet.Q"], vr["inlet.interpolation"], *outputs]
+    line = [host, library, description.guid, folder / "resources", *map(str, numbers)]
+    found = [subprocess.run(line, check=True, capture_output=True, text=True).stdout.split() for _ in range(times)]
+    shutil.rmtree(folder)
+    cold, step, memory = np.array(found, float).min(axis=0)
+    return float(cold), float(step), float(memory)
+
+
+def python_step(fmu: Path, steps: int) -> float:
+    """CPU seconds of a step of the other FMU."""
+    folder, description = fmpy.extract(os.fspath(fmu)), fmpy.read_model_description(os.fspath(fmu))
+    slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation")
+    vr = {v.name: v.valueReference for v in description.modelVariables}
+    outputs = [v.valueReference for v in description.modelVariables if v.causality == "output"][:READ]
+    slave.setupExperiment(startTime=0.0)
+    slave.setInteger([vr["inlet.interpolation"]], [2])
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    start = time.process_time()
+    for i in range(steps):
+        slave.setReal([vr["inlet.Q"]], [55e-6 * max(0.0, float(np.sin(2 * np.pi * (i + 1) * 1e-3 / 0.5)))])
+        slave.doStep(i * 1e-3, 1e-3)
+        slave.getReal(outputs)
+    return (time.process_time() - start) / steps
+
+
+if __name__ == "__main__":
+    typer.run(main)

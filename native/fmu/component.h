@@ -1,0 +1,144 @@
+/* A co-simulation component of arteries without FMI: what an FMU holds, and what both versions of the standard ask. */
+#ifndef ARTERIAL_COMPONENT_H
+#define ARTERIAL_COMPONENT_H
+
+#include "../engine.h"
+#include "../run.h"
+
+#include <stddef.h>
+
+/* --- the resource: arrays in one file, as fmu_src/resource.py writes them -------------------------------------------- */
+
+enum { SOME_BYTES, SOME_INTEGERS, SOME_NUMBERS };
+enum { META, GUID, OPERATIONS, VARIABLES, RANGES, STRINGS, PARAMETERS, INLETS, INLET_NUMBERS, CURVES, VENOUS,
+       SEGMENTS, ELEMENTS, POSITIONS, PERIODIC, PROGRAMS };
+enum { PROGRAM_META, CODE, BEGIN, INDEX, NUMBERS, PER_PROGRAM }; /* of each program, from PROGRAMS on */
+/* META */
+enum { N_VARIABLES, FIRST_OUTPUT, FIRST_LATE, N_POINTS, N_PROGRAMS, VR_DT, VR_LENGTH, VR_ELASTIC, VR_VISCOUS,
+       VR_INTERPOLATION, VR_DRIVE, VR_START, VR_T, VR_P_0, TEXT_NAME, TEXT_UNSOLVED, TEXT_SHORTER, N_META };
+/* VARIABLES, a row each */
+enum { KIND, CAUSALITY, VARIABILITY, FLAGS, CHOICES, NAME, DESCRIPTION, UNIT, ITEMS, PER_VARIABLE };
+enum { REAL, ENUMERATION };
+enum { INPUT, PARAMETER, OUTPUT };
+enum { CONTINUOUS, FIXED, TUNABLE };
+enum { OPEN_LOW = 1, WHOLE = 2 };
+enum { START_VALUE, LOW, HIGH, PER_RANGE };
+/* INLETS, and INLET_NUMBERS */
+enum { VR_INLET, VR_MEAN, BY_FLOW, CURVE, CURVE_AT, CURVE_SIZE, PER_INLET };
+enum { NO_CURVE, HALF_SINE, CUBIC, FOURIER };
+enum { OWN_MEAN, OWN_T, OWN_MAX, PER_INLET_NUMBERS };
+enum { VR_VENOUS, OUTLET_SEGMENT, PER_VENOUS };
+enum { SEGMENT_NAME, VR_L, VR_PHI0, VR_PHINL, PER_SEGMENT };
+/* PROGRAM_META: laws (0 any), counts as in arterial_program, places, further ones, columns of the inlets, reasons */
+enum { ELASTIC, VISCOUS, N_MARGINS, COUNTS, N_COUNTS = 10, AT_PLACES = COUNTS + N_COUNTS };
+
+/* Phases after those of engine.h, and places after those there: in the order of solver/tracing/component.py. */
+enum { EXPLAIN = PHASES, SHOW };
+enum { MOST_MARGINS = 4 };
+enum { IN_PARAMETERS, IN_DT, IN_LENGTH, OUT_Y_REST, OUT_A_REST, OUT_LOST_AT_REST, OUT_SMALL_DRIVES, OUT_SMALL_VENOUS,
+       OUT_END_IMPEDANCE, OUT_PHI0, OUT_A0, OUT_R, OUT_LOST, OUT_MARGINS,
+       IN_VENOUS_SHOW = OUT_MARGINS + MOST_MARGINS, OUT_V, OUT_ANSWERS, OUT_VENOUS_FLOW, FURTHER };
+
+typedef struct {
+    arterial_program program;
+    const int32_t *meta, *further, *first, *reasons; /* first : columns of the inlets; reasons : two texts a margin */
+} recorded;
+
+typedef struct {
+    void *bytes;
+    int32_t n_arrays;
+    const int32_t *meta, *variables, *parameters, *inlets, *venous, *segments, *elements;
+    const double *ranges, *inlet_numbers, *curves, *positions, *periodic;
+    const char *guid, *strings;
+    int32_t n_parameters, n_inlets, n_outlets, n_segments, n_elements, n_periodic, n_state;
+    recorded *recorded;
+} resource;
+
+/* Reads a file; 0 with a sentence where it is not whole. */
+int resource_read(resource *r, const char *folder, char *why, size_t room);
+void resource_free(resource *r);
+uint64_t digest(const void *bytes, size_t n);
+
+/* --- the component --------------------------------------------------------------------------------------------------- */
+
+enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED };
+enum { HOLD = 1, LINEAR, SMOOTH };
+
+/* All that a state holds is numbers, one after the other: first these. */
+enum { STATE_OF, T0, STOP, HAS_STOP, OUTDATED, LATE_DUE, CHANGED, RETUNED, READY, NOW, DT, TIME, WAY, OWN, FRESH, V_NOW, V_0,
+       V_VENOUS, Q_VENOUS, BASIS_TIME, FOUND, HEARD, LAST_H, LAST_STEPS, LAST_DT, BASIS_H, BASIS_STEPS, BASIS_DT,
+       N_HEAD };
+/* Numbers of a position, before the engine's of its state. */
+enum { AT_DT, HALVED, V_IN, AT_DRIVE };
+
+enum { SLOTS = 6, ROOM = 1024, HALVINGS = 4 };
+
+typedef struct {
+    double h, dt;
+    int64_t steps;
+    int32_t program;
+    const double *parameters, *venous;
+} stretch;
+
+typedef struct {
+    double dt, used;
+    int32_t program;
+    double *parameters, *fixed;
+} slot;
+
+typedef struct {
+    resource r;
+    double *numbers, *before;          /* the state, and the one to come back to */
+    int64_t n_numbers, n_position;
+    /* in both: */
+    int64_t values, now, slope, unset, last_venous, basis_venous, Z, Z_0, Z_out, known, shown, basis_known,
+        basis_shown;
+    double *work, *tried[3], *spare, *after, *row, *answers, *flows, *given, *drives[HALVINGS + 2], *pressures, clock;
+    slot slots[SLOTS];
+    char said[ROOM], remark[ROOM], failure[ROOM];
+} component;
+
+component *component_new(const char *folder, const char *guid, char *why, size_t room);
+void component_free(component *c);
+void component_reset(component *c);
+
+/* Each returns 0 with a sentence in c->said, and the numbers as before. remark : one for a warning, or "". */
+int component_may_be(const component *c, const double *numbers); /* whether they can be the numbers of a state */
+int component_set_up(component *c, double start, int has_stop, double stop);
+int component_enter(component *c);
+int component_leave(component *c);
+int component_step(component *c, double t, double h);
+int component_read(component *c, const uint32_t *vr, size_t n, int kind, double *values);
+int component_write(component *c, const uint32_t *vr, size_t n, int kind, const double *values);
+
+/* --- its parts --------------------------------------------------------------------------------------------------------- */
+
+int say(component *c, const char *format, ...); /* into said; returns 0 */
+const char *text(const component *c, int32_t at);
+double value_of(const component *c, int32_t vr);
+const int32_t *variable(const component *c, uint32_t vr);
+const char *name_of(const component *c, uint32_t vr);
+void keep(component *c); /* the numbers, to come back to */
+int back(component *c);  /* returns 0 */
+int initialized(component *c);
+
+/* The block of numbers for a program, its parameters and a step; NULL with a sentence. */
+double *bound(component *c, int32_t program, const double *parameters, double dt);
+memory memory_for(component *c, int32_t program, double *fixed);
+double *further(component *c, int32_t program, const memory *m, int which);
+
+/* Runs along straight lines, or along the network's own curves from a time t; 0 with a sentence in failure. */
+int run_stretch(component *c, const stretch *s, double *position, double t, const double *start, const double *end);
+int run_along(component *c, const stretch *s, double *position, double t);
+double drive_at(component *c, int32_t inlet, double t);
+stretch stretch_of(const component *c, double h, const double *venous);
+double rounded(double dt);
+
+/* Volume, answers and venous flows of a position, into c->row's end; returns the volume. */
+double shown_of(component *c, int32_t program, const double *parameters, const double *position, const double *venous,
+                double *answers, double *flows);
+/* The sentence for a step that was not solved, or is not physical. */
+void explain(component *c, int32_t program, const memory *m, int solved, double t);
+int ports(component *c, double *values);
+
+#endif

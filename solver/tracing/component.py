@@ -1,0 +1,173 @@
+"""The program of a co-simulation component: from its parameters and the length of a step to the coefficients, to the
+steps, and to all that an FMU shows of a state.
+
+Unlike the program of :mod:`~solver.tracing.steps`, which belongs to a model and a step, one program serves every
+parameter set on one mesh: the first phase makes the coefficients, too. What it cannot be taken to (another mesh, walls
+that become nonlinear) it *requires* not to happen, and stops there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..coefficients import changes, coefficients
+from ..network import Network
+from ..outputs import inlet_answers, site_walls, venous_flow, volume_weights
+from ..scheme.guards import VISCOSITY_REASON, margins
+from ..scheme.mesh import Mesh, build_mesh
+from ..scheme.model import Model, Settings, lay_out
+from ..scheme.sdirk import GAMMA
+from ..scheme.step import State
+from .array import Traced, array, later
+from .known import Known
+from .program import Program, compiled
+from .recorder import Untraceable
+from .steps import CORE, PHASES, Recording
+
+Array = np.ndarray
+
+# phases after those of a model's program, in the order of native/fmu/component.h
+MORE = ("explain", "show")
+_PHASE = {name: number for number, name in enumerate((*PHASES, *MORE))}
+MARGINS = 4  # at most, that guards ask for
+# where it takes and leaves its numbers beside PLACES, in the order there
+FURTHER = (
+    "parameters", "dt", "element_length", "y_rest", "A_rest", "lost_at_rest", "small_drives", "small_venous",
+    "end_impedance", "phi0", "A0", "r", "lost", *(f"margin_{i}" for i in range(MARGINS)),
+    "venous_show", "V", "answers", "venous_flow",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A program, and the concrete model of the parameters that it was recorded with, whose mesh is that of all."""
+
+    program: Program
+    model: Model
+    reasons: tuple[tuple[str, str], ...]
+
+
+def whole(network: Network, settings: Settings, bent: bool = False) -> Whole:
+    """The program of a network's component. bent : whether it holds nonlinear walls, as any may become.
+    Raises Untraceable, which says what cannot be recorded.
+    """
+    if network.sources:
+        raise Untraceable("tables of sources are not recorded")
+    values = network.parameters()
+    c = coefficients(network, values, every=True)
+    mesh = build_mesh(network, c.L[0], settings.element_length, settings.degree, coefficients(network, values).cuts)
+    model = lay_out(network, values, settings, c, mesh)
+    recorder = Known()
+    given = array(recorder, 0, (len(values),))
+    recorder.give(given, [*values.values()])
+    traced: dict[str, Any] = {name: given[i] for i, name in enumerate(values)}
+    if bent:  # what is zero everywhere would be left out
+        recorder.lenient = True
+        recorder.numbers[given.buffer.slot] = np.array([_bent(name, value) for name, value in values.items()])
+    made = coefficients(network, traced, checked=False, every=True)
+    m = lay_out(network, traced, settings, made, mesh, every=True)
+    m = replace(m, mesh=replace(mesh, core=CORE), parameters={}, memo={})
+    step, length = array(recorder, 0, ()), array(recorder, 0, ())
+    recorder.give(step, settings.dt)
+    recorder.give(length, settings.element_length)
+    walls = site_walls(m)
+    recorder.lenient = False
+    _same_mesh(recorder, mesh, made, length)
+    recording = _Component(recorder, m, GAMMA * step)
+    program = recording.whole(walls, {"parameters": [given], "dt": [step], "element_length": [length]})
+    return Whole(program, model, tuple(recording.reasons))
+
+
+def _bent(name: str, value: float) -> float:
+    """A number that is not zero where a nonlinear wall has one."""
+    return value or 1e-3 if name.rpartition(".")[2] in ("phiNL", "ENL") else value
+
+
+def _same_mesh(recorder: Known, mesh: Mesh, c: Any, length: Traced) -> None:
+    """Require that the elements be as many, and end where they do."""
+    for term in c.terms:
+        if term.effect.owner == "segment" and (term.effect.cuts or changes(term.effect, "cut_at")):
+            for s in range(len(mesh.count)):
+                if term.effect.cut_at(term.at(s)):
+                    bool(term.on[s])  # asked for, and so required
+    width = 1.0 / mesh.parts * np.bincount(mesh.piece)[mesh.piece]
+    pieces = np.bincount(mesh.piece)[mesh.piece]
+    wanted = width * c.L[0][mesh.segment] / length - 1e-9
+    fits = (wanted <= pieces) & ((wanted > pieces - 1.0) | (pieces == 1))
+    recorder.require(fits, np.ones(len(pieces)))
+
+
+class _Component(Recording):
+    """Steps, and what an FMU asks of them."""
+
+    phases: ClassVar[Mapping[str, int]] = _PHASE
+
+    def __init__(self, recorder: Known, m: Any, tau: Any) -> None:
+        super().__init__(recorder, m, tau)
+        self.reasons: list[tuple[str, str]] = []
+
+    def whole(self, walls: Any, places: Mapping[str, Sequence[Traced]]) -> Program:
+        self.rest()
+        state, venous = self.steps(walls)
+        self.explain(venous)
+        self.show(state)
+        return compiled(self.recorder, len(self.phases), self.m.mesh.n_elements, {**self.given, **places}, self.out)
+
+    def rest(self) -> None:
+        """The state at rest, whether it can be, and what small changes of drive and P_venous are."""
+        m, wall, at = self.m, self.m.wall, (0, self.m.mesh.inlet_element, 0)
+        c = m.coefficients
+        H = np.broadcast_to(c.P_0, (1, self.n_H))
+        self.out |= {"y_rest": m.at_rest(), "A_rest": m.A_rest[..., 0], "phi0": self._full(wall.phi0)}
+        self.out |= {"A0": self._full(wall.A0), "r": self._full(wall.r)}
+        self.out["lost_at_rest"] = self._lost(c.P_venous, H)
+        self.out["small_drives"] = np.where(m.inlets.by_flow, (wall.A0 * wall.c0)[at], (wall.rho * wall.c0**2)[at])
+        self.out["small_venous"] = (m.outlet_wall.rho * m.outlet_wall.c0**2)[0]
+        Z = wall.rho[at] * wall.c0[at] / wall.A0[at]
+        self.out["end_impedance"] = np.where(m.inlets.by_flow, Z, 1.0 / Z)
+
+    def explain(self, venous: Any) -> None:
+        """What must be positive of an iterate, each by itself, and which outlets are lost."""
+        m, out = self.m, self.out
+        A, A_t = (later(self.recorder, x, _PHASE["explain"]) for x in (m.layout.part(out["end"], "A"), out["A_t"]))
+        Q = self.take("Q", "explain", *self.shapes["Q"])
+        for i, (margin, reason, remedy) in enumerate(margins(m, A, A_t, Q)):
+            out[f"margin_{i}"] = self._full(margin)
+            self.reasons.append((_text(reason), remedy))
+        H = self.take("H", "explain", self.n_H)
+        out["lost"] = self._lost(later(self.recorder, venous, _PHASE["explain"]), H)
+
+    def show(self, state: State) -> None:
+        """Beside the outputs: volume, what inlets answer, the flows to P_venous."""
+        y, H = self.take("y_report", "show", self.m.layout.size), self.take("H_report", "show", self.n_H)
+        venous = self.take("venous_show", "show", len(self.m.mesh.topology.outlet_segment))
+        moment = replace(state, y=y, H=H)
+        self.out["V"] = (volume_weights(self.m) * y).sum()
+        self.out["answers"] = inlet_answers(self.m, moment)
+        self.out["venous_flow"] = venous_flow(self.m, moment, venous)
+
+    def _full(self, x: Any) -> Any:
+        return 1.0 * np.broadcast_to(x, self.m.wall.A0.shape)
+
+    def _lost(self, venous: Any, H: Any) -> Any:
+        """1 for each outlet where no pressure of this size can be : (n_outlets,)."""
+        m = self.m
+        found = np.zeros_like(m.coefficients.P_0, shape=(1, len(m.mesh.topology.outlet_segment)))
+        for ends in m.coefficients.outlets:
+            numbers = {**ends.numbers, "P_venous": venous[..., ends.index]}
+            P = H[:, m.mesh.topology.outlets][:, ends.index]
+            lost = ends.kind.unreachable(numbers, m.outlet_wall.at(ends.index), P)
+            found[:, ends.index] = 1.0 * lost
+        return found
+
+
+def _text(reason: Callable[[], str]) -> str:
+    """A reason; with {} for a number that only a state has."""
+    try:
+        return reason()
+    except Untraceable:
+        return VISCOSITY_REASON

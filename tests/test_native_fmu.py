@@ -1,0 +1,277 @@
+"""The FMU that needs no Python against that of pythonfmu, through FMPy: the same numbers, states, parameters."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+from fmus import COARSE, MS, Instance
+from native_fmus import apart, elastic, half_sine, needs_compiler, pair, rows
+from test_toy import TissueSupport
+
+from build_fmu import build, build_native
+from fmu_src import binaries, doctor
+from solver import effects, load, simulate
+from solver.errors import InputError
+
+pytestmark = needs_compiler
+EQUAL = 1e-12  # of the largest value of each output
+DIVIDED = 2e-11  # the same of what is a difference of outputs, divided: venous.Q, and Z of ports (measured 4e-12)
+TUNED = {30: {"CA.phi0": 3e4, "AA.E": 1.5e6}, 60: {"CA.outlet.R_t": 0.5, "VA1.outlet.P_venous": 200.0}}
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Instance, Instance]:
+    return pair(load("sheep"), tmp_path_factory.mktemp("both"))
+
+
+@pytest.fixture(scope="module")
+def native(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build_native(load("sheep"), tmp_path_factory.mktemp("native"), COARSE)
+
+
+def same(one: Instance, two: Instance, *run: object, **more: object) -> None:
+    found, expected = rows(two, *run, **more), rows(one, *run, **more)  # type: ignore[arg-type]
+    off, divided = apart(one, found, expected)
+    assert off <= EQUAL
+    assert divided <= DIVIDED
+    assert two.messages == one.messages == []
+
+
+@pytest.mark.parametrize("way", ["hold", "linear", "smooth"])
+def test_equals_the_other_fmu(both: tuple[Instance, Instance], way: str) -> None:
+    """Viscoelastic sheep, walls and an outlet retuned in mid-run; all outputs, ports too (measured 3e-13, 4e-12)."""
+    same(*both, {"inlet.interpolation": way}, 100, tuned=TUNED)
+
+
+@pytest.mark.parametrize("h", [0.7e-3, 2.5e-3])
+def test_off_the_grid(both: tuple[Instance, Instance], h: float) -> None:
+    """Communication steps that are no multiples of the internal one."""
+    same(*both, {"inlet.interpolation": "linear"}, 150, h=h)
+
+
+def test_start_values(both: tuple[Instance, Instance]) -> None:
+    """Walls, laws, fluid and steps that are set before initialization, and the network's own inflow."""
+    values = {
+        "inlet.drive": "network", "inlet.Q_mean": 1e-5, "inlet.T": 0.4, "solver.dt": 5e-4, "network.P_0": 5e3,
+        "network.elastic_law": "regression", "network.viscous_law": "monotone", "CA.phiNL": 4e3, "AA.ENL": 1e5,
+        "CA.R0": 4e-3, "fluid.rho": 1040.0, "MD.L": 0.099,
+    }  # fmt: skip
+    same(*both, values, 40)
+
+
+def test_periodic_start(both: tuple[Instance, Instance]) -> None:
+    """The periodic start of the start values is held; of other values it is refused with their name."""
+    same(*both, {"network.start": "periodic", "inlet.drive": "network"}, 40)
+    both[1].slave.reset()
+    with pytest.raises(FMICallException):
+        both[1].initialize({"network.start": "periodic", "CA.E": 2e6})
+    assert "CA.E is another one; build it anew with --set" in both[1].messages.pop()
+
+
+def test_elastic_walls(tmp_path: Path) -> None:
+    """Elastic sheep, and walls that are made viscous in mid-run."""
+    one, two = pair(elastic(load("sheep")), tmp_path)
+    same(one, two, {"inlet.interpolation": "linear"}, 100, tuned={50: {"CA.phi0": 3e4}})
+
+
+HELD = {
+    "human": lambda: load("human"),
+    "nonlinear": lambda: load("sheep_nonlinear"),
+    "relaxation": lambda: load("sheep").with_terms({"CA.tau": 0.01, "MD.tau": 0.0}),
+    "springpot": lambda: load("sheep").with_terms({"CA.springpot": 0.3}),
+    "unsteady friction": lambda: load("sheep").with_terms({"fluid.unsteady_scale": 1.0}),
+    "stenosis": lambda: load("sheep").with_terms({"CA.K": 10.0}),
+    "leak": lambda: load("sheep").with_terms({"CA.leak": 1e-9}),
+    "taper": lambda: load("sheep").with_terms({"CA.taper": 0.2}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HELD)
+def test_networks_and_effects(tmp_path: Path, name: str) -> None:
+    """Two beats of the human network, a part of one of what sheep may hold beside."""
+    network = HELD[name]()
+    steps = 1800 if name == "human" else 150
+    same(*pair(network, tmp_path), {"inlet.drive": "network"}, steps)
+
+
+def test_toy_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An effect that is one Python class, which the other FMU cannot carry, runs in C; the solver's numbers to 1e-11
+    (measured 2e-13)."""
+    toy = TissueSupport()
+    monkeypatch.setattr(effects, "ALL", (*effects.ALL, toy))
+    network = toy.add(load("sheep"), "CA", {"k_near": 2e6, "k_far": 3e7})
+    instance = Instance(build_native(network, tmp_path), tmp_path / "toy")
+    found = rows(instance, {"inlet.drive": "network"}, 100)[:, : len(instance.outputs)]
+    run = simulate(network, duration=0.1)
+    expected = np.column_stack([run[name] for name in instance.outputs])
+    assert np.abs(found - expected).max(axis=0) == pytest.approx(0.0, abs=1e-11 * np.abs(expected).max())
+    plain = simulate(load("sheep"), duration=0.1)
+    assert np.abs(run["CA.P"] - plain["CA.P"]).max() > 1.0  # Pa, it does something
+
+
+# --- description --------------------------------------------------------------------------------------------------
+
+
+FACTS = ("name", "valueReference", "causality", "variability", "initial", "description", "unit", "displayUnit")
+NUMBERS = ("start", "min", "max", "nominal")
+
+
+def table(file: Path) -> list[tuple[object, ...]]:
+    """What a description says of each variable but time."""
+    variables = [v for v in fmpy.read_model_description(os.fspath(file)).modelVariables if v.name != "time"]
+    return [
+        (*(getattr(v, key) for key in FACTS), *(x and float(x) for x in (getattr(v, key) for key in NUMBERS)))
+        for v in variables
+    ]
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_the_same_variables(tmp_path: Path, fmi: int) -> None:
+    """Names, references, causalities, units, ranges and start values are those of the other; FMPy finds no fault."""
+    one = build(load("sheep"), tmp_path / "one")
+    two = build_native(load("sheep"), tmp_path / "two", fmi=fmi)
+    assert validate_fmu(os.fspath(two)) == []
+    description = fmpy.read_model_description(os.fspath(two))
+    assert (description.fmiVersion, description.coSimulation.needsExecutionTool) == (f"{fmi}.0", False)
+    assert table(two) == table(one)
+
+
+def test_fmi_3(tmp_path: Path) -> None:
+    """FMI 3.0 gives the numbers of 2.0, bit by bit, and time."""
+    files = [build_native(load("sheep"), tmp_path / str(fmi), COARSE, fmi=fmi) for fmi in (2, 3)]
+    names = ["CA.P", "MD.Q", "inlet.Z", "venous.V"]
+    two, three = (
+        fmpy.simulate_fmu(
+            os.fspath(f), output=names, stop_time=0.1, output_interval=2e-3, start_values={"inlet.drive": 2}
+        )
+        for f in files
+    )
+    assert len(two) == 51 and np.abs(two["CA.P"]).max() > 100.0
+    for name in ("time", *names):
+        assert np.array_equal(two[name], three[name]), name
+
+
+def test_the_same_input_the_same_file(native: Path, tmp_path: Path) -> None:
+    """Byte for byte, with the sources and a build description in it."""
+    again = build_native(load("sheep"), tmp_path, COARSE)
+    assert again.read_bytes() == native.read_bytes()
+    other = build_native(load("sheep").with_parameters({"CA.E": 2e6}), tmp_path, COARSE)
+    guids = {fmpy.read_model_description(os.fspath(f)).guid for f in (native, other)}
+    assert len(guids) == 2
+    files = set(zipfile.ZipFile(native).namelist())
+    assert {"sources/buildDescription.xml", "sources/engine.c", "sources/fmu/fmi2.c"} <= files
+
+
+def test_no_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One sentence where nothing can compile it, and for a platform that there is not."""
+    monkeypatch.setattr(binaries, "LIBRARY", tmp_path / "engine" / "x.so")
+    monkeypatch.setattr(binaries.shutil, "which", lambda name: None)
+    monkeypatch.setattr(binaries.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match="must be compiled once, and no C compiler .* is there: pip install ziglang"):
+        build_native(load("sheep"), tmp_path)
+    with pytest.raises(InputError, match="--platforms amiga: must be linux64, "):
+        build_native(load("sheep"), tmp_path, platforms=["amiga"])
+    with pytest.raises(InputError, match="--fmi 1: must be 2 or 3"):
+        build_native(load("sheep"), tmp_path, fmi=1)
+
+
+def test_a_fat_library() -> None:
+    """A Mach-O universal binary: two parts, each at a page of its own."""
+    made = binaries.fat(b"x" * 5, b"a" * 20000)
+    assert made[:8].hex() == "cafebabe00000002"
+    assert made[1 << 14 : (1 << 14) + 5] == b"x" * 5
+    assert made[2 << 14 : (2 << 14) + 20000] == b"a" * 20000
+    assert int.from_bytes(made[16:20], "big") == 1 << 14 and int.from_bytes(made[36:40], "big") == 2 << 14
+
+
+def test_doctor(native: Path, tmp_path: Path) -> None:
+    """Whole, without Python, and one step made; FMI 3.0, too, without the step; a change is found by the GUID."""
+    found = {finding.what: finding for finding in doctor.examine(native)}
+    assert {finding.state for finding in found.values()} == {doctor.OK}
+    assert found["Python"].found == "not needed by the host"
+    assert found["one step"].found == "loaded, initialized, stepped, read, freed"
+    three = doctor.examine(build_native(load("sheep"), tmp_path, COARSE, fmi=3))
+    assert doctor.state(three) == doctor.OK
+    changed = tmp_path / "changed.fmu"
+    with zipfile.ZipFile(native) as old, zipfile.ZipFile(changed, "w") as new:
+        for name in old.namelist():
+            new.writestr(name, old.read(name) + b" " * name.endswith("toml"))
+    assert doctor.state(doctor.examine(changed)) == doctor.FATAL
+
+
+def test_command(tmp_path: Path) -> None:
+    """build --native; the options of it alone are refused without it."""
+    line = [sys.executable, "-m", "arterial_fmu", "build", "sheep", "--out", os.fspath(tmp_path), "--fmi", "3"]
+    refused = subprocess.run(line, capture_output=True, text=True)
+    assert refused.returncode == 2
+    assert "--fmi and --platforms: for FMUs that need no Python; add --native." in refused.stderr
+    done = subprocess.run([*line, "--native", "--set", "CA.E=2 MPa"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    description = fmpy.read_model_description(os.fspath(tmp_path / "sheep.fmu"))
+    starts = {v.name: v.start for v in description.modelVariables}
+    assert (description.fmiVersion, float(starts["CA.E"])) == ("3.0", 2e6)
+
+
+# --- states -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("way", ["hold", "smooth"])
+def test_states(native: Path, tmp_path: Path, way: str) -> None:
+    """Save, step, restore, step: the same bits, in the instance, in another one by bytes, and in a new process."""
+    one, two = Instance(native, tmp_path / "one"), Instance(native, tmp_path / "two")
+    one.initialize({"inlet.interpolation": way})
+    for i in range(20):
+        one.set({"CA.E": 1.5e6} if i == 10 else {})
+        one.step(i, 1e-6 * i)
+    state = one.slave.getFMUState()
+    blob = one.slave.serializeFMUState(state)
+    expected = [one.step(20 + i, 1e-6 * i) for i in range(20)]
+    one.slave.setFMUState(state)
+    assert [one.step(20 + i, 1e-6 * i) for i in range(20)] == expected
+    two.slave.setFMUState(two.slave.deSerializeFMUstate(blob))
+    assert [two.step(20 + i, 1e-6 * i) for i in range(20)] == expected
+    (tmp_path / "state").write_bytes(blob)
+    line = [sys.executable, "-c", CONTINUED, *map(os.fspath, (native, tmp_path / "state", tmp_path / "new"))]
+    done = subprocess.run(line, capture_output=True, text=True, cwd=Path(__file__).parent)
+    assert done.stderr == ""
+    assert [float.fromhex(x) for x in done.stdout.split()] == expected[-1]
+
+
+CONTINUED = """
+import sys
+from pathlib import Path
+from fmus import Instance
+fmu, blob, folder = map(Path, sys.argv[1:])
+instance = Instance(fmu, folder)
+instance.slave.setFMUState(instance.slave.deSerializeFMUstate(blob.read_bytes()))
+print(*[x.hex() for x in [instance.step(20 + i, 1e-6 * i) for i in range(20)][-1]])
+"""
+
+
+def test_two_instances(native: Path, tmp_path: Path) -> None:
+    """Two instances of one process, by turns and with other walls, are what each is alone."""
+    alone = Instance(native, tmp_path / "alone")
+    expected = rows(alone, {"CA.E": 2e6}, 20, h=2 * MS)
+    one, two = Instance(native, tmp_path / "one"), Instance(native, tmp_path / "two")
+    one.initialize({"CA.E": 2e6})
+    two.initialize({})
+    names = [*one.outputs, *one.others]
+    found = [one.get(names)]
+    two.get(names)
+    for i in range(20):
+        for instance in (two, one):
+            instance.set({"inlet.Q": half_sine((i + 1) * (2 * MS))})
+            instance.slave.doStep(i * 2 * MS, 2 * MS)
+        found.append(one.get(names))
+        two.get(names)
+    assert np.array_equal(np.array(found), expected)

@@ -1,0 +1,178 @@
+"""The FMU that needs no Python in hosts that have none, and every bad input to it: a status, a sentence, no crash."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from c_host import CHost, Unpacked, unpack
+from fmpy.fmi2 import fmi2Discard, fmi2Error
+from fmus import COARSE
+from native_fmus import COMPILER, needs_compiler
+from test_fmu_bad_input import BAD, HOST, sentence_of_the_solver
+
+from build_fmu import build_native
+from fmu_src.binaries import SOURCES
+from solver import Network, load
+
+pytestmark = needs_compiler
+BARE = {"PATH": "/nonexistent", "LD_PRELOAD": ""}  # no Python anywhere
+
+
+@pytest.fixture(scope="module")
+def native(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build_native(load("sheep"), tmp_path_factory.mktemp("native"))
+
+
+@pytest.fixture(scope="module")
+def coarse(tmp_path_factory: pytest.TempPathFactory) -> Unpacked:
+    file = build_native(load("sheep"), tmp_path_factory.mktemp("built"), COARSE)
+    return unpack(file, tmp_path_factory.mktemp("coarse"))
+
+
+def run(fmu: Unpacked, uri: str | None = None, h: float = 2e-3) -> list[str]:
+    """The commands of a few steps."""
+    Q = fmu.references["inlet.Q"]
+    steps = [c for k in range(20) for c in (f"setReal 0 {Q} {(k + 1) * 1e-6!r}", f"step 0 {k * h!r} {h!r}")]
+    read = "getReal 0 " + " ".join(str(fmu.references[name]) for name in fmu.outputs)
+    begun = [f"library 0 {fmu.library}", fmu.instantiate(0, uri=uri), "setup 0 0 10", "enter 0", "exit 0"]
+    return [*begun, *steps, read, "free 0"]
+
+
+def test_a_host_without_python(c_host: CHost, coarse: Unpacked) -> None:
+    """A host in C with no Python on its path: every step done, nothing logged, all outputs read."""
+    done = c_host.run(run(coarse), BARE)
+    assert (done.code, done.errors) == (0, "")
+    assert [(a.status, a.log) for a in done.answers] == [("ok", ())] * len(done.answers)
+    assert len(done[-2].values) == len(coarse.outputs) and abs(done[-2].values[0]) > 1.0
+
+
+FOLDERS = ["plain", "with blanks", "(parentheses)+", "Ärterie 動脈", "100%", "a%41b"]
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_paths(c_host: CHost, coarse: Unpacked, tmp_path: Path, name: str) -> None:
+    """Resources in folders of any name, by URI with one or three slashes, by plain path: the same numbers."""
+    folder = Path(shutil.copytree(coarse.folder / "resources", tmp_path / name))
+    expected = c_host.run(run(coarse), BARE)[-2].values
+    uri = folder.as_uri()
+    spellings = [uri, uri.replace("file:///", "file:/"), uri.replace("file://", "file://localhost")]
+    for spelling in [*spellings, *([] if " " in name else [os.fspath(folder), f"{folder}/"])]:
+        done = c_host.run(run(coarse, spelling), BARE)
+        assert done.code == 0, spelling
+        assert done[-2].values == expected, spelling
+
+
+DAMAGED = "error logStatusError checked: arterial.bin: damaged, or of another version of this FMU; build the FMU anew."
+
+
+def test_wrong_resources(c_host: CHost, coarse: Unpacked, tmp_path: Path) -> None:
+    """None, cut and changed ones, and another GUID: no instance, and one line that says why."""
+    whole = (coarse.folder / "resources" / "arterial.bin").read_bytes()
+    cases = {f"cut to {n}": whole[:n] for n in (0, 1, 7, 8, 100, 1000, len(whole) // 2, len(whole) - 8, len(whole) - 1)}
+    cases |= {
+        f"changed at {n}": whole[:n] + bytes([whole[n] ^ 1]) + whole[n + 1 :] for n in (0, 9, 20, 40, 900, 300000)
+    }
+    for name, content in cases.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "arterial.bin").write_bytes(content)
+        done = c_host.run([f"library 0 {coarse.library}", coarse.instantiate(0, uri=(tmp_path / name).as_uri())], BARE)
+        assert (done.code, done[1].status) == (0, "null"), name
+        assert done[1].log == (DAMAGED,), name
+    none = c_host.run([f"library 0 {coarse.library}", coarse.instantiate(0, uri="file:///none")], BARE)
+    assert none[1].status == "null" and "/none/arterial.bin: cannot be read" in none[1].log[0]
+    another = f"instantiate 0 0 1 {{0}} {coarse.folder.as_uri()}/resources"
+    other = c_host.run([f"library 0 {coarse.library}", another], BARE)
+    assert other[1].status == "null" and "the GUID {0} is not that of this FMU" in other[1].log[0]
+
+
+def test_states_that_are_none(c_host: CHost, coarse: Unpacked, tmp_path: Path) -> None:
+    """A null state, one that was freed, one of another instance: refused, and the host lives; so are functions that
+    are not supported."""
+    Q = coarse.references["inlet.Q"]
+    done = c_host.run(
+        [f"library 0 {coarse.library}", coarse.instantiate(0), coarse.instantiate(1), "save 0 5", "restoreNothing 0",
+         "restore 1 5", f"write 1 5 {tmp_path / 'none'}", "forget 1 5",
+         f"directional 0 {Q} {Q}", f"derivatives 0 {Q} 1 1",
+         f"write 0 5 {tmp_path / 'bytes'}", f"read 1 6 {tmp_path / 'bytes'}",
+         "restore 1 6", "forget 0 5", "free 0", "free 1"],
+        BARE,
+    )  # fmt: skip
+    assert (done.code, done.errors) == (0, "")
+    assert [a.status for a in done.answers[3:]] == ["ok", *["error"] * 6, *["ok"] * 6]
+    for k in (4, 5, 6, 7):
+        assert "the state is not one of this instance" in done[k].log[0]
+    for k in (8, 9):
+        assert "FMI function not supported" in done[k].log[0]
+
+
+def test_logging(c_host: CHost, coarse: Unpacked) -> None:
+    """Without logging a refusal is a status alone; categories choose; an unknown one is refused; % is no format."""
+    E = coarse.references["CA.E"]
+    lines = [f"library 0 {coarse.library}", coarse.instantiate(0).replace("instantiate 0 0 1", "instantiate 0 0 0"),
+             f"setReal 0 {E} -1", "logging 0 1 logStatusWarning", f"setReal 0 {E} -1", "logging 0 1 logStatusError",
+             f"setReal 0 {E} -1", "logging 0 1 no%such"]  # fmt: skip
+    done = c_host.run(lines, BARE)
+    assert [len(a.log) for a in done.answers] == [0, 0, 0, 0, 0, 0, 1, 1]
+    assert done[7].log[0].endswith("log category no%such: there is none of this name.")
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input(answers: dict[str, dict[str, object]], sheep: Network, case: str) -> None:
+    """The sentences of the other FMU, as an error instead of fatal; the instance and the next one are as ever."""
+    report = answers[case]
+    stepping = BAD[case][1][-1][0] == "step"
+    assert report["early"] == []
+    assert report["status"] == (fmi2Discard if stepping else fmi2Error)
+    sentence = BAD[case][2]
+    expected = sentence if sentence.endswith(".") else sentence_of_the_solver(case, sheep)
+    assert report["log"] == [f"sheep: {expected}"]
+    assert report["reset"] == report["next"] == answers["without logging"]["reset"]
+
+
+@pytest.fixture(scope="module")
+def answers(native: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, object]]:
+    """What each bad input gave, in one process that goes through all."""
+    folder = tmp_path_factory.mktemp("host")
+    (folder / "host.py").write_text(HOST)
+    cases = [[name, moment, actions] for name, (moment, actions, _) in BAD.items()]
+    cases.append(["without logging", *BAD["out of range"][:2]])
+    line = [sys.executable, "host.py", os.fspath(native), os.fspath(folder)]
+    done = subprocess.run(line, input=json.dumps(cases), capture_output=True, text=True, cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    return {report["case"]: report for report in map(json.loads, done.stdout.splitlines())}
+
+
+# --- sanitizers ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fuzz(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The fuzzing host with the FMU's sources in it, under the address and undefined-behaviour sanitizers."""
+    program = tmp_path_factory.mktemp("fuzz") / "fuzz"
+    flags = ["-std=gnu11", "-g", "-O1", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined"]
+    files = [*map(str, sorted(SOURCES.glob("*.c"))), *map(str, sorted(SOURCES.glob("fmu/*.c")))]
+    host = Path(__file__).with_name("native_fuzz.c")
+    line = [str(COMPILER), *flags, "-fno-sanitize-recover=all", *files, str(host), "-o", str(program), "-lm"]
+    done = subprocess.run(line, capture_output=True, text=True)
+    if "sanitizer" in done.stderr or "libasan" in done.stderr:
+        pytest.skip("the compiler has no sanitizers")
+    assert done.returncode == 0, done.stderr
+    return program
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_random_calls(fuzz: Path, coarse: Unpacked, seed: int) -> None:
+    """50 000 random calls to three instances: no report of the sanitizers, and steps among what succeeded."""
+    folder = coarse.folder / "resources"
+    line = [str(fuzz), str(folder), coarse.instantiate(0).split()[4], str(seed), "50000"]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=500)
+    assert (done.returncode, done.stderr) == (0, "")
+    _, fine, steps, lines = map(int, done.stdout.split())
+    assert fine > 10_000 and steps > 1_000 and lines > 10_000

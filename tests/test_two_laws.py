@@ -1,0 +1,44 @@
+"""Two laws in a network: each also replaced by another of its place."""
+
+from __future__ import annotations
+
+import numpy as np
+from discrepancy.compare import Compared
+from forked import NETWORK, N, T, inflow, record
+from small_network import NAMES, term
+
+from discrepancy.at_places import _one_replaced
+from fitting.inference.network_record import network_problem
+from fitting.inference.simulator import Runs
+from solver import Settings, simulate_periodic
+from solver.effects import BY_NAME
+
+LAG = 3e-3
+CHANNEL = next(name for name in NAMES if name.endswith(".P"))
+
+
+def test_a_law_that_made_up_for_the_other_effect_is_replaced() -> None:
+    """A stenosis in C, and a sensor that is late by 3 ms, 40 dB. From the pair of a slow sensor and the stenosis, whose
+    frequency the record cannot show, to that of the lag and the stenosis, which is the more probable one; the lag to
+    1 %. Single laws have none to replace."""
+    hidden = BY_NAME["stenosis"].add(NETWORK, "C", {"K": 3.0})
+    beat = simulate_periodic(hidden, inflow, T, settings=Settings(dt=T / 200, tolerance=1e-7), tolerance=1e-6)
+    X = {n: np.fft.rfft(beat[n][:-1], norm="forward")[: N // 2 + 1] for n in ("inlet.Q", *NAMES)}
+    X[CHANNEL] = X[CHANNEL] * np.exp(-2j * np.pi * np.arange(N // 2 + 1) / T * LAG)
+    problem = network_problem(record({n: np.fft.irfft(x, N, norm="forward") for n, x in X.items()}, 15, 0.01), NETWORK)
+    narrow, slow, late = term("stenosis", "C"), term("catheter_resonance", CHANNEL), term("channel_lag", CHANNEL)
+    (none,) = problem.refit([()])
+    assert none is not None
+    alone = problem.refit([(slow,), (late,)], none)
+    (pair,) = problem.refit([(slow, narrow)], alone[0])
+    fits = [f for f in (none, *alone, pair) if f is not None]
+    assert len(fits) == 4
+    found = Compared.of(problem, fits, {}, (narrow, slow, late))
+    (first, *_) = sorted(found.every, key=lambda n: n.score)
+    assert [t.effect for t in first.fit.terms] == ["catheter_resonance", "stenosis"] and not first.shown
+    better = found.joined_by(_one_replaced(found, Runs())).best
+    assert {t.label for t in better.fit.terms} == {narrow.label, late.label} and better.score < first.score
+    (x,) = (x * u.size for u, x in zip(better.fit.unknowns, better.fit.x, strict=True) if u.name == f"{CHANNEL}.lag")
+    np.testing.assert_allclose(x, LAG, rtol=0.01)
+    single = Compared.of(problem, fits[:3], {}, (narrow, slow, late))
+    assert _one_replaced(single, Runs()) == []
