@@ -16,7 +16,7 @@ Array = np.ndarray
 
 @pytest.mark.parametrize("N", range(2, 9))
 def test_high_degrees_alone_are_damped(N: int) -> None:
-    """P_k of a flow with k > (N + 1)/2 counts 1, with k <= (N + 1)/2 nothing to 1e-12, and no flow gains energy by it."""
+    """P_k of a flow counts 1 where k > (N + 1)/2, else nothing, to 1e-12; no flow gains energy by it."""
     el = element(N)
     parts = np.polynomial.legendre.legvander(el.x_lobatto, N).T
     power = parts @ el.high_degrees @ parts.T
