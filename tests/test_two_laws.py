@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from discrepancy.compare import Compared
 from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term
 
 from discrepancy.at_places import _one_replaced
+from discrepancy.scoring import Compared
 from fitting.inference.network_record import network_problem
 from fitting.inference.simulator import Runs
 from solver import Settings, simulate_periodic

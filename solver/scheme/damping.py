@@ -4,7 +4,7 @@ Junctions that keep the static pressure give ½ρU²Q to what flows into a vesse
 it; polynomials of high degree stay at the junction and grow, in elastic walls as soon as steps are too short to damp
 them. So the flow's polynomials of degree k > (N + 1)/2 meet a resistance, in the momentum of their element:
 
-    Z e/(e + (δAc)²) Σ_k s_k q_k v_k,     e = Σ_k s_k q_k²,     s_k = ((2k - N - 1)/(N - 1))²
+    Z e/(e + (δAc)²) Σ_k q_k v_k,     e = Σ_k q_k²,
     Z = ρc/A - 2 N (N + 1) ν/h where that is positive
 
 q_k, v_k [m³/s] : what of the Legendre polynomial P_k is in the flow and in the test function. Z [Pa·s/m³] : the

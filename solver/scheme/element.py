@@ -100,11 +100,10 @@ class Element:
 
     @cached_property
     def high_degrees(self) -> Array:
-        """(N+1, N+1), N > 1: values Q at the lobatto points times it are Σ s_k q_k v_k for every polynomial v, where
-        q_k, v_k are the parts of the Legendre polynomials of degree k > (N + 1)/2, s_k = ((2k - N - 1)/(N - 1))²."""
-        parts = np.linalg.inv(legendre.legvander(self.x_lobatto, self.N))
-        share = np.maximum(0.0, (2.0 * np.arange(self.N + 1) - self.N - 1.0) / (self.N - 1.0)) ** 2
-        found: Array = parts.T @ (share[:, None] * parts)
+        """(N+1, N+1): values Q at the lobatto points times it are Σ q_k v_k for every polynomial v, where q_k, v_k are
+        the parts of the Legendre polynomials of degree k > (N + 1)/2."""
+        parts = np.linalg.inv(legendre.legvander(self.x_lobatto, self.N))[(self.N + 1) // 2 + 1 :]
+        found: Array = parts.T @ parts
         return found
 
     @cached_property
