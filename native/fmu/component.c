@@ -500,7 +500,11 @@ static int stepped(component *c, double t, double h)
 
 int component_step(component *c, double t, double h)
 {
+    /* what a step may change before it fails: not the basis, and what is known only where it is not what is shown */
+    const size_t bytes = sizeof(double) * (size_t)(c->numbers[WAY] == SMOOTH ? c->basis_venous : c->known);
     c->remark[0] = 0;
-    memcpy(c->before, c->numbers, sizeof(double) * (size_t)c->n_numbers);
-    return stepped(c, t, h) ? 1 : back(c);
+    memcpy(c->before, c->numbers, bytes);
+    if (stepped(c, t, h)) return 1;
+    memcpy(c->numbers, c->before, bytes);
+    return 0;
 }

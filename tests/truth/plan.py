@@ -88,7 +88,7 @@ GROUPS = {
     "own": Group(26, 20320204, {"network": 90}, 0.0, 1 / 3, least=0.0, walls=_SPREADS, only=tuple(_OWN), sizes=_OWN),
     "elastic": Group(27, 20320205, {"network": 60}, 0.0, pairs=0.5, least=2 / 3, walls=_SPREADS, channels="all",
                      base="elastic"),
-    "pairs": Group(28, 20320206, {"network": 60}, 0.0, pairs=1.0, least=0.75, walls=_SPREADS, channels="all"),
+    "pairs": Group(28, 20320208, {"network": 60}, 0.0, pairs=1.0, least=0.75, walls=_SPREADS, channels="all"),
     "three": Group(29, 20320207, {"network": 60}, 0.0, least=2 / 3, walls=_SPREADS, channels="three pressures"),
 }  # fmt: skip
 TUNING_SEED, REPORTED_SEED = GROUPS["standard"].tuning, GROUPS["standard"].reported
