@@ -12,8 +12,8 @@ impedance of a wave, less that of the wall's own viscosity ν = Re ∂P/∂(∂A
 c N √(2(N + 1))/h at which that swings; h the length of the element. Tested with v = Q it takes the power
 Z e²/(e + (δAc)²) and never gives any; it changes neither mass nor steady flow. A smooth flow has q_k = O(h^k); once
 that is less than δAc the resistance falls with its square, and orders stay. What grows at a junction is held at some
-δc, one or two millimetres per second. With N = 1 it would damp what is resolved, and there is none; nor in networks without
-junctions.
+δc, one or two millimetres per second. With N = 1 it would damp what is resolved, and there is none; nor in networks
+without junctions.
 Method: spectral vanishing viscosity, E. Tadmor, SIAM J. Numer. Anal. 26 (1989) 30; with a measure of what is not
 resolved as in P.-O. Persson, J. Peraire, AIAA 2006-112.
 """
