@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from .balance import Drive, Waves, balanced, spectrum, steady, storable
-from .native_balance import waves_by
 from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
@@ -37,8 +36,12 @@ def periodic_state(
     """
     harmonics = spectrum(model, drive, T, int(np.clip(storable(model), _FEWEST, _MOST)), t)
     forcing = Forcing.of(model, *model.tables.beside((), None, T, len(harmonics), t), len(harmonics))
+    found = None
     with np.errstate(all="ignore"):
-        found = waves_by(backend, model, harmonics, T, _SMALL, _CORRECTIONS, forcing)
+        if backend != "numpy":
+            from .native_balance import waves_by  # an FMU's code has no engine
+
+            found = waves_by(backend, model, harmonics, T, _SMALL, _CORRECTIONS, forcing)
         if found is None:
             rest = steady(model, harmonics[0].real)
             found = rest, balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS, forcing=forcing)[0]
