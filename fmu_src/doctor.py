@@ -97,7 +97,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
     if native_doctor.is_native(archive.names):
         rows = native_doctor.rows(path, archive.names, archive.guid, archive.model, archive.fmi3)
         findings += [*(Finding(*row) for row in rows), *_drive(archive)]
-        whole = not archive.fmi3 and all(finding.state == OK for finding in findings)
+        whole = all(finding.state == OK for finding in findings)
         return findings + ([_trial(path, sys.executable, "report it, with this table")] if whole else [])
     findings.append(_made_here(path, archive))
     findings += [*_drive(archive), *_binaries(archive)]
@@ -236,7 +236,7 @@ def _missing(files: Mapping[str, bytes], module: str) -> str | None:
 def _binaries(archive: Archive) -> Iterator[Finding]:
     """The platforms with a binary in the FMU; this machine's must be among them."""
     found = {PurePosixPath(name).parts[1] for name in archive.names if re.match(r"binaries/[^/]+/.", name)}
-    here = trial.binary(Path(), archive.model)
+    here = trial.binary(Path(), archive.model, False)
     listed = ", ".join(_PLATFORMS.get(name, name) for name in sorted(found)) or "none"
     absent = [_PLATFORMS[name] for name in _PLATFORMS if name not in found]
     if here.as_posix() not in archive.names:

@@ -23,7 +23,7 @@ import fmpy
 import numpy as np
 import typer
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Slave, fmi2Warning
+from fmpy.fmi2 import fmi2Warning
 from fmpy.model_description import ModelDescription
 
 from solver.console import faults, put, ranges, say_written, sentences
@@ -36,6 +36,7 @@ from solver.text import assignments, did_you_mean
 from solver.writing import check_destinations, write_whole
 
 from .drive import DRIVES
+from .instances import Slave, instance
 from .ports import is_port
 from .unpacking import unpacking_folder
 
@@ -181,11 +182,11 @@ def _start_values(
 
 
 @contextmanager
-def _instantiated(fmu: str | os.PathLike[str], description: ModelDescription) -> Iterator[FMU2Slave]:
+def _instantiated(fmu: str | os.PathLike[str], description: ModelDescription) -> Iterator[Slave]:
     """An instance of the FMU, freed at the end. A call that fails raises FMUError with what the FMU logged."""
     messages: list[str] = []
 
-    def log(_environment: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
+    def log(status: int, message: bytes) -> None:
         if status > fmi2Warning:
             messages.append(_sentence(message.decode("utf-8", "replace")))
 
@@ -195,7 +196,7 @@ def _instantiated(fmu: str | os.PathLike[str], description: ModelDescription) ->
     with unpacking_folder("fmu_") as folder:
         _unpack(fmu, folder)
         try:
-            slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation", logger=log, debug_logging=True)
+            slave = instance(folder, description, log)
         except Exception as error:  # FMPy has no exception of its own for this
             raise failed(error) from None
         try:
@@ -220,7 +221,7 @@ def _unpack(fmu: str | os.PathLike[str], folder: str) -> None:
 
 
 def _initialize(
-    slave: FMU2Slave,
+    slave: Slave,
     variables: dict[str, Any],
     starts: Mapping[str, float | int],
     driven: list[int],
@@ -236,7 +237,7 @@ def _initialize(
 
 
 def _steps(
-    slave: FMU2Slave,
+    slave: Slave,
     time: Array,
     driven: list[int],
     held: Array,
