@@ -186,8 +186,8 @@ def fmu_warnings(shown: Shown) -> tuple[str, ...]:
         found.append(f"model.fmu does not run with its network's own inflow: {shown.failure}")
     elif shown.archive is not None and shown.parity is None:
         found.append(
-            "model.fmu was not compared with the direct solver, because its network's own inflow moves nothing; give "
-            "its [inlet] a Q_max above 0 or a curve."
+            "model.fmu was not compared with the direct solver, because its network's own inflow moves nothing, as "
+            "of one artery on a bench; give the [inlet] of the --model file a Q_max above 0 or a curve."
         )
     elif shown.parity is not None and not shown.parity <= _PARITY:
         found.append(
