@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import fmpy
 from fmpy.fmi2 import FMU2Slave
@@ -29,7 +29,7 @@ class Slave3:
         self._slave.enterInitializationMode(startTime=self._start)
 
 
-Slave = FMU2Slave | Slave3
+Slave: TypeAlias = FMU2Slave | Slave3
 
 
 def instance(folder: str, description: ModelDescription, log: Callable[[int, bytes], None]) -> Slave:
