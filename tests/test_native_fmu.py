@@ -77,6 +77,16 @@ def test_periodic_start(both: tuple[Instance, Instance]) -> None:
     assert "CA.E is another one; build it anew with --set" in both[1].messages.pop()
 
 
+def test_another_mesh_is_refused(native: Path, tmp_path: Path) -> None:
+    """Elements shorter than those that it was built with, also where all other values were run with before."""
+    instance = Instance(native, tmp_path / "one")
+    instance.initialize({})
+    instance.slave.reset()
+    with pytest.raises(FMICallException):
+        instance.initialize({"solver.element_length": 1e-3})
+    assert "these parameters need another mesh" in instance.messages.pop()
+
+
 def test_elastic_walls(tmp_path: Path) -> None:
     """Elastic sheep, and walls that are made viscous in mid-run."""
     one, two = pair(elastic(load("sheep")), tmp_path)
