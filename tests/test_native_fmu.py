@@ -6,12 +6,14 @@ import os
 import subprocess
 import sys
 import zipfile
+from ctypes import c_double, c_uint32
 from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
+from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from fmus import COARSE, MS, Instance
 from native_fmus import apart, elastic, half_sine, needs_compiler, pair, rows
@@ -169,6 +171,25 @@ def test_fmi_3(tmp_path: Path) -> None:
     assert len(two) == 51 and np.abs(two["CA.P"]).max() > 100.0
     for name in ("time", *names):
         assert np.array_equal(two[name], three[name]), name
+
+
+def test_fewer_values_than_variables(tmp_path: Path) -> None:
+    """FMI 3.0 tells how many values there are: other ones than variables are refused, and nothing is written."""
+    file = build_native(load("sheep"), tmp_path, COARSE, fmi=3)
+    description, told = fmpy.read_model_description(os.fspath(file)), list[bytes]()
+    slave = FMU3Slave(
+        unzipDirectory=fmpy.extract(os.fspath(file), os.fspath(tmp_path / "fmu")), instanceName="fewer",
+        guid=description.instantiationToken, modelIdentifier="sheep",
+    )  # fmt: skip
+    slave.instantiate(loggingOn=True, logMessage=lambda _e, _s, _c, message: told.append(message))
+    vr, values = (c_uint32 * 2)(0, 1), (c_double * 2)(-1.0, -1.0)
+    for call in (slave.fmi3GetFloat64, slave.fmi3SetFloat64):
+        with pytest.raises(FMICallException):
+            call(slave.component, vr, 2, values, 1)
+        assert told.pop() == b"fewer: 1 values for 2 variables: each has one."
+    assert list(values) == [-1.0, -1.0]
+    slave.fmi3GetFloat64(slave.component, vr, 2, values, 2)
+    slave.freeInstance()
 
 
 def test_the_same_input_the_same_file(native: Path, tmp_path: Path) -> None:
