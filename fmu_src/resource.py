@@ -25,6 +25,7 @@ from solver.tracing.component import FURTHER, Whole, whole
 from solver.tracing.program import OPERATIONS
 from solver.tracing.recorder import Untraceable
 from solver.tracing.steps import PLACES
+from solver.validation import CHECKED_TOGETHER
 
 from .cosimulation import CoSimulation
 from .variable import Variable
@@ -70,7 +71,7 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
             [
                 n
                 for s in network.segments
-                for n in (texts.at(s.name), *(vr[f"{s.name}.{key}"] for key in ("L", "phi0", "phiNL")))
+                for n in (texts.at(s.name), *(vr[f"{s.name}.{key}"] for key in CHECKED_TOGETHER))
             ]
         ),  # fmt: skip
         _integers(model.mesh.segment),

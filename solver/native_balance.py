@@ -45,7 +45,7 @@ class _Balance(ctypes.Structure):
 class _Period(ctypes.Structure):
     """As arterial_period there."""
 
-    _fields_ = [("omega", ctypes.c_void_p), ("turn", ctypes.c_void_p), ("K", ctypes.c_int32)]
+    _fields_ = [("omega", ctypes.c_void_p), ("turn", ctypes.c_void_p), ("harmonics", ctypes.c_int32)]
 
 
 class Beat(NamedTuple):

@@ -121,13 +121,14 @@ def _factor(text: str, unit: str, shown: str) -> Fraction:
         if _ENDLESS.search(text):
             raise ValueError
         given = registry.parse_units(pint_spelling(text)) if text else registry.parse_units(wanted)
+        dimension = given.dimensionality  # a logarithmic unit, such as dB, has none
     # the parser of pint lets all of these through for text that is not a unit
     except (tokenize.TokenError, AssertionError, AttributeError, ValueError, TypeError, ArithmeticError, LookupError):
         raise InputError(
             f'{shown}: the unit {text} is not known; expected {wanted or "no unit"}, such as "{example(unit)}".'
         ) from None
     target = registry.parse_units(wanted)
-    if given.dimensionality != target.dimensionality:
+    if dimension != target.dimensionality:
         raise InputError(
             f"{shown}: the unit {text} does not convert to the expected {wanted or 'number without unit'}; "
             f'correct the unit or the key, such as "{example(unit)}".'

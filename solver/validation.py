@@ -17,6 +17,7 @@ from .errors import InputError
 from .laws import ELASTIC_LAWS, VISCOUS_LAWS
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+CHECKED_TOGETHER = ("L", "phi0", "phiNL")  # numbers of a segment that are checked by more than their own range
 _LARGEST_RATIO = 100.0  # of |phiNL| to phi0 [s]; the paper's are 0.4 to 1.4 s
 _SAME_PERIOD = 1e-9
 _RESERVED = {"inlet", "fluid", "network", "time", "outlet", "venous"}

@@ -40,10 +40,10 @@ def native(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build_native(load("sheep"), tmp_path_factory.mktemp("native"), COARSE)
 
 
-def same(one: Instance, two: Instance, *run: object, **more: object) -> None:
+def same(one: Instance, two: Instance, *run: object, equal: float = EQUAL, **more: object) -> None:
     found, expected = rows(two, *run, **more), rows(one, *run, **more)  # type: ignore[arg-type]
     off, divided = apart(one, found, expected)
-    assert off <= EQUAL
+    assert off <= equal
     assert divided <= DIVIDED
     assert two.messages == one.messages == []
 
@@ -90,9 +90,10 @@ def test_another_mesh_is_refused(native: Path, tmp_path: Path) -> None:
 
 
 def test_elastic_walls(tmp_path: Path) -> None:
-    """Elastic sheep, and walls that are made viscous in mid-run."""
+    """Elastic sheep, and walls that are made viscous in mid-run: 1.4e-12 apart; a density that is 1e-14 larger moves
+    beats of the elastic sheep by 1.2e-12 in NumPy alone."""
     one, two = pair(elastic(load("sheep")), tmp_path)
-    same(one, two, {"inlet.interpolation": "linear"}, 100, tuned={50: {"CA.phi0": 3e4}})
+    same(one, two, {"inlet.interpolation": "linear"}, 100, tuned={50: {"CA.phi0": 3e4}}, equal=2e-12)
 
 
 HELD = {

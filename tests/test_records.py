@@ -232,6 +232,7 @@ def test_what_is_written_reads_back(seed: int, n: int, unit_P: str, unit_Q: str,
 
 @settings(max_examples=150)
 @given(st.one_of(st.binary(max_size=300), st.text(max_size=300).map(lambda s: s.encode("utf-8", "replace"))))
+@example(b"dB\x89\t")
 @example(b"\x00")
 @example(b"\xff\xfet\x00i\x00m\x00e\x00")
 @example(b"time,A.P\n" + b"1e308,1e308\n-1e308,-1e308\n" * 8)

@@ -31,8 +31,8 @@ Array = np.ndarray
 PHASES = (*STEP, "about", "linearise", "moment", "fill", "remember", "observe", "respond", "respond_mean", "filled",
           "recall", "stored", "scaled")  # fmt: skip
 PLACES = (
-    "tau", "guess", "about_y", "about_H", "tau_wave", "now", "left", "unfilled", "unremembered", "observed", "driven",
-    "answer", "answer_mean", "flow_in", "change", "forgotten", "memories", "let_out", "charged",
+    "tau_step", "guess", "about_y", "about_H", "tau_wave", "now", "left", "unfilled", "unremembered", "observed",
+    "driven", "answer", "answer_mean", "flow_in", "change", "forgotten", "memories", "let_out", "charged",
     "enters", "scaled",
 )  # fmt: skip
 CORE = 8  # nodes that are inverted as a whole: of complex numbers a round costs less
@@ -97,7 +97,7 @@ class _Recording(Recording):
     def steady(self) -> None:
         """An implicit step of a given length, about the state that it starts from."""
         m = self.m
-        tau, H = self.take("tau", "start")[0], self.take("H0", "start", self.n_H)
+        tau, H = self.take("tau_step", "start")[0], self.take("H0", "start", self.n_H)
         y, given = self.take("start", "start", m.layout.size), self.take("given_now", "start", len(m.inlets.by_flow))
         self.o = operators_about(m, tau, y, H)
         stage = Stage.of(m, self.o, y, given, m.coefficients.P_venous, 0.0)

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..coefficients import changes, coefficients
+from ..effects import ALL
 from ..network import Network
 from ..outputs import inlet_answers, site_walls, venous_flow, volume_weights
 from ..scheme.guards import VISCOSITY_REASON, margins
@@ -34,10 +35,13 @@ Array = np.ndarray
 MORE = ("explain", "show")
 _PHASE = {name: number for number, name in enumerate((*PHASES, *MORE))}
 MARGINS = 4  # at most, that guards ask for
+# keys that all walls have, and that are 0 in one without them
+_OF_WALLS = {key for e in ALL if e.always and e.owner == "segment" for key, value in e.neutral.items() if not value}
+_BENDS = 1e-3  # any value that is not 0
 # where it takes and leaves its numbers beside PLACES, in the order there
 FURTHER = (
     "parameters", "dt", "element_length", "y_rest", "A_rest", "lost_at_rest", "small_drives", "small_venous",
-    "end_impedance", "phi0", "A0", "r", "lost", *(f"margin_{i}" for i in range(MARGINS)),
+    "end_impedance", "viscosity", "A0", "r", "lost", *(f"margin_{i}" for i in range(MARGINS)),
     "venous_show", "V", "answers", "venous_flow",
 )  # fmt: skip
 
@@ -84,7 +88,7 @@ def whole(network: Network, settings: Settings, bent: bool = False) -> Whole:
 
 def _bent(name: str, value: float) -> float:
     """A number that is not zero where a nonlinear wall has one."""
-    return value or 1e-3 if name.rpartition(".")[2] in ("phiNL", "ENL") else value
+    return value or _BENDS if name.rpartition(".")[2] in _OF_WALLS else value
 
 
 def _same_mesh(recorder: Known, mesh: Mesh, c: Any, length: Traced) -> None:
@@ -122,7 +126,7 @@ class _Component(Recording):
         m, wall, at = self.m, self.m.wall, (0, self.m.mesh.inlet_element, 0)
         c = m.coefficients
         H = np.broadcast_to(c.P_0, (1, self.n_H))
-        self.out |= {"y_rest": m.at_rest(), "A_rest": m.A_rest[..., 0], "phi0": self._full(wall.phi0)}
+        self.out |= {"y_rest": m.at_rest(), "A_rest": m.A_rest[..., 0], "viscosity": self._full(wall.phi0)}
         self.out |= {"A0": self._full(wall.A0), "r": self._full(wall.r)}
         self.out["lost_at_rest"] = self._lost(c.P_venous, H)
         self.out["small_drives"] = np.where(m.inlets.by_flow, (wall.A0 * wall.c0)[at], (wall.rho * wall.c0**2)[at])
