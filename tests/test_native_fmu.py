@@ -21,6 +21,7 @@ from test_toy import TissueSupport
 
 from build_fmu import build, build_native
 from fmu_src import binaries, doctor
+from fmu_src.resource import checksum
 from solver import effects, load, simulate
 from solver.errors import InputError
 
@@ -277,6 +278,23 @@ def test_states(native: Path, tmp_path: Path, way: str) -> None:
     done = subprocess.run(line, capture_output=True, text=True, cwd=Path(__file__).parent)
     assert done.stderr == ""
     assert [float.fromhex(x) for x in done.stdout.split()] == expected[-1]
+
+
+def test_bytes_of_no_state(native: Path, tmp_path: Path) -> None:
+    """Bytes with a right checksum, but with a law that there is not, or more internal steps than a step has, or none."""
+    instance = Instance(native, tmp_path / "one")
+    instance.initialize({})
+    blob = instance.slave.serializeFMUState(instance.slave.getFMUState())
+    head, law, last_steps = 88, 28 + instance.references["network.elastic_law"], 23  # as native/fmu has them
+    for at, value in ((law, 1e9), (law, float("nan")), (last_steps, 1e300), (last_steps, -1.0)):
+        numbers = np.frombuffer(blob[head:]).copy()
+        assert numbers[at] == 1.0
+        numbers[at] = value
+        digest = checksum(numbers.tobytes()).to_bytes(8, "little")
+        with pytest.raises(FMICallException):
+            instance.slave.deSerializeFMUstate(blob[:16] + digest + blob[24:head] + numbers.tobytes())
+        assert "incomplete or damaged" in instance.messages.pop()
+    instance.slave.deSerializeFMUstate(blob)
 
 
 CONTINUED = """
