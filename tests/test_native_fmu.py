@@ -281,7 +281,7 @@ def test_states(native: Path, tmp_path: Path, way: str) -> None:
 
 
 def test_bytes_of_no_state(native: Path, tmp_path: Path) -> None:
-    """Bytes with a right checksum, but with a law that there is not, or more internal steps than a step has, or none."""
+    """Bytes with a right checksum, but with a law that is none, or numbers of steps that cannot be."""
     instance = Instance(native, tmp_path / "one")
     instance.initialize({})
     blob = instance.slave.serializeFMUState(instance.slave.getFMUState())
