@@ -359,7 +359,7 @@ def _one_replaced(result: Compared, runs: Runs) -> list[Fit]:
         rest = (*best.terms[:i], *best.terms[i + 1 :])
         for fit in (f for f in single if f.terms[0].place == t.place and joins(f.terms[0], rest)):
             terms = (*rest, *fit.terms)
-            if names_of(terms) not in tried:
+            if names_of(terms) not in tried and fit.terms[0].label not in {r.label for r in rest}:
                 own = x | dict(zip((u.name for u in fit.terms[0].unknowns), _own(fit), strict=True))
                 unknowns = problem.hypothesis(terms)
                 members.append(Member(terms, unknowns, np.array([own.get(u.name, 0.0) for u in unknowns])))

@@ -6,12 +6,14 @@ import os
 import subprocess
 import sys
 import zipfile
+from ctypes import c_double, c_uint32
 from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
+from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from fmus import COARSE, MS, Instance
 from native_fmus import apart, elastic, half_sine, needs_compiler, pair, rows
@@ -19,6 +21,7 @@ from test_toy import TissueSupport
 
 from build_fmu import build, build_native
 from fmu_src import binaries, doctor
+from fmu_src.resource import checksum
 from fmu_src.run import FMUError, run_fmu
 from solver import effects, load, simulate
 from solver.errors import InputError
@@ -76,6 +79,16 @@ def test_periodic_start(both: tuple[Instance, Instance]) -> None:
     with pytest.raises(FMICallException):
         both[1].initialize({"network.start": "periodic", "CA.E": 2e6})
     assert "CA.E is another one; build it anew with --set" in both[1].messages.pop()
+
+
+def test_another_mesh_is_refused(native: Path, tmp_path: Path) -> None:
+    """Elements shorter than those that it was built with, also where all other values were run with before."""
+    instance = Instance(native, tmp_path / "one")
+    instance.initialize({})
+    instance.slave.reset()
+    with pytest.raises(FMICallException):
+        instance.initialize({"solver.element_length": 1e-3})
+    assert "these parameters need another mesh" in instance.messages.pop()
 
 
 def test_elastic_walls(tmp_path: Path) -> None:
@@ -170,6 +183,25 @@ def test_fmi_3(tmp_path: Path) -> None:
         run_fmu(files[1], None, 0.1, start_values={"CA.E": -1.0})
 
 
+def test_fewer_values_than_variables(tmp_path: Path) -> None:
+    """FMI 3.0 tells how many values there are: other ones than variables are refused, and nothing is written."""
+    file = build_native(load("sheep"), tmp_path, COARSE, fmi=3)
+    description, told = fmpy.read_model_description(os.fspath(file)), list[bytes]()
+    slave = FMU3Slave(
+        unzipDirectory=fmpy.extract(os.fspath(file), os.fspath(tmp_path / "fmu")), instanceName="fewer",
+        guid=description.instantiationToken, modelIdentifier="sheep",
+    )  # fmt: skip
+    slave.instantiate(loggingOn=True, logMessage=lambda _e, _s, _c, message: told.append(message))
+    vr, values = (c_uint32 * 2)(0, 1), (c_double * 2)(-1.0, -1.0)
+    for call in (slave.fmi3GetFloat64, slave.fmi3SetFloat64):
+        with pytest.raises(FMICallException):
+            call(slave.component, vr, 2, values, 1)
+        assert told.pop() == b"fewer: 1 values for 2 variables: each has one."
+    assert list(values) == [-1.0, -1.0]
+    slave.fmi3GetFloat64(slave.component, vr, 2, values, 2)
+    slave.freeInstance()
+
+
 def test_the_same_input_the_same_file(native: Path, tmp_path: Path) -> None:
     """Byte for byte, with the sources and a build description in it."""
     again = build_native(load("sheep"), tmp_path, COARSE)
@@ -253,6 +285,23 @@ def test_states(native: Path, tmp_path: Path, way: str) -> None:
     done = subprocess.run(line, capture_output=True, text=True, cwd=Path(__file__).parent)
     assert done.stderr == ""
     assert [float.fromhex(x) for x in done.stdout.split()] == expected[-1]
+
+
+def test_bytes_of_no_state(native: Path, tmp_path: Path) -> None:
+    """Bytes with a right checksum, but with a law that is none, or numbers of steps that cannot be."""
+    instance = Instance(native, tmp_path / "one")
+    instance.initialize({})
+    blob = instance.slave.serializeFMUState(instance.slave.getFMUState())
+    head, law, last_steps = 88, 28 + instance.references["network.elastic_law"], 23  # as native/fmu has them
+    for at, value in ((law, 1e9), (law, float("nan")), (last_steps, 1e300), (last_steps, -1.0)):
+        numbers = np.frombuffer(blob[head:]).copy()
+        assert numbers[at] == 1.0
+        numbers[at] = value
+        digest = checksum(numbers.tobytes()).to_bytes(8, "little")
+        with pytest.raises(FMICallException):
+            instance.slave.deSerializeFMUstate(blob[:16] + digest + blob[24:head] + numbers.tobytes())
+        assert "incomplete or damaged" in instance.messages.pop()
+    instance.slave.deSerializeFMUstate(blob)
 
 
 CONTINUED = """

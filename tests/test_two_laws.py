@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term
@@ -42,3 +45,8 @@ def test_a_law_that_made_up_for_the_other_effect_is_replaced() -> None:
     np.testing.assert_allclose(x, LAG, rtol=0.01)
     single = Compared.of(problem, fits[:3], {}, (narrow, slow, late))
     assert _one_replaced(single, Runs()) == []
+    (same,) = problem.refit([(slow, late)], alone[0])
+    assert same is not None
+    both = Compared.of(problem, [*fits[:3], same], {}, (slow, late))
+    leads = tuple(replace(n, score=-math.inf) if n.fit is same else n for n in both.ranked)
+    assert _one_replaced(replace(both, ranked=leads), Runs()) == []  # no law beside itself

@@ -125,6 +125,14 @@ void component_reset(component *c)
 
 int component_may_be(const component *c, const double *numbers)
 {
+    const double steps[] = {numbers[LAST_STEPS], numbers[BASIS_STEPS]};
+    for (int i = 0; i < 2; i++)
+        if (!(steps[i] >= 0.0 && steps[i] <= MOST_STEPS)) return 0;
+    for (int32_t i = 0; i < c->r.meta[N_VARIABLES]; i++) {
+        const int32_t *const v = variable(c, (uint32_t)i);
+        const double value = numbers[c->values + i];
+        if (v[KIND] == ENUMERATION && !(value >= 1.0 && value <= v[CHOICES])) return 0;
+    }
     return numbers[NOW] >= 0.0 && numbers[NOW] < c->r.meta[N_PROGRAMS] && numbers[STATE_OF] >= INSTANTIATED &&
            numbers[STATE_OF] <= TERMINATED;
 }

@@ -81,7 +81,7 @@ typedef struct {
 } stretch;
 
 typedef struct {
-    double dt, used;
+    double dt, length, used; /* length : solver.element_length, which the mesh must have */
     int32_t program;
     double *parameters, *fixed;
 } slot;

@@ -120,6 +120,13 @@ FMI3(DoStep, instance *i, double t, double h, bool no_set_prior, bool *event, bo
 
 /* --- values ---------------------------------------------------------------------------------------------------------- */
 
+/* Whether there are m values for n variables, which are all scalars, and memory for them. */
+static int alike(instance *i, size_t n, const void *vr, size_t m, const void *value)
+{
+    if (n == m) return given(i, n, vr, value);
+    return say(i->c, "%lu values for %lu variables: each has one.", (unsigned long)m, (unsigned long)n);
+}
+
 static double time_of(const instance *i) { return i->c->numbers[i->c->numbers[READY] != 0.0 ? TIME : T0]; }
 
 FMI3(GetFloat64, instance *i, const Ref vr[], size_t n, double value[], size_t m)
@@ -127,7 +134,7 @@ FMI3(GetFloat64, instance *i, const Ref vr[], size_t n, double value[], size_t m
     NEEDS_INSTANCE;
     const Ref clock = (Ref)i->c->r.meta[N_VARIABLES];
     size_t k = 0;
-    if (!given(i, n, vr, value)) return refused(i, STATUS_ERROR);
+    if (!alike(i, n, vr, m, value)) return refused(i, STATUS_ERROR);
     while (k < n && vr[k] != clock) k++;
     if (k == n) OR_REFUSED(component_read(i->c, vr, n, REAL, value), STATUS_ERROR);
     for (k = 0; k < n; k++) {
@@ -140,14 +147,14 @@ FMI3(GetFloat64, instance *i, const Ref vr[], size_t n, double value[], size_t m
 FMI3(SetFloat64, instance *i, const Ref vr[], size_t n, const double value[], size_t m)
 {
     NEEDS_INSTANCE;
-    OR_REFUSED(given(i, n, vr, value) && component_write(i->c, vr, n, REAL, value), STATUS_ERROR);
+    OR_REFUSED(alike(i, n, vr, m, value) && component_write(i->c, vr, n, REAL, value), STATUS_ERROR);
 }
 
 FMI3(GetInt64, instance *i, const Ref vr[], size_t n, int64_t value[], size_t m)
 {
     NEEDS_INSTANCE;
     double x;
-    if (!given(i, n, vr, value)) return refused(i, STATUS_ERROR);
+    if (!alike(i, n, vr, m, value)) return refused(i, STATUS_ERROR);
     for (size_t k = 0; k < n; k++) {
         if (!component_read(i->c, vr + k, 1, ENUMERATION, &x)) return refused(i, STATUS_ERROR);
         value[k] = (int64_t)x;
@@ -159,7 +166,7 @@ FMI3(SetInt64, instance *i, const Ref vr[], size_t n, const int64_t value[], siz
 {
     NEEDS_INSTANCE;
     double x;
-    if (!given(i, n, vr, value)) return refused(i, STATUS_ERROR);
+    if (!alike(i, n, vr, m, value)) return refused(i, STATUS_ERROR);
     for (size_t k = 0; k < n; k++) {
         x = (double)value[k];
         if (!component_write(i->c, vr + k, 1, ENUMERATION, &x)) return refused(i, STATUS_ERROR);
@@ -171,12 +178,12 @@ FMI3(SetInt64, instance *i, const Ref vr[], size_t n, const int64_t value[], siz
     FMI3(Get##name, instance *i, const Ref vr[], size_t n, type value[], size_t m)                                     \
     {                                                                                                                  \
         NEEDS_INSTANCE;                                                                                                \
-        OR_REFUSED(given(i, n, vr, value) && component_read(i->c, vr, n, OTHER, NULL), STATUS_ERROR);                  \
+        OR_REFUSED(alike(i, n, vr, m, value) && component_read(i->c, vr, n, OTHER, NULL), STATUS_ERROR);              \
     }                                                                                                                  \
     FMI3(Set##name, instance *i, const Ref vr[], size_t n, const type value[], size_t m)                               \
     {                                                                                                                  \
         NEEDS_INSTANCE;                                                                                                \
-        OR_REFUSED(given(i, n, vr, value) && component_write(i->c, vr, n, OTHER, NULL), STATUS_ERROR);                 \
+        OR_REFUSED(alike(i, n, vr, m, value) && component_write(i->c, vr, n, OTHER, NULL), STATUS_ERROR);             \
     }
 ABSENT(Float32, float)
 ABSENT(Int8, int8_t)

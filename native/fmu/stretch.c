@@ -32,10 +32,12 @@ stretch stretch_of(const component *c, double h, const double *venous)
 double *bound(component *c, int32_t program, const double *parameters, double dt)
 {
     const size_t bytes = sizeof(double) * (size_t)c->r.n_parameters;
+    const double length = value_of(c, c->r.meta[VR_LENGTH]);
     slot *s = &c->slots[0];
     for (int i = 0; i < SLOTS; i++) {
         slot *const other = &c->slots[i];
-        if (other->dt == dt && other->program == program && !memcmp(other->parameters, parameters, bytes)) {
+        if (other->dt == dt && other->length == length && other->program == program &&
+            !memcmp(other->parameters, parameters, bytes)) {
             other->used = ++c->clock;
             return other->fixed;
         }
@@ -43,13 +45,14 @@ double *bound(component *c, int32_t program, const double *parameters, double dt
     }
     const recorded *const one = &c->r.recorded[program];
     const memory m = memory_for(c, program, s->fixed);
-    const double given[2] = {dt, value_of(c, c->r.meta[VR_LENGTH])};
+    const double given[2] = {dt, length};
     memset(s->fixed, 0, sizeof(double) * (size_t)one->program.n_fixed);
     s->dt = 0.0; /* of none, until it is made */
     for (int i = 0; i < 3; i++)
         if (one->further[i] >= 0) memcpy(placed(&m, one->further[i]), i ? &given[i - 1] : parameters, i ? sizeof(double) : bytes);
     if (!run(&one->program, &m, BIND)) return NULL;
     s->dt = dt;
+    s->length = length;
     s->program = program;
     s->used = ++c->clock;
     memcpy(s->parameters, parameters, bytes);
