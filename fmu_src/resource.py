@@ -18,6 +18,7 @@ from solver.errors import InputError
 from solver.inlet import Inlet
 from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network import Network
+from solver.scheme.failure import NonPhysicalState
 from solver.scheme.guards import BARE_REMEDY, UNSOLVED
 from solver.scheme.model import Model, Settings
 from solver.scheme.step import State, adopt, at_stages_of
@@ -203,7 +204,7 @@ def _periodic(network: Network, settings: Settings, given: Sequence[Variable], m
     starts = {variable.name: variable.start for variable in given}
     try:
         component.initialize(0.0, {**starts, "network.start": "periodic"})
-    except (InputError, ArithmeticError):
+    except (InputError, NonPhysicalState):
         return np.zeros(0)
     numbers = [number_of(v, v.start) for v in given]
     return np.concatenate([numbers, _state(model, adopt(model, component.shown.state))])

@@ -147,7 +147,7 @@ def test_discover(deadly: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_doctor(deadly: Path) -> None:
     """The doctor's trial names the signal."""
-    finding = doctor._trial(deadly, doctor.interpreter(), "report it")
+    finding = doctor._trial(deadly, sys.executable, "report it")
     assert (finding.state, finding.found) == (
         doctor.PROBLEM,
         "failed after load: the process died of signal 11 (SIGSEGV)",
