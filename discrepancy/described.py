@@ -42,13 +42,14 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
     before : the run without them. run : as of :func:`discrepancy.learning.law_of`.
     """
     found = naming.map
-    tables = () if found is None else tuple(tables_of(found, study.fitted.T))
-    if found is None or not tables or study.problem.site is not None:
+    if found is None or study.problem.site is not None:
         return None
-    values = {name: float(x) for name, x in parameter_values(found.unknowns, study.network, found.x).items()}
-    network = replace(study.network.with_parameters(values), sources=tables)
-    own = replace(study, problem=with_network(study.problem, network))
     try:
+        if not (tables := tuple(tables_of(found, study.fitted.T))):
+            return None
+        values = {name: float(x) for name, x in parameter_values(found.unknowns, study.network, found.x).items()}
+        network = replace(study.network.with_parameters(values), sources=tables)
+        own = replace(study, problem=with_network(study.problem, network))
         after, archive = run(own, network, NOTHING)
     except (RunFailed, InputError):
         return None

@@ -25,7 +25,7 @@ def rows(path: Path, names: Sequence[str], guid: str, model: str, fmi3: bool) ->
         made = False
     anew = "build it anew with arterial-fmu build --native, or copy it once more"
     if made:
-        yield "contents", "ok", f"{model}, built by this project; code and data are those of the GUID", ""
+        yield "contents", "ok", f"{model}, built by this project; code and data match the GUID", ""
     else:
         yield "contents", "no FMU of this project", "code or data were changed after the FMU was built (GUID)", anew
     yield "Python", "ok", "not needed by the host", ""
