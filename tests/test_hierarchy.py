@@ -13,6 +13,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import DECADES, LARGE, Linear, score, with_widths
 from fitting.inference.jackknife import jackknife
 from fitting.inference.misfit import Block, estimated, widened
+from fitting.inference.source_evidence import marginal
 from fitting.inference.terms import Term
 from fitting.inference.unknown import TAILS, Unknown
 from solver.coordinate import SHIFT
@@ -203,3 +204,18 @@ def test_jackknife_is_the_covariance_where_errors_are_independent() -> None:
         ratios.append(float(np.mean(found)))
     assert ratios[0] == pytest.approx(1.0, abs=0.08)
     assert ratios[1] == pytest.approx(3.0, rel=0.08)
+
+
+def test_evidence_where_sources_leave_round_off() -> None:
+    """Normal equations a little below 0, of a direction that sources took up: as with no information there; else as by
+    the Cholesky factor, to 1e-12."""
+    rng = np.random.default_rng(0)
+    J = rng.normal(size=(40, 6))
+    J[:, 0] = 0.0
+    exact = J.T @ J
+    rounded = exact.copy()
+    rounded[0, 0] = -2.0
+    sd = np.array([1.0, 0.3, 2.0, 1.0, 0.1])
+    assert np.isclose(marginal(rounded, sd), marginal(exact, sd), rtol=1e-12)
+    both = marginal(np.stack([rounded, exact]), sd)
+    assert np.allclose(both, marginal(exact, sd), rtol=1e-12)

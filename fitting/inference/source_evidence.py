@@ -147,9 +147,16 @@ class Normal:
 
 def marginal(normal: Array, sd: Array) -> Array:
     """-2 ln evidence : (…,) of normal equations (…, p+1, p+1) with Gaussian priors about 0, sd : (…, p)."""
-    A = np.eye(sd.shape[-1]) + sd[..., None] * normal[..., :-1, :-1] * sd[..., None, :]
-    factor = np.linalg.cholesky(A)
-    v = np.linalg.solve(factor, (sd * normal[..., :-1, -1])[..., None])[..., 0]
+    N = sd[..., None] * normal[..., :-1, :-1] * sd[..., None, :]
+    right = sd * normal[..., :-1, -1]
+    try:
+        factor = np.linalg.cholesky(np.eye(sd.shape[-1]) + N)
+    except np.linalg.LinAlgError:  # sources took up all but round-off of something: no information is below 0
+        value, vector = np.linalg.eigh(0.5 * (N + N.swapaxes(-1, -2)))
+        grown = 1.0 + np.maximum(value, 0.0)
+        v = (right[..., None, :] @ vector)[..., 0, :] / np.sqrt(grown)
+        return np.asarray(normal[..., -1, -1] - (v**2).sum(axis=-1) + np.log(grown).sum(axis=-1))
+    v = np.linalg.solve(factor, right[..., None])[..., 0]
     volume = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     return np.asarray(normal[..., -1, -1] - (v**2).sum(axis=-1) + 2.0 * volume)
 
