@@ -33,8 +33,9 @@ def with_rivals(result: Compared, runs: Runs) -> Compared:
     assert isinstance(problem, NetworkProblem)
     for i in range(len(best.terms)):
         rest = (*best.terms[:i], *best.terms[i + 1 :])
-        base = without(problem, best, rest)
-        laws = [t for t in result.sought if names_of((*rest, t)) not in tried and joins(t, rest)]
+        base, there_already = without(problem, best, rest), {t.label for t in rest}
+        new = [t for t in result.sought if t.label not in there_already and names_of((*rest, t)) not in tried]
+        laws = [t for t in new if joins(t, rest)]
         members += [_begun(problem, base, b) for b in promising(problem, base, laws, best.cost, runs)]
     if not members:
         return result
