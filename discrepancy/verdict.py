@@ -18,7 +18,7 @@ from fitting.inference.unknown import Reach
 
 from . import thresholds as at
 from .places import label_text
-from .scoring import Compared, Named, apart, ranked, shares, stated, with_errors
+from .scoring import Compared, Named, apart, ranked, shares, with_errors
 
 Array = np.ndarray
 Freed = Callable[[Named], Beside | None]
@@ -95,7 +95,7 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
     order = apart([*same, *rest])
     members = _class(order[: len(same)])
-    sure = stated(confidence, problem.kind)
+    sure = min(confidence, at.SUREST)
     return replace(unknown, verdict=_said(best, members), ranked=order, members=members, confidence=sure)
 
 
@@ -175,7 +175,7 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
     anew = wide.columns(none.fit, found.terms) if wide.site else wide.rewhitened(found.columns, problem)
     return replace(
         unknown, verdict="partial", problem=wide, base=none, ranked=order, columns=anew,
-        members=tuple(n for n in order if n.key in labels), confidence=stated(unknown.confidence, "partial"),
+        members=tuple(n for n in order if n.key in labels), confidence=min(unknown.confidence, at.SUREST),
         reason=_left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else ""),
     )  # fmt: skip
 
