@@ -28,18 +28,14 @@ from . import thresholds as at
 
 Array = np.ndarray
 
-_DRAWS = 400  # of records; the standard deviation of a probability of 0.9 is then below 0.015
-
 
 @dataclass(frozen=True)
 class Named:
-    """A hypothesis with its score.
-
-    probability : among all. separation : d' to the best. above_best : by how much its score is worse than the best
-    one's. errors : of the model that it is held with, None for an exact one; ``fit`` is then whitened with them by
-    ``whitener`` : (n, n). places : of a network where they act. shown : whether a record can show it: a sensor that is
-    named by a frequency above half the sampling rate may be another fault of it, or the aliases of a flow with a kink,
-    and is never what is named."""
+    """A hypothesis with its score. probability : among all. separation : d' to the best.
+    above_best : by how much its score is worse than the best one's. errors : of the model that it is held with, None
+    for an exact one; ``fit`` is then whitened with them. places : of a network where they act. shown : whether a record
+    can show it: a sensor that is named by a frequency above half the sampling rate may be another fault of it, or the
+    aliases of a flow with a kink, and is never what is named."""
 
     fit: Fit
     score: float
@@ -48,7 +44,6 @@ class Named:
     separation: float = 0.0
     above_best: float = 0.0
     errors: Array | None = None
-    whitener: Array | None = None
     places: tuple[Place, ...] = ()
     shown: bool = True
 
@@ -149,9 +144,7 @@ def with_errors(exact: Named, beside: Beside | None) -> Named | None:
         return None
     gained = hierarchy.score(beside.fit) - hierarchy.score(exact.fit)
     score = exact.score + gained + at.ELSE + beside.cost
-    return replace(
-        exact, fit=beside.fit, score=score, errors=beside.errors, whitener=beside.whitener, places=beside.places
-    )
+    return replace(exact, fit=beside.fit, score=score, errors=beside.errors, places=beside.places)
 
 
 def ranked(found: Sequence[Named]) -> tuple[Named, ...]:
@@ -171,33 +164,11 @@ def apart(found: Sequence[Named]) -> tuple[Named, ...]:
     )
 
 
-def shares(ways: Sequence[Named]) -> list[float]:
-    """Probabilities of hypotheses among themselves, bagged: their mean over records of as many beats drawn from these.
-
-    The mean beat of beats that are drawn from a record scatters about the record's as that about the truth: its
-    whitened residual is z + e with e ~ N(0, 1), for which each hypothesis is refitted, linear,
-
-        min |z + e + J s|² + Σ w (x + s)² = |z|² + Σ w x² + 2 zᵀe + |e|² - |Qᵀe|²,   Q : of the columns of J and √w.
-
-    One record prefers either of two hypotheses that do as well to nearly all of its probability; drawn ones prefer now
-    this one, now that (J. H. Huggins and J. W. Miller, Bayesian Anal. 18, 2023, 79).
-    """
-    if not ways:
-        return []
-    e = np.random.default_rng(0).standard_normal((len(ways[0].fit.z), _DRAWS))
-    scores = np.array([n.score + _changed(n, e) for n in ways])
-    weights = np.exp(-0.5 * (scores - scores.min(axis=0)))
-    return [float(p) for p in (weights / weights.sum(axis=0)).mean(axis=1)]
-
-
-def _changed(n: Named, e: Array) -> Array:
-    """(draws,) by how much a hypothesis costs more with e : (n, draws) added to its residual where it is exact."""
-    e = e if n.whitener is None else n.whitener @ e
-    fit = n.fit
-    moves = free(fit.unknowns)
-    tall = np.concatenate([fit.J[:, moves], np.diag(np.sqrt(precision(fit.prior, fit.x)[moves]))])
-    taken = np.linalg.qr(tall)[0][: len(e)].T @ e
-    return 2.0 * fit.z @ e + (e**2).sum(axis=0) - (taken**2).sum(axis=0)
+def shares(all_ways: Sequence[Named]) -> list[float]:
+    """Probabilities of hypotheses among themselves."""
+    best = min((n.score for n in all_ways), default=0.0)
+    weights = [math.exp(-0.5 * (n.score - best)) for n in all_ways]
+    return [w / sum(weights) for w in weights]
 
 
 # --- all that were compared -------------------------------------------------------------------------------------------

@@ -50,8 +50,9 @@ OUTLIER = 4.0  # stated spreads
 OUTLIER_OF_OTHERS = 5.0  # or root mean squares of the others of its kind, if that is more
 
 # --- what is said ---
-# no name is surer than the bank can show: that of 300 names without a wrong one, 95 % bound 1 %
+# no answer is surer than a bank can show: of 300 names without a wrong one the 95 % bound is 1 %
 SUREST = 0.99
+SUREST_PARTIAL = 2.0 / 3.0  # nor a name beside which more remains: judgement, for want of records
 INCOMPLETE = 0.5  # confidence where not all could be compared, or a name was not borne out, at most: no surer than not
 
 # --- the FMU on held-out beats ---

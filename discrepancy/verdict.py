@@ -68,7 +68,8 @@ class Naming:
 def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True) -> Naming:
     """The verdict on what was compared. beside : an error of the model that a hypothesis may have beside it."""
     made = _decided(found, tuple(terms), beside)
-    return made if complete else replace(made, confidence=min(made.confidence, at.INCOMPLETE), complete=False)
+    most = at.INCOMPLETE if not complete else at.SUREST_PARTIAL if made.verdict == "partial" else at.SUREST
+    return replace(made, confidence=min(made.confidence, most), complete=complete)
 
 
 def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
@@ -95,8 +96,7 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
     order = apart([*same, *rest])
     members = _class(order[: len(same)])
-    sure = min(confidence, at.SUREST)
-    return replace(unknown, verdict=_said(best, members), ranked=order, members=members, confidence=sure)
+    return replace(unknown, verdict=_said(best, members), ranked=order, members=members, confidence=confidence)
 
 
 def _with_shown(exact: Sequence[Named]) -> list[Named]:
@@ -175,7 +175,7 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
     anew = wide.columns(none.fit, found.terms) if wide.site else wide.rewhitened(found.columns, problem)
     return replace(
         unknown, verdict="partial", problem=wide, base=none, ranked=order, columns=anew,
-        members=tuple(n for n in order if n.key in labels), confidence=min(unknown.confidence, at.SUREST),
+        members=tuple(n for n in order if n.key in labels), confidence=unknown.confidence,
         reason=_left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else ""),
     )  # fmt: skip
 

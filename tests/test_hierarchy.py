@@ -149,7 +149,7 @@ def test_errors_of_the_model_are_found() -> None:
     parts = estimated(fit, found, 2)
     assert parts[0] == pytest.approx(0.3, rel=0.1)
     assert parts[1] < 0.03
-    wide = widened(fit, found, parts).fit
+    wide = widened(fit, found, parts)
     assert wide.chi2 / len(y) == pytest.approx(1.0, abs=0.1)
     C = np.eye(300)
     for b in found:
@@ -172,7 +172,7 @@ def test_noise_has_no_errors_of_the_model() -> None:
         found = blocks(rng, 50)
         fit = fitted(rng.normal(size=(300, 1)), rng.normal(size=300), (unknown("a"),))
         parts = estimated(fit, found, 2)
-        gains.append(score(fit) - score(widened(fit, found, parts).fit) - ELSE - PART * np.count_nonzero(parts))
+        gains.append(score(fit) - score(widened(fit, found, parts)) - ELSE - PART * np.count_nonzero(parts))
     assert sum(gain > 0.0 for gain in gains) <= 1
 
 

@@ -56,7 +56,7 @@ def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
 def without_errors(problem: NetworkProblem, fit: Fit) -> Beside:
     """A fit with nothing beside it, as it is."""
     m = len(problem.signals)
-    return Beside(fit, np.zeros((problem.K + 1, m, m)), 0.0, np.eye(len(fit.z)))
+    return Beside(fit, np.zeros((problem.K + 1, m, m)), 0.0)
 
 
 def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs) -> Beside | None:
@@ -90,5 +90,4 @@ def _integrated_out(model: PlaceModel, point: Point, fit: Fit) -> Beside:
     log_volume = fit.log_volume + wide.target.log_volume - problem.target.log_volume
     fit = replace(fit, unknowns=model.unknowns_of(point.active), log_volume=log_volume)
     cost = sum((PRICE if a.law else 0.0) + model.worth for a in point.active)
-    whitener = wide.target.whiten(problem.target.unwhiten(np.eye(len(fit.z))))
-    return Beside(settled(fit), covariance, cost, whitener, tuple(a.place for a in point.active))
+    return Beside(settled(fit), covariance, cost, tuple(a.place for a in point.active))

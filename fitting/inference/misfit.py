@@ -39,13 +39,12 @@ class Beside:
     """A hypothesis with an error of the model beside it, integrated out.
 
     fit : whitened with it. errors : as ``widened`` of its problem takes them. cost : -2 ln of what is chosen of them
-    beforehand. whitener : (n, n) of what is white without it. places : of the network, where they act.
+    beforehand. places : of the network, where they act.
     """
 
     fit: Fit
     errors: Array
     cost: float
-    whitener: Array
     places: tuple[Place, ...] = ()
 
 
@@ -73,18 +72,19 @@ def sizes(X: Array) -> Array:
 
 def beside(fit: Fit, blocks: Sequence[Block], n_parts: int) -> Beside:
     """A fit with the errors of its model that make the record most probable."""
-    return widened(fit, blocks, estimated(fit, blocks, n_parts))
+    parts = estimated(fit, blocks, n_parts)
+    return Beside(widened(fit, blocks, parts), parts, PART * float(np.count_nonzero(parts)))
 
 
-def widened(fit: Fit, blocks: Sequence[Block], parts: Array) -> Beside:
-    """A fit with errors of these parts: z and J whitened anew, about where it is."""
-    whitener, log_volume = np.eye(len(fit.z)), fit.log_volume
+def widened(fit: Fit, blocks: Sequence[Block], parts: Array) -> Fit:
+    """A fit as it looks with errors of these parts: z and J whitened anew, about where it is."""
+    z, J, log_volume = fit.z.copy(), fit.J.copy(), fit.log_volume
     for block in blocks:
         L = np.linalg.cholesky(_covariance(block, parts))
-        whitener[np.ix_(block.rows, block.rows)] = np.linalg.inv(L)
+        z[block.rows] = np.linalg.solve(L, fit.z[block.rows])
+        J[block.rows] = np.linalg.solve(L, fit.J[block.rows])
         log_volume += 2.0 * float(np.log(np.diag(L)).sum())
-    wide = replace(fit, z=whitener @ fit.z, J=whitener @ fit.J, log_volume=log_volume)
-    return Beside(settled(wide), parts, PART * float(np.count_nonzero(parts)), whitener)
+    return settled(replace(fit, z=z, J=J, log_volume=log_volume))
 
 
 def settled(fit: Fit) -> Fit:

@@ -18,7 +18,6 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from solver.errors import InputError
 from solver.network import Network
@@ -292,10 +291,7 @@ class Several(Forward):
         if self.site is None:
             whole = replace(whole, log_volume=sum(b.fit.log_volume for b in found))
         places = tuple({p.key: p for b in found for p in b.places}.values())
-        whiteners = [
-            np.eye(len(p.entries[0])) if b is None else b.whitener for p, b in zip(self.parts, each, strict=True)
-        ]
-        return Beside(settled(whole), errors, sum(b.cost for b in found), block_diag(*whiteners), places)
+        return Beside(settled(whole), errors, sum(b.cost for b in found), places)
 
     def widened(self, errors: Any) -> Several:
         pairs = zip(self.parts, errors, strict=True)
