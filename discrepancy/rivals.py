@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.inference.fit import Fit, Member
+from fitting.inference.gauss_newton import Trial
 from fitting.inference.network import NetworkProblem
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, joins
@@ -27,28 +28,39 @@ _NEARLY = 2.0  # times the reach of the second look, of the first
 
 
 def with_rivals(result: Compared, runs: Runs) -> Compared:
-    """With the laws refitted that promise to explain the record in the stead of one of the best hypothesis."""
+    """With the laws refitted that promise to explain the record in the stead of one of the best hypothesis, and those
+    whose search ended far above what they promise from there."""
     best = min(result.every, key=lambda n: n.score).fit  # even one that is never named, as no sensor can show it
-    problem, tried, members = result.problem, {n.key for n in result.ranked}, list[Member]()
+    problem, members = result.problem, list[Member]()
     assert isinstance(problem, NetworkProblem)
+    known = {n.key: n.fit.cost for n in result.ranked}
     for i in range(len(best.terms)):
         rest = (*best.terms[:i], *best.terms[i + 1 :])
-        base, there_already = without(problem, best, rest), {t.label for t in rest}
-        new = [t for t in result.sought if t.label not in there_already and names_of((*rest, t)) not in tried]
-        laws = [t for t in new if joins(t, rest)]
-        members += [_begun(problem, base, b) for b in promising(problem, base, laws, best.cost, runs)]
+        base, others = without(problem, best, rest, runs), {t.label for t in best.terms}
+        if base is not None:
+            laws = [t for t in result.sought if t.label not in others and joins(t, rest)]
+            begun = promising(problem, base, laws, best.cost, runs)
+            new = [b for b in begun if b.left < known.get(names_of((*rest, b.term)), np.inf) - at.RULED_OUT]
+            members += [_begun(problem, base, b) for b in new]
     if not members:
         return result
     found = there(problem.searched_from(members, runs, best.columns))
     return result.joined_by(found).polished(runs)
 
 
-def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...]) -> Base:
-    """Where a fit is, but for the laws that are not of ``rest``."""
-    unknowns = problem.hypothesis(rest)
+def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Runs) -> Base | None:
+    """Where a fit is, but for the laws that are not of ``rest``; what the outlet had that one of these replaced is as
+    it usually is. None where that cannot be simulated."""
+    unknowns, columns = problem.hypothesis(rest), fit.columns
     x = dict(zip((u.name for u in fit.unknowns), fit.x, strict=True))
-    at_fit = np.array([x[u.name] for u in unknowns])
-    return Base(Member(rest, unknowns, at_fit), np.stack([fit.columns[u.name] for u in unknowns], axis=1))
+    member = Member(rest, unknowns, np.array([x.get(u.name, 0.0) for u in unknowns]))
+    missing = np.flatnonzero([u.name not in columns for u in unknowns])
+    if len(missing):
+        (point,) = problem.points([Trial(member, missing, None, np.zeros(len(unknowns)))], runs)
+        if point is None:
+            return None
+        columns |= {unknowns[i].name: column for i, column in zip(missing, point.J.T, strict=True)}
+    return Base(member, np.stack([columns[u.name] for u in unknowns], axis=1))
 
 
 def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], best: float, runs: Runs) -> list[Begun]:
