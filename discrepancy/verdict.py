@@ -68,7 +68,8 @@ class Naming:
 def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True) -> Naming:
     """The verdict on what was compared. beside : an error of the model that a hypothesis may have beside it."""
     made = _decided(found, tuple(terms), beside)
-    most = at.INCOMPLETE if not complete else at.SUREST_PARTIAL if made.verdict == "partial" else at.SUREST
+    surest = at.SUREST["partial" if made.verdict == "partial" else found.problem.kind] if made.members else 1.0
+    most = surest if complete else at.INCOMPLETE
     return replace(made, confidence=min(made.confidence, most), complete=complete)
 
 
