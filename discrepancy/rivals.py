@@ -28,24 +28,29 @@ _NEARLY = 2.0  # times the reach of the second look, of the first
 
 
 def with_rivals(result: Compared, runs: Runs) -> Compared:
-    """With the laws refitted that promise to explain the record in the stead of one of the best hypothesis, and those
-    whose search ended far above what they promise from there."""
+    """With the laws refitted that promise to explain the record in the stead of one of the best hypothesis, or of all
+    of it, and those whose search ended far above what they promise from there."""
     best = min(result.every, key=lambda n: n.score).fit  # even one that is never named, as no sensor can show it
-    problem, members = result.problem, list[Member]()
+    problem, members = result.problem, dict[str, Member]()
     assert isinstance(problem, NetworkProblem)
     known = {n.key: n.fit.cost for n in result.ranked}
-    for i in range(len(best.terms)):
-        rest = (*best.terms[:i], *best.terms[i + 1 :])
-        base, others = without(problem, best, rest, runs), {t.label for t in best.terms}
+    for rest in _rests(best.terms):
+        base, labels = without(problem, best, rest, runs), {t.label for t in rest}
         if base is not None:
-            laws = [t for t in result.sought if t.label not in others and joins(t, rest)]
-            begun = promising(problem, base, laws, best.cost, runs)
-            new = [b for b in begun if b.left < known.get(names_of((*rest, b.term)), np.inf) - at.RULED_OUT]
-            members += [_begun(problem, base, b) for b in new]
+            laws = [t for t in result.sought if t.label not in labels and joins(t, rest)]
+            for begun in promising(problem, base, laws, best.cost, runs):
+                key = names_of((*rest, begun.term))
+                if begun.left < known.get(key, np.inf) - at.RULED_OUT:
+                    members.setdefault(key, _begun(problem, base, begun))
     if not members:
         return result
-    found = there(problem.searched_from(members, runs, best.columns))
+    found = there(problem.searched_from(list(members.values()), runs, best.columns))
     return result.joined_by(found).polished(runs)
+
+
+def _rests(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
+    """What stays of a hypothesis: nothing, and of two laws each alone."""
+    return [(), *((t,) for t in terms if len(terms) > 1)] if terms else []
 
 
 def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Runs) -> Base | None:
