@@ -30,6 +30,8 @@ from .scoring import Compared, exact, promised, there
 
 Array = np.ndarray
 
+_ROUNDS = 3  # of rivals of the best hypothesis, at most, while these find a better one
+
 
 def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkProblem, SourceMap]:
     """The problem with the free sources, and the map with the numbers that stand out, of all places but one."""
@@ -171,7 +173,11 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         result = result.at_minimum(runs)
         more = [*_refined(result, runs), *_with_one_more(result, found, left, runs)]
         yield (result := result.joined_by(more).polished(runs))
-    yield (result := with_rivals(result, runs))
+    for _ in range(_ROUNDS):
+        best, result = result.best.key, with_rivals(result, runs)
+        yield result
+        if result.best.key == best:
+            break
     yield result.at_minimum(runs)
 
 

@@ -24,8 +24,6 @@ from .scoring import Compared, names_of, there
 
 Array = np.ndarray
 
-_NEARLY = 2.0  # times the reach of the second look, of the first
-
 
 def with_rivals(result: Compared, runs: Runs) -> Compared:
     """With the laws refitted that promise to explain the record in the stead of one of the best hypothesis, or of all
@@ -38,13 +36,13 @@ def with_rivals(result: Compared, runs: Runs) -> Compared:
         base, labels = without(problem, best, rest, runs), {t.label for t in rest}
         if base is not None:
             laws = [t for t in result.sought if t.label not in labels and joins(t, rest)]
-            for begun in promising(problem, base, laws, best.cost, runs):
+            for begun in promising(problem, base, laws, result.none.fit.cost, runs):
                 key = names_of((*rest, begun.term))
                 if begun.left < known.get(key, np.inf) - at.RULED_OUT:
                     members.setdefault(key, _begun(problem, base, begun))
     if not members:
         return result
-    found = there(problem.searched_from(list(members.values()), runs, best.columns))
+    found = there(problem.searched_from(list(members.values()), runs, best.columns, best.cost))
     return result.joined_by(found).polished(runs)
 
 
@@ -68,12 +66,16 @@ def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Run
     return Base(member, np.stack([columns[u.name] for u in unknowns], axis=1))
 
 
-def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], best: float, runs: Runs) -> list[Begun]:
-    """Laws that promise a cost near the best, each at the size where it does: all of those that might not be ruled out
-    beside it, and a few more, as what one size promises is not exact. All are looked at with one size first."""
-    first = [b for b in nearest(problem, base, laws, runs, TYPICAL) if b.left < best + _NEARLY * at.NEAR]
-    found = nearest(problem, base, [b.term for b in first], runs) if first else []
-    return [b for k, b in enumerate(found) if b.left < best + (at.NEAR if k < at.FEW else at.RULED_OUT)]
+def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], most: float, runs: Runs) -> list[Begun]:
+    """The nearest laws that promise to cost less than ``most``, each at the size where it does; what a strong one
+    promises is far from exact, but it is among the nearest. All are looked at with one size first."""
+    first = _fewest(nearest(problem, base, laws, runs, TYPICAL), most, 2 * at.FEW)
+    return _fewest(nearest(problem, base, [b.term for b in first], runs), most, at.FEW) if first else []
+
+
+def _fewest(begun: Sequence[Begun], most: float, n: int) -> list[Begun]:
+    """The n nearest, and all that promise so much that they might not be ruled out beside these."""
+    return [b for k, b in enumerate(begun) if b.left < most and (k < n or b.left < begun[0].left + at.RULED_OUT)]
 
 
 def _begun(problem: NetworkProblem, base: Base, begun: Begun) -> Member:
