@@ -77,15 +77,13 @@ def _compiler(name: str) -> list[str]:
 
 def cache() -> Path | None:
     """Where compiled libraries are kept: in a checkout beside the engine, else in the user's own folder; None where
-    there is none that can be written."""
+    there is no home."""
     if SOURCES.parent == ENGINES.parents[1] and os.access(ENGINES if ENGINES.is_dir() else ENGINES.parent, os.W_OK):
         return ENGINES
     try:
-        folder = _users() / "arterial-fmu"
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # no home, or one that cannot be written
+        return _users() / "arterial-fmu"
+    except RuntimeError:
         return None
-    return folder if os.access(folder, os.W_OK) else None
 
 
 def _users() -> Path:
@@ -100,10 +98,8 @@ def _users() -> Path:
 def _kept(file: str) -> bytes | None:
     """A library of the wheel or of the cache; another process may remove it at any time."""
     for folder in filter(None, dict.fromkeys((ENGINES, cache()))):
-        try:
+        with suppress(OSError):
             return (folder / file).read_bytes()
-        except FileNotFoundError:
-            continue
     return None
 
 
@@ -113,7 +109,7 @@ def _keep(file: str, content: bytes, name: str) -> None:
     if folder is None:
         return
     with suppress(OSError):  # a full disk, or a file that another process has open: the library is in memory
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".new-") as aside:
             made = Path(aside) / file
             made.write_bytes(content)

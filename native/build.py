@@ -47,7 +47,9 @@ def build(wanted: str | None = None, library: Path = LIBRARY) -> str:
         write_whole(library, made)
         name = " ".join([Path(command[0]).name, *command[1:]])
         return f"Built the compiled engine with {name} in {time.perf_counter() - start:.1f} s: {library}"
-    return f"{failed}. The solver runs on NumPy; for the compiled engine: pip install ziglang, then python native/build.py"
+    return (
+        f"{failed}. The solver runs on NumPy; for the compiled engine: pip install ziglang, then python native/build.py"
+    )
 
 
 if __name__ == "__main__":
