@@ -69,7 +69,10 @@ def fmu_sources(folder: Path) -> dict[str, bytes]:
 
 
 def fmu_library(name: str, sources: Mapping[str, bytes], made_by: str) -> str:
-    """The file name of a platform's library for FMUs, with a hash of what it is made of. made_by : target or command."""
+    """The file name of a platform's library for FMUs, with a hash of what it is made of.
+
+    made_by : the target of ziglang, or the command of another compiler.
+    """
     key = hashlib.sha256(repr((sorted(sources.items()), FLAGS, made_by)).encode()).hexdigest()[:16]
     return f"{name}-{key}{PLATFORMS[name].suffix}"
 

@@ -126,7 +126,7 @@ def export_csv(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write a network as a table with one row per vessel, or as a network file to edit."""
+    """Write a network as a table of its vessels, or as a network file."""
     with sentences():
         source = find_network(network)
         model = read_network(source)

@@ -24,7 +24,7 @@ NAME = "aarch64-linux"  # a platform that this machine is not
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """As installed, without libraries: the folder of the engine beside its sources; the user's cache is tmp_path/cache."""
+    """As installed, but without libraries: the folder of the engine; the user's cache is tmp_path/cache."""
     engines = tmp_path / "site" / "solver" / "engine"
     shutil.copytree(SOURCES, engines / "sources", ignore=shutil.ignore_patterns("*.py", "__pycache__"))
     monkeypatch.setattr(binaries, "ENGINES", engines)
@@ -47,7 +47,7 @@ def files(folder: Path) -> list[str]:
 
 
 def test_the_wheel_has_it(installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A library of these sources is taken as it is; of other sources it is compiled, and nothing is written beside it."""
+    """A library of these sources is taken as it is; of other ones it is compiled, and not written beside it."""
     compiling(monkeypatch, lambda: b"compiled")
     target = compiler.PLATFORMS[NAME].target
     brought = installed / compiler.fmu_library(NAME, binaries.sources(), target)
@@ -178,7 +178,7 @@ def built(module: Any, folder: Path) -> Path:
 
 
 def test_a_wheel_without_the_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has the sources, as they are, and nothing else; a wheel asks for the compiler, an editable install does not."""
+    """It has the sources alone; a wheel asks for the compiler, an editable install does not."""
     module = backend()
     monkeypatch.setattr(module.compiler, "ziglang", lambda target="": None)
     made = built(module, tmp_path)
