@@ -126,7 +126,7 @@ def export_csv(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write a network as a table of its vessels, or as a network file."""
+    """Write a network as a table, or as a network file."""
     with sentences():
         source = find_network(network)
         model = read_network(source)
