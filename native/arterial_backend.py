@@ -55,7 +55,7 @@ class BuildPy(build_py):
 
     def get_source_files(self) -> list[str]:
         """What a source distribution takes along: native/, too."""
-        tools = [Path(__file__), NATIVE / "build.py"]
+        tools = [NATIVE / "arterial_backend.py", NATIVE / "build.py"]
         return [*super().get_source_files(), *(str(p.relative_to(NATIVE.parent)) for p in [*tools, *_sources()])]
 
 
