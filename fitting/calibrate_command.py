@@ -97,8 +97,6 @@ def calibrate_command(
 
     paths, judged = [record, *(further or ())], hold_out or []
     with sentences(NonPhysicalState, NotPeriodic), bar(quiet, pace=PACE) as progress:
-        if varies and not further:
-            raise InputError(f"--varies {varies[0]}: there is one recording to fit; give others with --and.")
         progress(0.0, "reading")
         check_one(beside, len(paths) + len(judged))
         sets = _sets(out, labels_of(list(map(str, paths))))
