@@ -29,13 +29,16 @@ def nearest(found: Compared, runs: Runs) -> Fit | None:
     (X,) = problem.observe([none.fit.member], runs)
     if X is not None and np.sqrt(np.mean(left_of_pulsation(problem, problem.residual(X)) ** 2)) <= FAR:
         return None
-    fits = there([*problem.refine([none.fit], runs), from_afar(problem, runs)])
+    fits = there([*problem.refine([none.fit], runs), from_afar(problem, none.fit.unknowns, runs)])
     return min(fits, key=lambda f: f.cost, default=None)
 
 
 def compared_with(found: Compared, near: Fit, runs: Runs) -> Iterator[Compared]:
-    """What is known with the nearest model without effect, and with the nearest effects beside that one, too."""
+    """What is known with the nearest model without effect, and with the nearest effects beside that one, too; not where
+    numbers that stand out are held in it, as they are beside the effects that stand for them."""
     yield (found := _with_none(found, near))
+    if near.unknowns != tuple(found.problem.hypothesis(())):
+        return
     beside = found.problem.refit([n.fit.terms for n in found.ranked[: at.FEW]], near, runs)
     again = exact(found.problem, [*found.fits, *there(beside)], found.columns, found.terms, runs)
     (fit,) = again.problem.refine(again.problem.restated([near], found.problem), runs)

@@ -72,7 +72,7 @@ def test_names_are_compared_with_it() -> None:
     """Whatever the walls that hypotheses began with, the one without effect is the nearest."""
     _, _, problem = loop()
     found = Compared.of(problem, [bent()], {}, ())
-    near = from_afar(problem, Runs())
+    near = from_afar(problem, problem.hypothesis(()), Runs())
     assert near is not None
     *_, last = compared_with(found, near, Runs())
     assert last.none.fit.chi2 <= 1.05 * near.chi2

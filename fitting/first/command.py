@@ -57,8 +57,9 @@ def first_command(
         measured = read_record(record, Reading.asked(mapped, decimal, beside))
         if not as_measured:
             check_plausible(measured, {})
+        beats = align(measured, seconds(period, "--period"))
         found = first_model(
-            align(measured, seconds(period, "--period")),
+            beats,
             like,
             mass=None if mass is None else typed_quantity(mass, "kg", "--mass"),
             P_venous=typed_quantity(venous, "Pa", "--venous"),
@@ -73,7 +74,7 @@ def first_command(
     elif not quiet:
         show(*tables(found))
     if not quiet:
-        say_notes(found.notes, aside=as_json)
+        say_notes([*found.notes, *beats.warnings], aside=as_json)
         say_written(out, aside=as_json)
 
 

@@ -7,26 +7,23 @@ comes near in the units of the channels, and ends at the noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..records.noise import pulses
 from .fit import Fit, Member
 from .network import NetworkProblem
 from .simulator import Runs
-from .unknown import absent
+from .unknown import Unknown, absent
 
 Array = np.ndarray
 
 LEVELS = (0.05, 0.015, 0.003, 0.0)  # of every channel's pulsation (RMS), granted to every harmonic
 
 
-def from_afar(problem: NetworkProblem, runs: Runs, levels: Sequence[float] = LEVELS) -> Fit | None:
+def from_afar(problem: NetworkProblem, unknowns: tuple[Unknown, ...], runs: Runs) -> Fit | None:
     """The model without effect, from the network's own values; None where it cannot be simulated there."""
-    unknowns, found = problem.hypothesis(()), None
-    member = Member((), unknowns, absent(unknowns))
-    for level in levels:
+    member, found = Member((), unknowns, absent(unknowns)), None
+    for level in LEVELS:
         (found,) = alike_granted(problem, level).searched_from([member], runs)
         if found is None:
             return None

@@ -110,6 +110,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         titles = " and ".join(repr(column.title) for column, _ in times)
         refuse(place, None, times[1][0].title, f'{titles} are both a time; leave one out: --map "{times[1][0].title}="')
     titles_ = [column.title for column in columns]
+    _check_cells(times[0][0], place)
     found = [_chosen(column, target, titles_, place) for column, target in wanted if target[0] != "time"]
     if not found:
         raise InputError(
@@ -180,9 +181,15 @@ def _target(column: Column, given: str | None, said: set[str], named: bool) -> t
         return (("time" if is_time(variable) else variable), own or unit) if given else None
     if is_time(name) or column.clock:
         return None if any(is_time(each) for each in said) else ("time", unit)
-    if named and (_kind(name) is None or name in said):
+    if _kind(name) is None and (named or _is_empty(column)):
         return None
-    return name, unit
+    return None if named and name in said else (name, unit)
+
+
+def _is_empty(column: Column) -> bool:
+    """Whether a column holds nothing, or only words: no channel, whatever its title."""
+    only_words = column.fault is None or column.fault.words
+    return only_words and len(column.values) > 0 and bool(np.isnan(column.values).all())
 
 
 def _kind(name: str) -> Kind | None:
@@ -198,11 +205,18 @@ def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], plac
         if name != name_and_unit(title)[0]:
             refuse(place, None, title, f"{name!r} is no variable of a network; allowed are {CHANNELS}, such as AA.P")
         refuse(place, None, title, f"no such channel; allowed are {CHANNELS}: {_advice(name, unit, short)}")
+    _check_cells(column, place)
     if column.problem:
         refuse(place, None, title, f'{column.problem}; leave it out: --map "{title}=", or export it alike')
     scale = _factor(kind, name, unit, title, titles, place)
     site, _, letter = name.rpartition(".")
     return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale)
+
+
+def _check_cells(column: Column, place: Place) -> None:
+    """Raise InputError for a cell that is no number."""
+    if column.fault is not None:
+        refuse(place, column.fault.sample, column.title, column.fault.why)
 
 
 def _advice(name: str, unit: str, title: str) -> str:
