@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from solver.errors import InputError
 
 from .clock import is_clock, is_date
-from .numbers import COMMENT, MISSING
+from .numbers import COMMENT, MISSING, without_remark
 from .titles import is_time, is_unit, name_and_unit
 
 _LOOKED_AT = 2000  # lines
@@ -128,7 +128,7 @@ def _is_sample(line: str, separator: str) -> bool:
     """Whether it is a line of two numbers at least, the first, a time, among them."""
     if separator not in line or line.lstrip().startswith(COMMENT):
         return False
-    cells = [cell.strip() for cell in _fields(line.partition("#")[0], separator)]
+    cells = [cell.strip() for cell in _fields(without_remark(line), separator)]
     there = [cell for cell in cells if cell]
     return (
         len(there) > 1

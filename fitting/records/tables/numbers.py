@@ -84,6 +84,11 @@ def slowly(
     return list(np.ascontiguousarray(np.array(numbers).reshape(-1, len(titles)).T)), where, faults
 
 
+def without_remark(line: str) -> str:
+    """A line up to the # of a remark, which that of #N/A is not."""
+    return re.split(r"#(?!N/A)", line, maxsplit=1)[0]
+
+
 def _samples(lines: Sequence[str], start: int, separator: str, width: int, at: list[int]) -> Iterator[str]:
     """The lines from ``start`` on without comments; at[0] becomes the number of the line."""
     last = next((i for i in range(len(lines), start - 1, -1) if lines[i - 1]), start - 1)
@@ -92,7 +97,7 @@ def _samples(lines: Sequence[str], start: int, separator: str, width: int, at: l
         if line.lstrip().startswith(COMMENT):
             continue
         if "#" in line and '"' not in line:  # a remark behind the numbers, in a field of its own in LabChart
-            line = line.partition("#")[0].rstrip(" ")
+            line = without_remark(line).rstrip(" ")
             line = line.removesuffix(separator) if line.count(separator) == width else line
         yield f"{line}\n"
 
