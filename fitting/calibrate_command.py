@@ -100,14 +100,14 @@ def calibrate_command(
         progress(0.0, "reading")
         check_one(beside, len(paths) + len(judged))
         sets = _sets(out, labels_of(list(map(str, paths))))
-        check_destinations(*sets, given=[*paths, *judged, *(beside or ()), network, start])
+        how = Reading.asked(mapped, decimal, beside)
+        check_destinations(*sets, given=[*paths, *judged, *how.beside, network, start])
         if out is not None:
             set_format(out)
         described = read_network(find_network(network))
         if start is not None:
             described = read_set(start).apply(described)
         described = with_filters(described, filters or ())
-        how = Reading.asked(mapped, decimal, beside)
         recordings = [_beats(path, how, described, as_measured, period) for path in paths]
         unseen = [_beats(path, how, described, as_measured, period) for path in judged]
         tried = calibrate_from(

@@ -53,8 +53,9 @@ def first_command(
     """Make a first model from a recording: resistance, compliance, impedance, delays, and the network they give."""
     with sentences(), bar(quiet) as progress:
         progress(0.0, "reading")
-        check_destinations(out, given=[record, *(beside or ())])
-        measured = read_record(record, Reading.asked(mapped, decimal, beside))
+        how = Reading.asked(mapped, decimal, beside)
+        check_destinations(out, given=[record, *how.beside])
+        measured = read_record(record, how)
         if not as_measured:
             check_plausible(measured, {})
         beats = align(measured, seconds(period, "--period"))

@@ -39,7 +39,8 @@ def _clocks(beats: Beats, root: str) -> Iterator[str]:
     if abs(late) > _TOGETHER * beats.T:
         yield (
             f"{root} rises {1e3 * abs(late):.0f} ms {'after' if late > 0.0 else 'before'} {INFLOW}, and at one place "
-            "both rise together: one of the two is of another clock or another place; shift the times of its file."
+            "both rise together: one of the two is of another clock or another place; shift the times of its file "
+            '(--with "FILE=SHIFT").'
         )
 
 

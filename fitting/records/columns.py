@@ -12,12 +12,14 @@ from typing import Any, NoReturn
 import numpy as np
 
 from solver.errors import InputError
+from solver.files import parse_quantity
 
 from .sensors import KINDS, TIME, Kind
 from .tables.table import Column, Place, Table, refuse
 from .tables.titles import factor, is_time, name_and_unit
 
 _EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]")
+_START = "start"
 CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
 
 
@@ -27,19 +29,21 @@ class Reading:
 
     names : title of a column, or its number from 1 -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]";
     "" leaves the column out. If any is given, all columns that neither it nor the variables' names mention are left
-    out. "Q.csv:2" is of the file of that name alone. beside : further files of the same recording.
+    out. "Q.csv:2" is of the file of that name alone. beside : further files of the same recording. shifts : file ->
+    seconds that are added to its times; None: it starts with the first file.
     """
 
     decimal: str | None = None
     names: Mapping[str, str] = field(default_factory=dict)
     beside: tuple[str, ...] = ()
+    shifts: Mapping[str, float | None] = field(default_factory=dict)
 
     @staticmethod
     def asked(
         pairs: Iterable[str] | None, decimal: str | None, beside: Iterable[str | os.PathLike[str]] | None = None
     ) -> Reading:
-        """Of the options ``--map TITLE=VARIABLE``, ``--decimal`` and ``--with``. Raises ValueError for a pair that is
-        none."""
+        """Of the options ``--map TITLE=VARIABLE``, ``--decimal`` and ``--with FILE`` or ``FILE=SHIFT``. Raises
+        ValueError for a pair or a shift that is none."""
         names: dict[str, str] = {}
         for pair in pairs or ():
             title, equals, variable = (part.strip() for part in pair.rpartition("="))
@@ -48,7 +52,9 @@ class Reading:
             if title in names:
                 raise InputError(f'--map "{pair}": the column {title!r} is given twice; keep one.')
             names[title] = variable
-        return Reading(decimal, names, tuple(os.fspath(file) for file in beside or ()))
+        files = [_shifted(os.fspath(file)) for file in beside or ()]
+        shifts = {file: shift for file, shift in files if shift != 0.0}
+        return Reading(decimal, names, tuple(file for file, _ in files), shifts)
 
     def each(self, tables: Sequence[Table]) -> list[Reading]:
         """The reading of each file of a recording, whose names are of its columns alone.
@@ -73,7 +79,8 @@ class Reading:
     def told(self) -> dict[str, Any]:
         """What was said beside the file, plain, for where a result comes from; empty if nothing was."""
         decimal = {} if self.decimal is None else {"decimal": self.decimal}
-        return decimal | ({"map": dict(self.names)} if self.names else {})
+        shifts = {file: _START if shift is None else shift for file, shift in self.shifts.items()}
+        return decimal | ({"map": dict(self.names)} if self.names else {}) | ({"shift": shifts} if shifts else {})
 
 
 @dataclass(frozen=True)
@@ -141,6 +148,14 @@ def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
         except InputError as error:
             found.append((False, str(error).rpartition(f"{column.title!r}: ")[2]))
     return found
+
+
+def _shifted(text: str) -> tuple[str, float | None]:
+    """The file and the seconds of FILE, FILE=SHIFT or FILE=start."""
+    file, equals, shift = text.rpartition("=")
+    if not equals or Path(text).exists():
+        return text, 0.0
+    return file, None if shift.strip() == _START else parse_quantity(shift, "s", f"--with {file}")
 
 
 # --- one column ---------------------------------------------------------------------------------------------------

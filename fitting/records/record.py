@@ -102,6 +102,7 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         records = [_one(tables.pop(0), own, digest.result()) for own, digest in zip(each, digests, strict=True)]
     if len(records) == 1:
         return records[0]
+    records = [records[0], *(_shifted(each, records[0], reading) for each in records[1:])]
     time, channels, said = together(records)
     told = {**reading.told, "with": {r.path: r.sha256 for r in records[1:]}}
     sampling = {r.path: r.told["sampling"] for r in records if "sampling" in r.told}
@@ -113,6 +114,17 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         told=told | ({"sampling": sampling} if sampling else {}),
         scales={name: scale for r in records for name, scale in r.scales.items()},
         said=(*(text for r in records for text in r.said), said),
+    )
+
+
+def _shifted(part: Record, first: Record, reading: Reading) -> Record:
+    """A further file with its times on the clock of the first."""
+    if part.path not in reading.shifts:
+        return part
+    shift = reading.shifts[part.path]
+    shift = float(first.time[0] - part.time[0]) if shift is None else shift
+    return replace(
+        part, time=part.time + shift, said=(*part.said, f"{shift:+.10g} s were added to the times of {part.path}.")
     )
 
 
@@ -172,8 +184,8 @@ def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
     if len(at) < 2:
         spans = ", ".join(f"{p.path} from {_told(p.time[0])} to {_told(p.time[-1])}" for p in parts)
         raise InputError(
-            f"{spans}: their times do not overlap; give files of one recording, stamped by one clock, or add to the "
-            "times of one what its clock was behind."
+            f"{spans}: their times do not overlap; give files of one recording, stamped by one clock, or say what to "
+            f'add to the times of one: --with "{parts[1].path}=SHIFT", as "0.3 s", or "start" if both start together.'
         )
     channels: dict[str, Array] = {}
     for part in parts:
