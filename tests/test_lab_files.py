@@ -180,8 +180,14 @@ def half_day(t: float) -> str:
 
 @pytest.mark.parametrize(
     ("time", "first"),
-    [(half_day, 43198.0), (lambda t: clock(58.0, t, ".")[3:], 58.0)],
-    ids=["AM and PM", "minutes and seconds"],
+    [
+        (half_day, 43198.0),
+        (lambda t: clock(58.0, t, ".")[3:], 58.0),
+        (lambda t: clock(58.0, t, ":"), 58.0),
+        (lambda t: f"01-May-2024 {clock(58.0, t, '.')}", 58.0),
+        (lambda t: f"01/05/24 {clock(58.0, t, '.')}", 58.0),
+    ],
+    ids=["AM and PM", "minutes and seconds", "colon before milliseconds", "name of the month", "year of two digits"],
 )
 @pytest.mark.parametrize("date", ["", "5/1/2024,"], ids=["alone", "beside a date"])
 def test_other_clocks(tmp_path: Path, time: Callable[[float], str], first: float, date: str) -> None:
@@ -205,6 +211,21 @@ def test_lines_of_words_below_the_titles(tmp_path: Path) -> None:
     """Titles, units and names of the converter's channels, in any order below the titles."""
     for below in (["s,mmHg,mm", "Ch 1,Ch 2,Ch 3"], ["Ch 1,Ch 2,Ch 3", "(s),(mmHg),(mm)"]):
         check(read(tmp_path, "\n".join(["Sheep 12", "Time,AA.P,AA.R", *below, *rows(",", ".")])))
+
+
+def test_what_stands_behind_the_samples(tmp_path: Path) -> None:
+    """Blank lines and words at the end of the file are no samples; a last line that is cut short is refused."""
+    lines = ["time [s],AA.P [mmHg],AA.R [mm]", *rows(",", ".")]
+    check(read(tmp_path, "\n".join([*lines, "", "End of file", "Recorded by the lab"])))
+    assert "2 fields where the header has 3" in refused(tmp_path, "\n".join([*lines, "5.0,80.0"]))
+
+
+def test_two_columns_of_one_title(tmp_path: Path) -> None:
+    """The option that is proposed leaves one of them out."""
+    lines = [f"{line},1.0" for line in rows(",", ".")]
+    content = "\n".join(["time [s],AA.P [mmHg],AA.R [mm],AA.R [mm]", *lines])
+    assert '--map "4=" leaves this one out' in refused(tmp_path, content)
+    check(read(tmp_path, content, names={"4": ""}))
 
 
 @pytest.mark.parametrize("mark", ["--", "-", "NA", "n/a", "#N/A", "null", "***"])

@@ -128,7 +128,9 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         for other in found[:i]:
             if other.name == each.name:
                 both = "a name twice" if other.kind is each.kind else "R and D of one site"
-                why = f'{both}; keep one of the two columns, --map "{each.column.title}=" leaves this one out'
+                same = other.column.title == each.column.title
+                this = next(i for i, c in enumerate(columns, 1) if c is each.column) if same else each.column.title
+                why = f'{both}; keep one of the two columns, --map "{this}=" leaves this one out'
                 refuse(place, None, each.column.title, why)
     return _chosen(*times[0], titles_, place), found
 

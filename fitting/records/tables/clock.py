@@ -14,7 +14,10 @@ from .table import Array
 _DAY = 86400.0  # s
 _ISO = r"[12]\d{3}-(?:0[1-9]|1[0-2])-[0-3]\d"
 # of other dates the order of day and month differs between countries: times of day, which midnight adds a day to
-_DATE = rf"(?:{_ISO}|\d{{4}}/\d{{1,2}}/\d{{1,2}}|\d{{1,2}}[./-]\d{{1,2}}[./-]\d{{4}})"
+_DATE = (
+    rf"(?:{_ISO}|\d{{4}}/\d{{1,2}}/\d{{1,2}}|\d{{1,2}}[./-]\d{{1,2}}[./-]\d{{2}}(?:\d{{2}})?"
+    r"|\d{1,2}[- ][A-Za-z]{3}[- ]\d{4})"
+)
 _ZONE = r"(?:Z|[+-]\d\d:?\d\d)?"  # left aside: it is the same throughout a record
 _HALF = r"(?: ?([AaPp])\.?[Mm]\b\.?)?"  # of the day
 
@@ -22,7 +25,7 @@ _HALF = r"(?: ?([AaPp])\.?[Mm]\b\.?)?"  # of the day
 def _clock(marks: str) -> str:
     """Hours, minutes and seconds, a date before them or none; or minutes and seconds with decimals, without which the
     two may be hours and minutes."""
-    whole = rf"(?:{_DATE}[T ]+)?\d{{1,2}}:[0-5]\d:[0-5]\d(?:[{marks}]\d+)?{_HALF}{_ZONE}"
+    whole = rf"(?:{_DATE}[T ]+)?\d{{1,2}}:[0-5]\d:[0-5]\d(?:[{marks}]\d+|:\d{{3}})?{_HALF}{_ZONE}"
     return rf"(?:{whole}|\d{{1,2}}:[0-5]\d[{marks}]\d+)"
 
 
@@ -54,7 +57,7 @@ def _seconds(text: str, mark: str) -> str:
         return ""
     clock, half = _without_half(re.sub(rf"{_ZONE}$", "", text).replace("T", " "))
     day, _, clock = clock.rpartition(" ")
-    *hours, minutes, rest = clock.replace(",", ".").split(":")
+    *hours, minutes, rest = re.sub(r":(\d{3})$", r".\1", clock.replace(",", ".")).split(":")
     whole, point, decimals = rest.partition(".")
     seconds = 3600 * _hour(int(hours[0]) if hours else 0, half) + 60 * int(minutes) + int(whole)
     if re.fullmatch(_ISO, day.strip()):

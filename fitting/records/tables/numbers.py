@@ -84,6 +84,9 @@ def slowly(
     return list(np.ascontiguousarray(np.array(numbers).reshape(-1, len(titles)).T)), where, faults
 
 
+_BEGINS = re.compile(r"\s*[\"'+\-.,;\t\d]|\s*(?:nan|inf)\b", re.IGNORECASE)  # of a line that may be a sample
+
+
 def without_remark(line: str) -> str:
     """A line up to the # of a remark, which that of #N/A is not."""
     return re.split(r"#(?!N/A)", line, maxsplit=1)[0]
@@ -91,7 +94,8 @@ def without_remark(line: str) -> str:
 
 def _samples(lines: Sequence[str], start: int, separator: str, width: int, at: list[int]) -> Iterator[str]:
     """The lines from ``start`` on without comments; at[0] becomes the number of the line."""
-    last = next((i for i in range(len(lines), start - 1, -1) if lines[i - 1]), start - 1)
+    # what stands behind the last number, such as "End of file", is no sample
+    last = next((i for i in range(len(lines), start - 1, -1) if _BEGINS.match(lines[i - 1])), start - 1)
     for number in range(start, last + 1):
         line, at[0] = lines[number - 1], number
         if line.lstrip().startswith(COMMENT):
