@@ -101,7 +101,7 @@ def refitted(
 
 def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
     """What is known after every stage. found : the map of the problem's record."""
-    none = refitted(problem, found, [[]], runs)
+    none = refitted(problem, found, [[]], runs) or there(problem.refit([()], runs=runs))
     if not none:
         raise InputError("the model as given cannot be simulated with this record")
     result = Compared.of(problem, none, {}, terms)
