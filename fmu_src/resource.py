@@ -23,7 +23,7 @@ from solver.scheme.guards import BARE_REMEDY, UNSOLVED
 from solver.scheme.model import Model, Settings
 from solver.scheme.step import State, adopt, at_stages_of
 from solver.tracing.component import FURTHER, Whole, whole
-from solver.tracing.program import OPERATIONS
+from solver.tracing.program import OPERATIONS, Shared
 from solver.tracing.recorder import Untraceable
 from solver.tracing.steps import PLACES
 from solver.validation import CHECKED_TOGETHER
@@ -33,7 +33,7 @@ from .variable import Variable
 
 Array = np.ndarray
 
-_MAGIC, _VERSION, _GUID = b"ARTERIAL", 1, 64
+_MAGIC, _VERSION, _GUID = b"ARTERIAL", 2, 64
 _MARGINS = [name for name in FURTHER if name.startswith("margin_")]  # of which there may be fewer
 _CAUSALITIES, _VARIABILITIES = ("input", "parameter", "output"), ("continuous", "fixed", "tunable")
 _MOST = 3_000_000  # bytes of programs: of larger networks only those of its own laws
@@ -41,7 +41,8 @@ _MOST = 3_000_000  # bytes of programs: of larger networks only those of its own
 
 def resource(network: Network, settings: Settings, table: Sequence[Variable]) -> bytes:
     """The file, its GUID still open (:func:`with_guid`). Raises ValueError where the network cannot be recorded."""
-    programs = recorded(network, settings)
+    shared = Shared()
+    programs = recorded(network, settings, shared)
     texts = _Texts()
     vr = {variable.name: i for i, variable in enumerate(table)}
     model = programs[0][1].model
@@ -78,6 +79,8 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
         _integers(model.mesh.segment),
         model.mesh.positions(model.mesh.element.x_gauss).ravel(),
         _periodic(network, settings, table[:first_output], model),
+        shared.index.all(),
+        shared.constants.all(),
     ]
     for laws, program in programs:
         arrays += _program(laws, program, texts)
@@ -91,31 +94,31 @@ def with_guid(content: bytes, guid: str) -> bytes:
     return _sealed(content[:at] + guid.encode().ljust(_GUID, b"\0") + content[at + _GUID :])
 
 
-def recorded(network: Network, settings: Settings) -> list[tuple[tuple[int, int], Whole]]:
-    """The programs with the numbers of their laws, 0 for any: those of the network as it is first.
+def recorded(network: Network, settings: Settings, shared: Shared) -> list[tuple[tuple[int, int], Whole]]:
+    """The programs with the numbers of their laws, 0 for any: those of the network as it is first. shared : what they
+    have in common.
 
     Raises ValueError where the network cannot be recorded.
     """
-    found, size = list[tuple[tuple[int, int], Whole]](), 0
+    found = list[tuple[tuple[int, int], Whole]]()
     elastic, viscous = tuple(ELASTIC_LAWS), tuple(VISCOUS_LAWS)
     for law in sorted(elastic, key=lambda name: name != network.elastic_law):
         for bent in (False, True):
             for other in sorted(viscous, key=lambda name: name != network.viscous_law):
                 same = (law, other) == (network.elastic_law, network.viscous_law)
-                if size > _MOST and not same:
+                if shared.nbytes + sum(one.program.code.nbytes for _, one in found) > _MOST and not same:
                     continue
-                one = _whole(replace(network, elastic_law=law, viscous_law=other), settings, bent)
+                one = _whole(replace(network, elastic_law=law, viscous_law=other), settings, bent, shared)
                 any_law = not one.model.wall.nonlinear and not bent
                 found.append(((elastic.index(law) + 1, 0 if any_law else viscous.index(other) + 1), one))
-                size += sum(x.nbytes for x in (one.program.code, one.program.index, one.program.constants))
                 if any_law:
                     break
     return found
 
 
-def _whole(network: Network, settings: Settings, bent: bool) -> Whole:
+def _whole(network: Network, settings: Settings, bent: bool, shared: Shared) -> Whole:
     try:
-        return whole(network, settings, bent)
+        return whole(network, settings, bent, shared)
     except Untraceable as reason:
         raise InputError(
             f"network {network.name}: an FMU that needs no Python cannot hold it ({reason}); build it without --native."
@@ -229,7 +232,7 @@ def _program(laws: tuple[int, int], one: Whole, texts: _Texts) -> Iterator[Array
     places = [{**unread, **p.address}[name] for name in (*PLACES, *FURTHER)]
     reasons = [texts.at(text) for reason in one.reasons for text in reason]
     yield _integers([*laws, len(one.reasons), *counts, *places, *model.inlets.first, *reasons])
-    yield from (p.code, p.begin, p.index, p.constants)
+    yield from (p.code, p.begin)
 
 
 # --- the file -------------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ typedef struct {
     int32_t kind, unused;
 } entry;
 
-enum { VERSION = 1 };
+enum { VERSION = 2 };
 static const char MAGIC[8] = {'A', 'R', 'T', 'E', 'R', 'I', 'A', 'L'};
 static const char FILE_NAME[] = "arterial.bin";
 static const size_t SIZE[] = {1, sizeof(int32_t), sizeof(double)};
@@ -109,8 +109,8 @@ static int programs(resource *r)
         one->meta = array(r, at + PROGRAM_META, SOME_INTEGERS, &n);
         p->code = array(r, at + CODE, SOME_INTEGERS, &n_code);
         p->begin = array(r, at + BEGIN, SOME_INTEGERS, &n_begin);
-        p->index = array(r, at + INDEX, SOME_INTEGERS, NULL);
-        p->constant = array(r, at + NUMBERS, SOME_NUMBERS, NULL);
+        p->index = array(r, INDEX, SOME_INTEGERS, NULL);
+        p->constant = array(r, NUMBERS, SOME_NUMBERS, NULL);
         if (!one->meta || !p->code || !p->begin || !p->index || !p->constant) return 0;
         if (n != AT_PLACES + PLACES + FURTHER + r->n_inlets + 2 * one->meta[N_MARGINS]) return 0;
         if (n_begin != SHOW + 2 || p->begin[SHOW + 1] != n_code) return 0;

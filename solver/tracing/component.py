@@ -25,7 +25,7 @@ from ..scheme.sdirk import GAMMA
 from ..scheme.step import State
 from .array import Traced, array, later
 from .known import Known
-from .program import Program, compiled
+from .program import Program, Shared, compiled
 from .recorder import Untraceable
 from .steps import CORE, PHASES, Recording
 
@@ -55,8 +55,9 @@ class Whole:
     reasons: tuple[tuple[str, str], ...]
 
 
-def whole(network: Network, settings: Settings, bent: bool = False) -> Whole:
-    """The program of a network's component. bent : whether it holds nonlinear walls, as any may become.
+def whole(network: Network, settings: Settings, bent: bool = False, shared: Shared | None = None) -> Whole:
+    """The program of a network's component. bent : whether it holds nonlinear walls, as any may become. shared : with
+    the programs before.
     Raises Untraceable, which says what cannot be recorded.
     """
     if network.sources:
@@ -82,7 +83,8 @@ def whole(network: Network, settings: Settings, bent: bool = False) -> Whole:
     recorder.lenient = False
     _same_mesh(recorder, mesh, made, length)
     recording = _Component(recorder, m, GAMMA * step)
-    program = recording.whole(walls, {"parameters": [given], "dt": [step], "element_length": [length]})
+    places = {"parameters": [given], "dt": [step], "element_length": [length]}
+    program = recording.whole(walls, places, shared)
     return Whole(program, model, tuple(recording.reasons))
 
 
@@ -114,12 +116,13 @@ class _Component(Recording):
         super().__init__(recorder, m, tau)
         self.reasons: list[tuple[str, str]] = []
 
-    def whole(self, walls: Any, places: Mapping[str, Sequence[Traced]]) -> Program:
+    def whole(self, walls: Any, places: Mapping[str, Sequence[Traced]], shared: Shared | None) -> Program:
         self.rest()
         state, venous = self.steps(walls)
         self.explain(venous)
         self.show(state)
-        return compiled(self.recorder, len(self.phases), self.m.mesh.n_elements, {**self.given, **places}, self.out)
+        inputs = {**self.given, **places}
+        return compiled(self.recorder, len(self.phases), self.m.mesh.n_elements, inputs, self.out, shared=shared)
 
     def rest(self) -> None:
         """The state at rest, whether it can be, and what small changes of drive and P_venous are."""
