@@ -30,7 +30,8 @@ class Pool:
     """Arrays one after the other, each once, which programs may share: what is put there later moves nothing."""
 
     def __init__(self, kind: type) -> None:
-        self.parts, self.size = [np.zeros(1, kind)], 1
+        self.parts: list[Array] = [np.zeros(1, kind)]
+        self.size = 1
         self._known: dict[bytes, int] = {}
 
     def put(self, x: Array) -> int:

@@ -27,9 +27,7 @@ class Block(NamedTuple):
     instructions: list[Instruction]
 
 
-def blocks(
-    kept: Mapping[int, Sequence[Instruction]], asked: Iterable[Slot]
-) -> dict[int, list[Instruction | Block]]:
+def blocks(kept: Mapping[int, Sequence[Instruction]], asked: Iterable[Slot]) -> dict[int, list[Instruction | Block]]:
     """The operations of every phase, those that can be skipped in blocks; asked : slots that are read from outside."""
     written = Counter(i.out for each in kept.values() for i in each)
     uses = defaultdict[Slot, list[tuple[int, int]]](list)
@@ -40,7 +38,9 @@ def blocks(
     zero = _zeros(kept, written)
     free = set(written) - set(asked)
     return {
-        phase: _in_blocks(each, [zero.get(i.out, ()) for i in each], {s: uses[s] for s in free if written[s] == 1}, phase)
+        phase: _in_blocks(
+            each, [zero.get(i.out, ()) for i in each], {s: uses[s] for s in free if written[s] == 1}, phase
+        )
         if phase
         else list(each)
         for phase, each in kept.items()
@@ -85,7 +85,11 @@ def _in_blocks(
         while asked:  # the latest first: who uses it is known to be in the block or not
             for operand in each[-heappop(asked)].operands:
                 n = makes.get(operand.slot, -1)
-                if n >= 0 and n not in own | taken and all(p == phase and user in own for p, user in uses[operand.slot]):
+                if (
+                    n >= 0
+                    and n not in own | taken
+                    and all(p == phase and user in own for p, user in uses[operand.slot])
+                ):
                     own.add(n)
                     heappush(asked, -n)
         if len(own) >= _LEAST:
