@@ -8,7 +8,7 @@
 #include <string.h>
 
 static const char *const NAMES[] = {"instantiated", "initialization mode", "stepping", "terminated"};
-static const double FURTHEST = 2.0, RENEWED = 9.9e-3, SLACK = 2e-6, MOST_STEPS = 1e6, LARGEST_RATIO = 100.0;
+static const double FURTHEST = 2.0, RENEWED = 9.9e-3, SLACK = 2e-6, MOST_STEPS = 1e6;
 
 int say(component *c, const char *format, ...)
 {
@@ -171,75 +171,6 @@ int back(component *c)
 {
     memcpy(c->numbers, c->before, sizeof(double) * (size_t)c->n_numbers);
     return 0;
-}
-
-/* --- parameters ------------------------------------------------------------------------------------------------------- */
-
-static int ratios_fit(component *c)
-{
-    for (int32_t i = 0; i < c->r.n_segments; i++) {
-        const int32_t *const s = c->r.segments + PER_SEGMENT * i;
-        const double phi0 = value_of(c, s[VR_PHI0]), phiNL = value_of(c, s[VR_PHINL]);
-        const char *const name = text(c, s[SEGMENT_NAME]);
-        if (fabs(phiNL) > LARGEST_RATIO * phi0)
-            return say(c,
-                       "%.100s.phiNL = %g Pa.s^2 is too large for %.100s.phi0 = %g Pa.s: phiNL/phi0 must lie in [-100, 100] "
-                       "s; set %.100s.phiNL to 0 or raise %.100s.phi0.",
-                       name, phiNL, name, phi0, name, name);
-    }
-    return 1;
-}
-
-static int can_rest(component *c, int32_t program, double *fixed)
-{
-    const memory m = memory_for(c, program, fixed);
-    const double *const A = further(c, program, &m, OUT_A_REST), *const lost = further(c, program, &m, OUT_LOST_AT_REST);
-    const int32_t *const law = variable(c, (uint32_t)c->r.meta[VR_ELASTIC]);
-    const char *name, *which = text(c, law[ITEMS]);
-    for (int k = 1; k < (int)value_of(c, c->r.meta[VR_ELASTIC]); k++) which += strlen(which) + 1;
-    for (int32_t e = 0; e < c->r.n_elements; e++)
-        if (!(A[e] > 0.0)) {
-            name = text(c, c->r.segments[PER_SEGMENT * c->r.elements[e] + SEGMENT_NAME]);
-            return say(c,
-                       "network.P_0: the wall of segment %.100s cannot carry the start pressure under the %s law; lower "
-                       "network.P_0 or raise %.100s.E or %.100s.h.",
-                       name, which, name, name);
-        }
-    for (int32_t i = 0; i < c->r.n_outlets; i++)
-        if (lost[i] != 0.0) {
-            name = text(c, c->r.segments[PER_SEGMENT * c->r.venous[PER_VENOUS * i + OUTLET_SEGMENT] + SEGMENT_NAME]);
-            return say(c,
-                       "%.100s.outlet.P_venous: the wall at the outlet cannot carry P_0 - P_venous under the %s law; bring "
-                       "%.100s.outlet.P_venous nearer to network.P_0.",
-                       name, which, name);
-        }
-    return 1;
-}
-
-/* Takes the values of all parameters over, with the first program that has what they need. */
-static int take_over(component *c)
-{
-    double *const x = c->numbers, dt = value_of(c, c->r.meta[VR_DT]);
-    int laws = 0;
-    if (!ratios_fit(c)) return 0;
-    for (int32_t i = 0; i < c->r.n_parameters; i++) x[c->now + i] = value_of(c, c->r.parameters[i]);
-    for (int32_t i = 0; i < c->r.meta[N_PROGRAMS]; i++) {
-        const int32_t *const meta = c->r.recorded[i].meta;
-        if (meta[ELASTIC] != (int32_t)value_of(c, c->r.meta[VR_ELASTIC])) continue;
-        if (meta[VISCOUS] && meta[VISCOUS] != (int32_t)value_of(c, c->r.meta[VR_VISCOUS])) continue;
-        laws = 1;
-        double *const fixed = bound(c, i, x + c->now, dt);
-        if (!fixed) continue;
-        x[NOW] = i;
-        x[DT] = dt;
-        return can_rest(c, i, fixed);
-    }
-    return say(c,
-               laws ? "these parameters need another mesh (lengths, solver.element_length, parts of a segment) or other orders "
-                      "of springpots than this FMU, which needs no Python, was built with; build it anew with --set, or "
-                      "take the FMU that needs Python."
-                    : "network.elastic_law or network.viscous_law: this FMU, which needs no Python, was built for another "
-                      "one; build it anew with --set, or take the FMU that needs Python.");
 }
 
 /* --- communication steps ------------------------------------------------------------------------------------------------ */
@@ -467,7 +398,6 @@ static int retuned(component *c)
 static int stepped(component *c, double t, double h)
 {
     double *const x = c->numbers, *const Q = c->answers + c->r.n_inlets, halved = x[c->shown + HALVED];
-    if (!require(c, "do_step", STEPPING)) return 0;
     if (x[HAS_STOP] != 0.0 && t + h > x[STOP] + 1e-6 * fabs(h) + 1e-9 * fabs(t + h))
         return say(c, "step to t = %.9g s: the stop time is %.9g s; end there, or set up a later one.", t + h, x[STOP]);
     x[RETUNED] = 0.0;
@@ -511,6 +441,7 @@ int component_step(component *c, double t, double h)
     /* what a step may change before it fails: not the basis, and what is known only where it is not what is shown */
     const size_t bytes = sizeof(double) * (size_t)(c->numbers[WAY] == SMOOTH ? c->basis_venous : c->known);
     c->remark[0] = 0;
+    if (!require(c, "do_step", STEPPING)) return -1;
     memcpy(c->before, c->numbers, bytes);
     if (stepped(c, t, h)) return 1;
     memcpy(c->numbers, c->before, bytes);

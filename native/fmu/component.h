@@ -102,7 +102,8 @@ component *component_new(const char *folder, const char *guid, char *why, size_t
 void component_free(component *c);
 void component_reset(component *c);
 
-/* Each returns 0 with a sentence in c->said, and the numbers as before. remark : one for a warning, or "". */
+/* Each returns 0 with a sentence in c->said, and the numbers as before. remark : one for a warning, or "". A step in
+   another phase than STEPPING returns -1. */
 int component_may_be(const component *c, const double *numbers); /* whether they can be the numbers of a state */
 int component_set_up(component *c, double start, int has_stop, double stop);
 int component_enter(component *c);
@@ -121,6 +122,9 @@ const char *name_of(const component *c, uint32_t vr);
 void keep(component *c); /* the numbers, to come back to */
 int back(component *c);  /* returns 0 */
 int initialized(component *c);
+/* Takes the values of all parameters over, with the first program that has what they need. Where none has, it says which
+   of them is to blame, and leaves values changed: the caller puts them back. */
+int take_over(component *c);
 
 /* The block of numbers for a program, its parameters and a step; NULL with a sentence. */
 double *bound(component *c, int32_t program, const double *parameters, double dt);

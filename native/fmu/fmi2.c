@@ -95,9 +95,7 @@ FMI2(DoStep, instance *i, double t, double h, int no_set_prior)
 {
     NEEDS_INSTANCE;
     (void)no_set_prior;
-    if (!component_step(i->c, t, h)) return refused(i, STATUS_ERROR), STATUS_DISCARD;
-    if (i->c->remark[0]) tell(i, STATUS_WARNING, i->c->remark);
-    return STATUS_OK;
+    return step_status(i, component_step(i->c, t, h));
 }
 
 FMI2(CancelStep, instance *i) { return unsupported(i, "fmi2CancelStep"); }

@@ -113,9 +113,7 @@ FMI3(DoStep, instance *i, double t, double h, bool no_set_prior, bool *event, bo
     if (terminate) *terminate = false;
     if (early) *early = false;
     if (last) *last = i->c->numbers[TIME];
-    if (!done) return refused(i, STATUS_ERROR), STATUS_DISCARD;
-    if (i->c->remark[0]) tell(i, STATUS_WARNING, i->c->remark);
-    return STATUS_OK;
+    return step_status(i, done);
 }
 
 /* --- values ---------------------------------------------------------------------------------------------------------- */

@@ -51,7 +51,6 @@ class Recorded:
     program: Program
     places: tuple[int, ...]
     checked: bool = False
-    classes: Hashable = ()
 
 
 # --- a model as numbers and what they belong to --------------------------------------------------------------------
@@ -150,7 +149,6 @@ class Programs:
             recorder = Recorder()
             leaves = Leaves(recorder)
             found = record(recorder, leaves.of(own), leaves)
-            found.classes = tuple(looked.classes)
         while len(self.kept) >= _KEPT:
             self.kept.pop(next(iter(self.kept)), None)
         self.kept[key] = found
