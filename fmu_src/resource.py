@@ -57,6 +57,11 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
     ]  # fmt: skip
     segments = {segment.name: i for i, segment in enumerate(network.segments)}
     inlets, inlet_numbers, curves = _inlets(network, vr)
+    sources = list[int]()
+    for source in network.sources:
+        kind, count, curve = _numbers_of(source.curve)
+        sources += [kind, sum(map(len, curves)), count]
+        curves.append(curve)
     arrays = [
         _integers(meta),
         np.zeros(_GUID, np.uint8),
@@ -79,6 +84,8 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
         _integers(model.mesh.segment),
         model.mesh.positions(model.mesh.element.x_gauss).ravel(),
         _periodic(network, settings, table[:first_output], model),
+        _integers(sources),
+        np.array([source.curve.period for source in network.sources], float),
         shared.index.all(),
         shared.constants.all(),
     ]
@@ -195,6 +202,11 @@ def _curve(inlet: Inlet) -> tuple[int, int, Array]:
     curve: Curve | None = inlet.curve if inlet.curve is not None and inlet.curve.signal == signal else None
     if curve is None:
         return (1, 0, np.zeros(0)) if signal == "Q" else (0, 0, np.zeros(0))
+    return _numbers_of(curve)
+
+
+def _numbers_of(curve: Curve) -> tuple[int, int, Array]:
+    """A curve: its kind, 2 a cubic or 3 a Fourier series, how many numbers it counts, and these."""
     if curve.interpolation == "fourier":
         numbers = np.concatenate([curve.coefficients.real, curve.coefficients.imag])
         return 3, len(numbers), numbers
@@ -226,9 +238,10 @@ def _program(laws: tuple[int, int], one: Whole, texts: _Texts) -> Iterator[Array
         p.n_fixed, p.n_work, layout.size, int(np.prod(shapes["A"])), int(np.prod(shapes["Q"])),
         layout.places["Q"].start,
         model.mesh.n_nodes, len(model.inlets.by_flow), len(model.mesh.topology.outlet_segment),
-        len(model.network.output_units()),
+        len(model.network.output_units()), len(model.tables.tables),
     )  # fmt: skip
     unread = dict.fromkeys(("parameters", "dt", "element_length", *_MARGINS), -1)
+    unread |= dict.fromkeys(("g_begin", "g", "g_report", "g_show"), 2)  # anywhere: of n_sources numbers
     places = [{**unread, **p.address}[name] for name in (*PLACES, *FURTHER)]
     reasons = [texts.at(text) for reason in one.reasons for text in reason]
     yield _integers([*laws, len(one.reasons), *counts, *places, *model.inlets.first, *reasons])

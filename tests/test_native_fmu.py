@@ -8,6 +8,7 @@ import subprocess
 import sys
 import zipfile
 from ctypes import c_double, c_uint32
+from dataclasses import replace
 from pathlib import Path
 
 import fmpy
@@ -18,6 +19,7 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from fmus import COARSE, MS, Instance
 from native_fmus import apart, elastic, half_sine, needs_compiler, pair, rows
+from test_table_source import table as source
 from test_toy import TissueSupport
 
 from build_fmu import build, build_native
@@ -26,6 +28,7 @@ from fmu_src.resource import checksum
 from fmu_src.run import FMUError, run_fmu
 from solver import Settings, effects, load, simulate
 from solver.errors import InputError
+from solver.table_source import KINDS
 
 pytestmark = needs_compiler
 EQUAL = 1e-12  # of the largest value of each output
@@ -156,6 +159,18 @@ def test_networks_and_effects(tmp_path: Path, name: str) -> None:
     network = HELD[name]()
     steps = 1800 if name == "human" else 150
     same(*pair(network, tmp_path), {"inlet.drive": "network"}, steps)
+
+
+@pytest.mark.parametrize("way", ["hold", "smooth"])
+def test_tables_of_sources(tmp_path: Path, way: str) -> None:
+    """They act at every stage, in outputs and in ports; they move the pressures by much more."""
+    T, plain = load("sheep").inlet.T, load("sheep")
+    acting = replace(plain, sources=tuple(source(kind, "CA", T) for kind in KINDS))
+    one, two = pair(acting, tmp_path)
+    same(one, two, {"inlet.interpolation": way}, 60)
+    other = Instance(build_native(plain, tmp_path / "plain"), tmp_path / "fmu")
+    run = ({"inlet.interpolation": way}, 60)
+    assert apart(one, rows(other, *run), rows(one, *run))[0] > 1e-2
 
 
 def test_toy_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -331,7 +346,7 @@ def test_bytes_of_no_state(native: Path, tmp_path: Path) -> None:
     instance = Instance(native, tmp_path / "one")
     instance.initialize({})
     blob = instance.slave.serializeFMUState(instance.slave.getFMUState())
-    head, law, last_steps = 88, 28 + instance.references["network.elastic_law"], 23  # as native/fmu has them
+    head, law, last_steps = 88, 29 + instance.references["network.elastic_law"], 23  # as native/fmu has them
     for at, value in ((law, 1e9), (law, float("nan")), (last_steps, 1e300), (last_steps, -1.0)):
         numbers = np.frombuffer(blob[head:]).copy()
         assert numbers[at] == 1.0

@@ -70,7 +70,7 @@ static size_t laid_out(component *c, double *from)
     if (!from) {
         const int64_t per_slot = r->n_parameters + fixed;
         return sizeof(double) * (size_t)(2 * n + 3 * c->n_position + 2 * r->n_state + work + rows + 2 * n_in + 2 * n_out +
-                                         3 * n_in + 4 * n_in * (HALVINGS + 2) + n_out + SLOTS * per_slot);
+                                         4 * r->n_sources + 1 + 3 * n_in + 4 * n_in * (HALVINGS + 2) + n_out + SLOTS * per_slot);
     }
     c->numbers = taken(&at, n);
     c->before = taken(&at, n);
@@ -84,6 +84,7 @@ static size_t laid_out(component *c, double *from)
     c->given = taken(&at, 3 * n_in);
     for (int i = 0; i < HALVINGS + 2; i++) c->drives[i] = taken(&at, 4 * n_in);
     c->pressures = taken(&at, n_out);
+    c->acting = taken(&at, (STAGES + 1) * r->n_sources + 1);
     for (int i = 0; i < SLOTS; i++) {
         c->slots[i].parameters = taken(&at, r->n_parameters);
         c->slots[i].fixed = taken(&at, fixed);
@@ -189,7 +190,7 @@ static int same(const double *a, const double *b, int32_t n)
 
 static double volume(component *c, const double *parameters, int32_t program, const double *position)
 {
-    return shown_of(c, program, parameters, position, c->numbers + c->last_venous, NULL, NULL);
+    return shown_of(c, program, parameters, position, 0.0, c->numbers + c->last_venous, NULL, NULL);
 }
 
 /* The same position under other parameters. What another compliance holds at the same pressure counts as come in. */
@@ -245,7 +246,7 @@ static int show(component *c)
     double *const fixed = bound(c, program, x + c->now, x[LAST_DT]);
     if (!fixed) return say(c, "the equations at rest are singular.");
     const memory m = memory_for(c, program, fixed);
-    report(p, &m, x + c->shown + AT_DRIVE + c->r.n_inlets, c->row);
+    report(p, &m, x + c->shown + AT_DRIVE + c->r.n_inlets, c->row, acting_at(c, x[TIME], 0.0));
     memcpy(out, c->row, sizeof(double) * (size_t)p->n_report);
     out[p->n_report] = x[V_NOW];
     out[p->n_report + 1] = x[V_VENOUS];
@@ -263,6 +264,7 @@ static void renew(component *c)
     double *const x = c->numbers;
     const size_t bytes = sizeof(double) * (size_t)c->n_position;
     x[BASIS_TIME] = x[TIME];
+    x[BASIS_KNOWN] = x[FRESH] != 0.0 ? x[TIME] : x[TIME] - x[LAST_H];
     x[BASIS_H] = x[LAST_H];
     x[BASIS_STEPS] = x[LAST_STEPS];
     x[BASIS_DT] = x[LAST_DT];

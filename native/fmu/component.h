@@ -11,7 +11,7 @@
 
 enum { SOME_BYTES, SOME_INTEGERS, SOME_NUMBERS };
 enum { META, GUID, OPERATIONS, VARIABLES, RANGES, STRINGS, PARAMETERS, INLETS, INLET_NUMBERS, CURVES, VENOUS,
-       SEGMENTS, ELEMENTS, POSITIONS, PERIODIC, INDEX, NUMBERS, PROGRAMS };
+       SEGMENTS, ELEMENTS, POSITIONS, PERIODIC, SOURCES, SOURCE_PERIODS, INDEX, NUMBERS, PROGRAMS };
 enum { PROGRAM_META, CODE, BEGIN, PER_PROGRAM }; /* of each program, from PROGRAMS on */
 /* META */
 enum { N_VARIABLES, FIRST_OUTPUT, FIRST_LATE, N_POINTS, N_PROGRAMS, VR_DT, VR_LENGTH, VR_ELASTIC, VR_VISCOUS,
@@ -28,16 +28,17 @@ enum { VR_INLET, VR_MEAN, BY_FLOW, CURVE, CURVE_AT, CURVE_SIZE, PER_INLET };
 enum { NO_CURVE, HALF_SINE, CUBIC, FOURIER };
 enum { OWN_MEAN, OWN_T, OWN_MAX, PER_INLET_NUMBERS };
 enum { VR_VENOUS, OUTLET_SEGMENT, PER_VENOUS };
+enum { SOURCE_CURVE, SOURCE_AT, SOURCE_SIZE, PER_SOURCE }; /* SOURCES */
 enum { SEGMENT_NAME, VR_L, VR_PHI0, VR_PHINL, PER_SEGMENT };
 /* PROGRAM_META: laws (0 any), counts as in arterial_program, places, further ones, columns of the inlets, reasons */
-enum { ELASTIC, VISCOUS, N_MARGINS, COUNTS, N_COUNTS = 10, AT_PLACES = COUNTS + N_COUNTS };
+enum { ELASTIC, VISCOUS, N_MARGINS, COUNTS, N_COUNTS = 11, AT_PLACES = COUNTS + N_COUNTS };
 
 /* Phases after those of engine.h, and places after those there: in the order of solver/tracing/component.py. */
 enum { EXPLAIN = PHASES, SHOW };
 enum { MOST_MARGINS = 4 };
 enum { IN_PARAMETERS, IN_DT, IN_LENGTH, OUT_Y_REST, OUT_A_REST, OUT_LOST_AT_REST, OUT_SMALL_DRIVES, OUT_SMALL_VENOUS,
        OUT_END_IMPEDANCE, OUT_PHI0, OUT_A0, OUT_R, OUT_LOST, OUT_MARGINS,
-       IN_VENOUS_SHOW = OUT_MARGINS + MOST_MARGINS, OUT_V, OUT_ANSWERS, OUT_VENOUS_FLOW, FURTHER };
+       IN_VENOUS_SHOW = OUT_MARGINS + MOST_MARGINS, OUT_V, OUT_ANSWERS, OUT_VENOUS_FLOW, IN_G_SHOW, FURTHER };
 
 typedef struct {
     arterial_program program;
@@ -47,10 +48,10 @@ typedef struct {
 typedef struct {
     void *bytes;
     int32_t n_arrays;
-    const int32_t *meta, *variables, *parameters, *inlets, *venous, *segments, *elements;
-    const double *ranges, *inlet_numbers, *curves, *positions, *periodic;
+    const int32_t *meta, *variables, *parameters, *inlets, *venous, *segments, *elements, *sources;
+    const double *ranges, *inlet_numbers, *curves, *positions, *periodic, *source_periods;
     const char *guid, *strings;
-    int32_t n_parameters, n_inlets, n_outlets, n_segments, n_elements, n_periodic, n_state;
+    int32_t n_parameters, n_inlets, n_outlets, n_segments, n_elements, n_periodic, n_sources, n_state;
     recorded *recorded;
 } resource;
 
@@ -67,7 +68,7 @@ enum { HOLD = 1, LINEAR, SMOOTH };
 /* All that a state holds is numbers, one after the other: first these. */
 enum { STATE_OF, T0, STOP, HAS_STOP, OUTDATED, LATE_DUE, CHANGED, RETUNED, READY, NOW, DT, TIME, WAY, OWN, FRESH, V_NOW, V_0,
        V_VENOUS, Q_VENOUS, BASIS_TIME, FOUND, HEARD, LAST_H, LAST_STEPS, LAST_DT, BASIS_H, BASIS_STEPS, BASIS_DT,
-       N_HEAD };
+       BASIS_KNOWN, N_HEAD };
 /* Numbers of a position, before the engine's of its state. */
 enum { AT_DT, HALVED, V_IN, AT_DRIVE };
 
@@ -93,7 +94,7 @@ typedef struct {
     /* in both: */
     int64_t values, now, slope, unset, last_venous, basis_venous, Z, Z_0, Z_out, known, shown, basis_known,
         basis_shown;
-    double *work, *tried[3], *spare, *after, *row, *answers, *flows, *given, *drives[HALVINGS + 2], *pressures, clock;
+    double *work, *tried[3], *spare, *after, *row, *answers, *flows, *given, *drives[HALVINGS + 2], *pressures, *acting, clock;
     slot slots[SLOTS];
     char said[ROOM], remark[ROOM], failure[ROOM];
 } component;
@@ -135,12 +136,13 @@ double *further(component *c, int32_t program, const memory *m, int which);
 int run_stretch(component *c, const stretch *s, double *position, double t, const double *start, const double *end);
 int run_along(component *c, const stretch *s, double *position, double t);
 double drive_at(component *c, int32_t inlet, double t);
+const double *acting_at(component *c, double t, double dt); /* of tables, at t and at the stages of a step from there */
 stretch stretch_of(const component *c, double h, const double *venous);
 double rounded(double dt);
 
-/* Volume, answers and venous flows of a position, into c->row's end; returns the volume. */
-double shown_of(component *c, int32_t program, const double *parameters, const double *position, const double *venous,
-                double *answers, double *flows);
+/* Volume, answers and venous flows of a position at a time t; returns the volume. */
+double shown_of(component *c, int32_t program, const double *parameters, const double *position, double t,
+                const double *venous, double *answers, double *flows);
 /* The sentence for a step that was not solved, or is not physical. */
 void explain(component *c, int32_t program, const memory *m, int solved, double t);
 int ports(component *c, double *values);

@@ -116,7 +116,7 @@ static int programs(resource *r)
         if (n_begin != SHOW + 2 || p->begin[SHOW + 1] != n_code) return 0;
         counts = one->meta + COUNTS;
         int32_t *const to[N_COUNTS] = {&p->n_fixed, &p->n_work, &p->n_y, &p->n_A, &p->n_Q,
-                                       &p->at_Q, &p->n_H, &p->n_inlets, &p->n_outlets, &p->n_report};
+                                       &p->at_Q, &p->n_H, &p->n_inlets, &p->n_outlets, &p->n_report, &p->n_sources};
         for (n = 0; n < N_COUNTS; n++) *to[n] = counts[n];
         memcpy(p->place, one->meta + AT_PLACES, PLACES * sizeof(int32_t));
         one->further = one->meta + AT_PLACES + PLACES;
@@ -163,10 +163,13 @@ int resource_read(resource *r, const char *folder, char *why, size_t room)
         r->segments = array(r, SEGMENTS, SOME_INTEGERS, &r->n_segments);
         r->elements = array(r, ELEMENTS, SOME_INTEGERS, &r->n_elements);
         r->positions = array(r, POSITIONS, SOME_NUMBERS, NULL);
+        r->sources = array(r, SOURCES, SOME_INTEGERS, &r->n_sources);
+        r->source_periods = array(r, SOURCE_PERIODS, SOME_NUMBERS, NULL);
         r->periodic = array(r, PERIODIC, SOME_NUMBERS, &r->n_periodic);
         r->n_inlets /= PER_INLET;
         r->n_outlets /= PER_VENOUS;
         r->n_segments /= PER_SEGMENT;
+        r->n_sources /= PER_SOURCE;
         m = r->meta && n == N_META ? r->meta[N_PROGRAMS] : 0;
         if (m > 0 && m <= (r->n_arrays - PROGRAMS) / PER_PROGRAM && r->positions && r->strings && r->variables &&
             operations && arterial_fits(operations, PLACES, (int32_t)sizeof(arterial_program), "")) {

@@ -69,8 +69,8 @@ double *further(component *c, int32_t program, const memory *m, int which)
     return placed(m, c->r.recorded[program].further[which]);
 }
 
-double shown_of(component *c, int32_t program, const double *parameters, const double *position, const double *venous,
-                double *answers, double *flows)
+double shown_of(component *c, int32_t program, const double *parameters, const double *position, double t,
+                const double *venous, double *answers, double *flows)
 {
     const arterial_program *const p = &c->r.recorded[program].program;
     const double *const state = position + AT_DRIVE + c->r.n_inlets;
@@ -85,6 +85,7 @@ double shown_of(component *c, int32_t program, const double *parameters, const d
     memcpy(placed(&m, p->place[IN_Y_REPORT]), state, sizeof(double) * (size_t)p->n_y);
     memcpy(placed(&m, p->place[IN_H_REPORT]), state + p->n_y + p->n_A, sizeof(double) * (size_t)p->n_H);
     memcpy(further(c, program, &m, IN_VENOUS_SHOW), venous, sizeof(double) * (size_t)p->n_outlets);
+    memcpy(further(c, program, &m, IN_G_SHOW), acting_at(c, t, 0.0), sizeof(double) * (size_t)p->n_sources);
     run(p, &m, SHOW);
     if (answers) memcpy(answers, further(c, program, &m, OUT_ANSWERS), sizeof(double) * (size_t)p->n_inlets);
     if (flows) memcpy(flows, further(c, program, &m, OUT_VENOUS_FLOW), sizeof(double) * (size_t)p->n_outlets);
@@ -150,7 +151,7 @@ static int advance(component *c, const stretch *s, double *position, double t, d
     as_long_as(p, c->spare, position[AT_DT], dt);
     memcpy(placed(&m, p->place[IN_DRIVE]), drive, sizeof(double) * 4 * (size_t)p->n_inlets);
     memcpy(placed(&m, p->place[IN_VENOUS]), s->venous, sizeof(double) * (size_t)p->n_outlets);
-    const int done = step(p, &m, dt, c->spare, c->after);
+    const int done = step(p, &m, dt, c->spare, c->after, acting_at(c, t, dt));
     if (done > 0) {
         for (int32_t i = 0; i < p->n_inlets; i++)
             if (own || !c->r.inlets[PER_INLET * i + BY_FLOW])

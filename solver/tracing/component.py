@@ -42,7 +42,7 @@ _BENDS = 1e-3  # any value that is not 0
 FURTHER = (
     "parameters", "dt", "element_length", "y_rest", "A_rest", "lost_at_rest", "small_drives", "small_venous",
     "end_impedance", "viscosity", "A0", "r", "lost", *(f"margin_{i}" for i in range(MARGINS)),
-    "venous_show", "V", "answers", "venous_flow",
+    "venous_show", "V", "answers", "venous_flow", "g_show",
 )  # fmt: skip
 
 
@@ -60,8 +60,6 @@ def whole(network: Network, settings: Settings, bent: bool = False, shared: Shar
     the programs before.
     Raises Untraceable, which says what cannot be recorded.
     """
-    if network.sources:
-        raise Untraceable("tables of sources are not recorded")
     values = network.parameters()
     c = coefficients(network, values, every=True)
     mesh = build_mesh(network, c.L[0], settings.element_length, settings.degree, coefficients(network, values).cuts)
@@ -155,7 +153,7 @@ class _Component(Recording):
         moment = replace(state, y=y, H=H)
         self.out["V"] = (volume_weights(self.m) * y).sum()
         self.out["answers"] = inlet_answers(self.m, moment)
-        self.out["venous_flow"] = venous_flow(self.m, moment, venous)
+        self.out["venous_flow"] = venous_flow(self.acting("g_show", "show"), moment, venous)
 
     def _full(self, x: Any) -> Any:
         return 1.0 * np.broadcast_to(x, self.m.wall.A0.shape)
