@@ -23,7 +23,8 @@ from solver.scheme.guards import BARE_REMEDY, UNSOLVED
 from solver.scheme.model import Model, Settings
 from solver.scheme.step import State, adopt, at_stages_of
 from solver.tracing.component import FURTHER, Whole, whole
-from solver.tracing.program import OPERATIONS, Shared
+from solver.tracing.derivative import DERIVED_PLACES, derivative
+from solver.tracing.program import OPERATIONS, Program, Shared
 from solver.tracing.recorder import Untraceable
 from solver.tracing.steps import PLACES
 from solver.validation import CHECKED_TOGETHER
@@ -36,13 +37,14 @@ Array = np.ndarray
 _MAGIC, _VERSION, _GUID = b"ARTERIAL", 2, 64
 _MARGINS = [name for name in FURTHER if name.startswith("margin_")]  # of which there may be fewer
 _CAUSALITIES, _VARIABILITIES = ("input", "parameter", "output"), ("continuous", "fixed", "tunable")
+_SMALL = 40_000  # bytes of code of a program whose derivatives the file holds whatever its law
 _MOST = 3_000_000  # bytes of programs: of larger networks only those of its own laws
 
 
 def resource(network: Network, settings: Settings, table: Sequence[Variable]) -> bytes:
     """The file, its GUID still open (:func:`with_guid`). Raises ValueError where the network cannot be recorded."""
     shared = Shared()
-    programs = recorded(network, settings, shared)
+    programs, derivatives = recorded(network, settings, shared)
     texts = _Texts()
     vr = {variable.name: i for i, variable in enumerate(table)}
     model = programs[0][1].model
@@ -89,8 +91,8 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
         shared.index.all(),
         shared.constants.all(),
     ]
-    for laws, program in programs:
-        arrays += _program(laws, program, texts)
+    for (laws, program), derived in zip(programs, derivatives, strict=True):
+        arrays += [*_program(laws, program, texts), *_derived(derived)]
     arrays[5] = np.frombuffer(bytes(texts.bytes), np.uint8)
     return _file(arrays)
 
@@ -101,13 +103,15 @@ def with_guid(content: bytes, guid: str) -> bytes:
     return _sealed(content[:at] + guid.encode().ljust(_GUID, b"\0") + content[at + _GUID :])
 
 
-def recorded(network: Network, settings: Settings, shared: Shared) -> list[tuple[tuple[int, int], Whole]]:
-    """The programs with the numbers of their laws, 0 for any: those of the network as it is first. shared : what they
-    have in common.
+def recorded(
+    network: Network, settings: Settings, shared: Shared
+) -> tuple[list[tuple[tuple[int, int], Whole]], list[Program | None]]:
+    """The programs with the numbers of their laws, 0 for any: those of the network as it is first; and those of their
+    derivatives, which those of nonlinear walls have, and in large networks those of their own elastic law alone. shared : what they have in common.
 
     Raises ValueError where the network cannot be recorded.
     """
-    found = list[tuple[tuple[int, int], Whole]]()
+    found, derivatives = list[tuple[tuple[int, int], Whole]](), list[Program | None]()
     elastic, viscous = tuple(ELASTIC_LAWS), tuple(VISCOUS_LAWS)
     for law in sorted(elastic, key=lambda name: name != network.elastic_law):
         for bent in (False, True):
@@ -115,12 +119,15 @@ def recorded(network: Network, settings: Settings, shared: Shared) -> list[tuple
                 same = (law, other) == (network.elastic_law, network.viscous_law)
                 if shared.nbytes + sum(one.program.code.nbytes for _, one in found) > _MOST and not same:
                     continue
-                one = _whole(replace(network, elastic_law=law, viscous_law=other), settings, bent, shared)
+                set_so = replace(network, elastic_law=law, viscous_law=other)
+                one = _whole(set_so, settings, bent, shared)
+                held = bent and (law == network.elastic_law or one.program.code.nbytes <= _SMALL)
+                derivatives.append(derivative(set_so, settings, bent, shared) if held else None)
                 any_law = not one.model.wall.nonlinear and not bent
                 found.append(((elastic.index(law) + 1, 0 if any_law else viscous.index(other) + 1), one))
                 if any_law:
                     break
-    return found
+    return found, derivatives
 
 
 def _whole(network: Network, settings: Settings, bent: bool, shared: Shared) -> Whole:
@@ -246,6 +253,15 @@ def _program(laws: tuple[int, int], one: Whole, texts: _Texts) -> Iterator[Array
     reasons = [texts.at(text) for reason in one.reasons for text in reason]
     yield _integers([*laws, len(one.reasons), *counts, *places, *model.inlets.first, *reasons])
     yield from (p.code, p.begin)
+
+
+def _derived(p: Program | None) -> Iterator[Array]:
+    if p is None:
+        yield from [_integers([])] * 3
+    else:
+        unread = dict.fromkeys(("element_length", "g_begin", "g", "g_report"), 2)
+        yield _integers([p.n_fixed, p.n_work, *({**unread, **p.address}[name] for name in DERIVED_PLACES)])
+        yield from (p.code, p.begin)
 
 
 # --- the file -------------------------------------------------------------------------------------------------------

@@ -113,11 +113,13 @@ void component_free(component *c)
 {
     free(c->numbers);
     resource_free(&c->r);
+    free(c->derivative);
     free(c);
 }
 
 void component_reset(component *c)
 {
+    c->stepped = 0;
     memset(c->numbers, 0, sizeof(double) * (size_t)c->n_numbers);
     for (int32_t i = 0; i < c->r.meta[N_VARIABLES]; i++)
         c->numbers[c->values + i] = i < c->r.meta[FIRST_OUTPUT] ? c->r.ranges[PER_RANGE * i + START_VALUE] : 0.0;
@@ -339,6 +341,8 @@ static int driven(component *c, const stretch *s, double *Q)
     double *const x = c->numbers, *const shown = x + c->shown, *const known = x + c->known;
     const int32_t n = c->r.n_inlets;
     const size_t bytes = sizeof(double) * (size_t)c->n_position;
+    const int end = x[WAY] == HOLD; /* below, what the flow at the start of a stretch is in parts of the input */
+    if (c->d && x[WAY] != SMOOTH && !derivative_begins(c, shown, SHOWN, 1, end, x[OWN] == 0.0)) return 0;
     if (x[OWN] != 0.0) return run_along(c, s, shown, x[TIME]);
     if (x[WAY] != SMOOTH) {
         for (int32_t i = 0; i < n; i++) {
@@ -354,21 +358,25 @@ static int driven(component *c, const stretch *s, double *Q)
     } else {
         for (int32_t i = 0; i < n && s->h <= FURTHEST * x[LAST_H]; i++)
             x[c->slope + i] = (Q[i] - known[AT_DRIVE + i]) / x[LAST_H];
-        if (same(Q, shown + AT_DRIVE, n)) {
+        if (!c->d && same(Q, shown + AT_DRIVE, n)) {
             memcpy(known, shown, bytes);
         } else {
             const stretch last = {x[LAST_H], x[LAST_DT], (int64_t)x[LAST_STEPS], (int32_t)c->before[NOW],
                                   c->before + c->now, x + c->last_venous};
+            if (c->d && !derivative_begins(c, known, KNOWN, 0, 0.0, 1.0)) return 0;
             if (!run_stretch(c, &last, known, x[TIME] - x[LAST_H], known + AT_DRIVE, Q)) return 0;
             if (x[RETUNED] != 0.0) under(c, known);
         }
     }
     memcpy(shown, known, bytes);
     for (int32_t i = 0; i < n; i++) c->answers[i] = Q[i] + x[c->slope + i] * s->h;
+    const double further = x[FRESH] == 0.0 && s->h <= FURTHEST * x[LAST_H] ? 1.0 + s->h / x[LAST_H] : 1.0;
     x[FRESH] = 0.0;
+    if (c->d && !derivative_begins(c, shown, KNOWN_AS_SHOWN, 1, 1.0, further)) return 0;
     if (run_stretch(c, s, shown, x[TIME], Q, c->answers)) return 1;
     memcpy(shown, known, bytes); /* of a flow that was only extrapolated: without that */
     memset(x + c->slope, 0, sizeof(double) * (size_t)n);
+    if (c->d && !derivative_begins(c, shown, KNOWN_AS_SHOWN, 1, 1.0, 1.0)) return 0;
     return run_stretch(c, s, shown, x[TIME], Q, Q);
 }
 
@@ -438,14 +446,21 @@ static int stepped(component *c, double t, double h)
     return 1;
 }
 
+int component_again(component *c, double t, double h) { return stepped(c, t, h); }
+
+size_t step_bytes(const component *c) /* not the basis, and what is known only where it is not what is shown */
+{
+    return sizeof(double) * (size_t)(c->numbers[WAY] == SMOOTH ? c->basis_venous : c->known);
+}
+
 int component_step(component *c, double t, double h)
 {
-    /* what a step may change before it fails: not the basis, and what is known only where it is not what is shown */
-    const size_t bytes = sizeof(double) * (size_t)(c->numbers[WAY] == SMOOTH ? c->basis_venous : c->known);
+    const size_t bytes = step_bytes(c);
     c->remark[0] = 0;
     if (!require(c, "do_step", STEPPING)) return -1;
     memcpy(c->before, c->numbers, bytes);
-    if (stepped(c, t, h)) return 1;
+    c->stepped = stepped(c, t, h);
+    if (c->stepped) return 1;
     memcpy(c->numbers, c->before, bytes);
     return 0;
 }

@@ -12,7 +12,7 @@
 enum { SOME_BYTES, SOME_INTEGERS, SOME_NUMBERS };
 enum { META, GUID, OPERATIONS, VARIABLES, RANGES, STRINGS, PARAMETERS, INLETS, INLET_NUMBERS, CURVES, VENOUS,
        SEGMENTS, ELEMENTS, POSITIONS, PERIODIC, SOURCES, SOURCE_PERIODS, INDEX, NUMBERS, PROGRAMS };
-enum { PROGRAM_META, CODE, BEGIN, PER_PROGRAM }; /* of each program, from PROGRAMS on */
+enum { PROGRAM_META, CODE, BEGIN, DERIVED_META, DERIVED_CODE, DERIVED_BEGIN, PER_PROGRAM }; /* of each program, from PROGRAMS on */
 /* META */
 enum { N_VARIABLES, FIRST_OUTPUT, FIRST_LATE, N_POINTS, N_PROGRAMS, VR_DT, VR_LENGTH, VR_ELASTIC, VR_VISCOUS,
        VR_INTERPOLATION, VR_DRIVE, VR_START, VR_T, VR_P_0, TEXT_NAME, TEXT_UNSOLVED, TEXT_SHORTER, N_META };
@@ -33,6 +33,9 @@ enum { SEGMENT_NAME, VR_L, VR_PHI0, VR_PHINL, PER_SEGMENT };
 /* PROGRAM_META: laws (0 any), counts as in arterial_program, places, further ones, columns of the inlets, reasons */
 enum { ELASTIC, VISCOUS, N_MARGINS, COUNTS, N_COUNTS = 11, AT_PLACES = COUNTS + N_COUNTS };
 
+/* DERIVED_META, empty where there is none: n_fixed, n_work, places as in derivative.c. */
+enum { D_PHASES = PHASES + 1, D_PLACES = 43 };
+
 /* Phases after those of engine.h, and places after those there: in the order of solver/tracing/component.py. */
 enum { EXPLAIN = PHASES, SHOW };
 enum { MOST_MARGINS = 4 };
@@ -43,6 +46,8 @@ enum { IN_PARAMETERS, IN_DT, IN_LENGTH, OUT_Y_REST, OUT_A_REST, OUT_LOST_AT_REST
 typedef struct {
     arterial_program program;
     const int32_t *meta, *further, *first, *reasons; /* first : columns of the inlets; reasons : two texts a margin */
+    arterial_program derived; /* of derivatives, and its places; NULL where there is none */
+    const int32_t *derived_places;
 } recorded;
 
 typedef struct {
@@ -96,6 +101,8 @@ typedef struct {
         basis_shown;
     double *work, *tried[3], *spare, *after, *row, *answers, *flows, *given, *drives[HALVINGS + 2], *pressures, *acting, clock;
     slot slots[SLOTS];
+    struct derivative *derivative, *d; /* made when it is asked for; d : while a step is made again for it */
+    int stepped;                       /* whether before is where the last step began */
     char said[ROOM], remark[ROOM], failure[ROOM];
 } component;
 
@@ -112,6 +119,10 @@ int component_leave(component *c);
 int component_step(component *c, double t, double h);
 int component_read(component *c, const uint32_t *vr, size_t n, int kind, double *values);
 int component_write(component *c, const uint32_t *vr, size_t n, int kind, const double *values);
+
+/* In the direction seed of inputs and tunable parameters: how outputs after the last step would change. */
+int component_derivative(component *c, const uint32_t *unknown, size_t n, const uint32_t *known, size_t m,
+                         const double *seed, double *found);
 
 /* --- its parts --------------------------------------------------------------------------------------------------------- */
 
@@ -139,6 +150,21 @@ double drive_at(component *c, int32_t inlet, double t);
 const double *acting_at(component *c, double t, double dt); /* of tables, at t and at the stages of a step from there */
 stretch stretch_of(const component *c, double h, const double *venous);
 double rounded(double dt);
+
+void half_of(const double *drive, int32_t n, int half, double *found); /* of a step, by the same cubic */
+
+/* The last step again, from the numbers before it: how many bytes these are. */
+size_t step_bytes(const component *c);
+int component_again(component *c, double t, double h);
+
+/* While c->d is there: a position begins a stretch whose drives have directions start and end times those of inputs;
+   acts : whether parameters have theirs. */
+enum { KNOWN, SHOWN, KNOWN_AS_SHOWN };
+int derivative_begins(component *c, const double *position, int which, int acts, double start, double end);
+void derivative_drive(component *c, int64_t k, int64_t steps); /* of internal step k; steps = 0: none */
+void derivative_half(component *c, int half, int depth);
+void derivative_came(component *c, double time); /* by given flows */
+int derivative_step(component *c, const stretch *s, double t, double dt, int depth, int own);
 
 /* Volume, answers and venous flows of a position at a time t; returns the volume. */
 double shown_of(component *c, int32_t program, const double *parameters, const double *position, double t,

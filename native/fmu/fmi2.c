@@ -152,6 +152,14 @@ FMI2(SetInteger, instance *i, const fmi2Reference vr[], size_t n, const int valu
 ABSENT(Boolean, int)
 ABSENT(String, fmi2Text)
 
+FMI2(GetDirectionalDerivative, instance *i, const fmi2Reference unknown[], size_t n, const fmi2Reference known[], size_t m,
+     const double change[], double found[])
+{
+    NEEDS_INSTANCE;
+    OR_REFUSED(given(i, n, unknown, found) && given(i, m, known, change) &&
+                   component_derivative(i->c, unknown, n, known, m, change, found), STATUS_ERROR);
+}
+
 /* --- states ---------------------------------------------------------------------------------------------------------- */
 
 FMI2(GetFMUstate, instance *i, void **state)
@@ -215,7 +223,5 @@ FMI2(GetBooleanStatus, instance *i, int kind, int *value)
 NOTHING(GetStatus, int kind, fmi2Status *value)
 NOTHING(GetIntegerStatus, int kind, int *value)
 NOTHING(GetStringStatus, int kind, fmi2Text *value)
-NOTHING(GetDirectionalDerivative, const fmi2Reference unknown[], size_t n, const fmi2Reference known[], size_t m,
-        const double change[], double found[])
 NOTHING(SetRealInputDerivatives, const fmi2Reference vr[], size_t n, const int order[], const double value[])
 NOTHING(GetRealOutputDerivatives, const fmi2Reference vr[], size_t n, const int order[], double value[])

@@ -198,6 +198,14 @@ NOTHING(SetBinary, const Ref vr[], size_t n, const size_t sizes[], const Bytes v
 NOTHING(GetClock, const Ref vr[], size_t n, bool value[])
 NOTHING(SetClock, const Ref vr[], size_t n, const bool value[])
 
+FMI3(GetDirectionalDerivative, instance *i, const Ref unknowns[], size_t n, const Ref knowns[], size_t m,
+     const double seed[], size_t n_seed, double found[], size_t n_found)
+{
+    NEEDS_INSTANCE;
+    OR_REFUSED(alike(i, n, unknowns, n_found, found) && alike(i, m, knowns, n_seed, seed) &&
+                   component_derivative(i->c, unknowns, n, knowns, m, seed, found), STATUS_ERROR);
+}
+
 /* --- states ---------------------------------------------------------------------------------------------------------- */
 
 FMI3(GetFMUState, instance *i, void **state)
@@ -240,8 +248,6 @@ FMI3(DeserializeFMUState, instance *i, const uint8_t bytes[], size_t size, void 
 
 NOTHING(GetNumberOfVariableDependencies, Ref vr, size_t *n)
 NOTHING(GetVariableDependencies, Ref vr, size_t at[], Ref of[], size_t from[], int kinds[], size_t n)
-NOTHING(GetDirectionalDerivative, const Ref unknowns[], size_t n, const Ref knowns[], size_t m, const double seed[],
-        size_t n_seed, double found[], size_t n_found)
 NOTHING(GetAdjointDerivative, const Ref unknowns[], size_t n, const Ref knowns[], size_t m, const double seed[],
         size_t n_seed, double found[], size_t n_found)
 NOTHING(GetOutputDerivatives, const Ref vr[], size_t n, const int32_t orders[], double value[], size_t m)

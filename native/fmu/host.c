@@ -153,6 +153,7 @@ int state_set(instance *i, void *state)
 {
     if (!held(i, state)) return refused(i, STATUS_ERROR);
     memcpy(i->c->numbers, ((saved *)state)->numbers, bytes_of(i));
+    i->c->stepped = 0;
     return STATUS_OK;
 }
 

@@ -99,6 +99,26 @@ static int whole(const void *bytes, size_t size)
     return 1;
 }
 
+/* The program of derivatives, where there is one. */
+static int derived(const resource *r, recorded *one, int32_t at)
+{
+    int32_t n, n_code, n_begin;
+    const int32_t *const meta = array(r, at + DERIVED_META, SOME_INTEGERS, &n);
+    one->derived.code = array(r, at + DERIVED_CODE, SOME_INTEGERS, &n_code);
+    one->derived.begin = array(r, at + DERIVED_BEGIN, SOME_INTEGERS, &n_begin);
+    one->derived.index = one->program.index;
+    one->derived.constant = one->program.constant;
+    if (!meta || !one->derived.code || !one->derived.begin) return 0;
+    if (!n) return 1;
+    if (n != 2 + D_PLACES || n_begin != D_PHASES + 1 || one->derived.begin[D_PHASES] != n_code) return 0;
+    for (int k = 0; k < D_PLACES; k++)
+        if (meta[2 + k] < 0) return 0;
+    one->derived.n_fixed = meta[0];
+    one->derived.n_work = meta[1];
+    one->derived_places = meta + 2;
+    return 1;
+}
+
 static int programs(resource *r)
 {
     for (int32_t i = 0; i < r->meta[N_PROGRAMS]; i++) {
@@ -125,6 +145,7 @@ static int programs(resource *r)
         for (n = OUT_Y_REST; n < FURTHER; n++)
             if (one->further[n] < 0 && (n < OUT_MARGINS + one->meta[N_MARGINS] || n >= OUT_MARGINS + MOST_MARGINS))
                 return 0;
+        if (!derived(r, one, at)) return 0;
         one->first = one->further + FURTHER;
         one->reasons = one->first + r->n_inlets;
     }

@@ -122,7 +122,7 @@ static double entered(const arterial_program *p, int32_t column, const double *b
 }
 
 /* The drive of one half of a step, by the same cubic. */
-static void half_of(const double *drive, int32_t n, int half, double *found)
+void half_of(const double *drive, int32_t n, int half, double *found)
 {
     for (int k = 0; k < 4; k++)
         for (int32_t i = 0; i < n; i++) {
@@ -153,6 +153,7 @@ static int advance(component *c, const stretch *s, double *position, double t, d
     memcpy(placed(&m, p->place[IN_VENOUS]), s->venous, sizeof(double) * (size_t)p->n_outlets);
     const int done = step(p, &m, dt, c->spare, c->after, acting_at(c, t, dt));
     if (done > 0) {
+        if (c->d && !derivative_step(c, s, t, dt, depth, own)) return 0;
         for (int32_t i = 0; i < p->n_inlets; i++)
             if (own || !c->r.inlets[PER_INLET * i + BY_FLOW])
                 position[V_IN] += entered(p, one->first[i], state, c->after, dt);
@@ -165,6 +166,7 @@ static int advance(component *c, const stretch *s, double *position, double t, d
     position[HALVED] += 1.0;
     for (int half = 0; half < 2; half++) {
         half_of(drive, p->n_inlets, half, c->drives[depth + 1]);
+        if (c->d) derivative_half(c, half, depth);
         if (advance(c, s, position, t + half * 0.5 * dt, 0.5 * dt, depth + 1, own) <= 0) return 0;
     }
     return 1;
@@ -185,10 +187,12 @@ int run_stretch(component *c, const stretch *s, double *position, double t, cons
     for (int64_t k = 0; k < s->steps; k++) {
         for (int32_t i = 0; i < n; i++)
             for (int j = 0; j < 4; j++) c->drives[0][4 * i + j] = c->given[i] + ((double)k + TIMES[j]) * c->given[n + i];
+        if (c->d) derivative_drive(c, k, s->steps);
         if (advance(c, s, position, t + (double)k * s->dt, s->dt, 0, 0) <= 0) return 0;
     }
     memcpy(position + AT_DRIVE, c->given + 2 * n, sizeof(double) * (size_t)n);
     position[V_IN] += flowed;
+    if (c->d) derivative_came(c, (double)s->steps * s->dt);
     return 1;
 }
 
@@ -197,6 +201,7 @@ int run_along(component *c, const stretch *s, double *position, double t)
     for (int64_t k = 0; k < s->steps; k++) {
         for (int32_t i = 0; i < c->r.n_inlets; i++)
             for (int j = 0; j < 4; j++) c->drives[0][4 * i + j] = drive_at(c, i, t + ((double)k + TIMES[j]) * s->dt);
+        if (c->d) derivative_drive(c, k, 0);
         if (advance(c, s, position, t + (double)k * s->dt, s->dt, 0, 1) <= 0) return 0;
     }
     for (int32_t i = 0; i < c->r.n_inlets; i++) position[AT_DRIVE + i] = c->drives[0][4 * i + 3];

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -60,6 +60,26 @@ def whole(network: Network, settings: Settings, bent: bool = False, shared: Shar
     the programs before.
     Raises Untraceable, which says what cannot be recorded.
     """
+    made = parts(network, settings, bent)
+    recording = _Component(made.recorder, made.m, GAMMA * made.step)
+    program = recording.whole(made.walls, made.places, shared)
+    return Whole(program, made.model, tuple(recording.reasons))
+
+
+class Parts(NamedTuple):
+    """A model m of traced coefficients, its walls at the sites and its step; places : what is given to the first
+    phase."""
+
+    recorder: Known
+    model: Model
+    m: Any
+    walls: Any
+    step: Traced
+    places: Mapping[str, Sequence[Traced]]
+
+
+def parts(network: Network, settings: Settings, bent: bool) -> Parts:
+    """What all programs of a component begin with: from parameters to coefficients."""
     values = network.parameters()
     c = coefficients(network, values, every=True)
     mesh = build_mesh(network, c.L[0], settings.element_length, settings.degree, coefficients(network, values).cuts)
@@ -80,10 +100,8 @@ def whole(network: Network, settings: Settings, bent: bool = False, shared: Shar
     walls = site_walls(m)
     recorder.lenient = False
     _same_mesh(recorder, mesh, made, length)
-    recording = _Component(recorder, m, GAMMA * step)
     places = {"parameters": [given], "dt": [step], "element_length": [length]}
-    program = recording.whole(walls, places, shared)
-    return Whole(program, model, tuple(recording.reasons))
+    return Parts(recorder, model, m, walls, step, places)
 
 
 def _bent(name: str, value: float) -> float:

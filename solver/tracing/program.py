@@ -83,6 +83,7 @@ def compiled(
     """The program of all that was recorded and that outputs need; units : elements of the mesh; held : the phase that
     makes blocks; shared : constants and indices of programs before, to which those of this one are added. What several
     phases take as one input has one place."""
+    r.merge()
     ends = {name: r.operand(x, x.shape) for name, x in outputs.items()}
     for name, end in ends.items():
         if end.single and outputs[name].size > 1 or end.slot.phase == CONSTANT:
