@@ -106,8 +106,9 @@ def with_guid(content: bytes, guid: str) -> bytes:
 def recorded(
     network: Network, settings: Settings, shared: Shared
 ) -> tuple[list[tuple[tuple[int, int], Whole]], list[Program | None]]:
-    """The programs with the numbers of their laws, 0 for any: those of the network as it is first; and those of their
-    derivatives, which those of nonlinear walls have, and in large networks those of their own elastic law alone. shared : what they have in common.
+    """The programs with the numbers of their laws, 0 for any: those of the network as it is first. And those of
+    derivatives, for the programs that hold nonlinear walls, in large networks of its own elastic law alone. shared :
+    what all have in common.
 
     Raises ValueError where the network cannot be recorded.
     """

@@ -28,13 +28,15 @@ from .tangent import tangents
 # those of a step, the last one for the linear equations; in the order of native/fmu/derivative.c, as the places are
 DERIVED = (*PHASES, "solve")
 # what has a direction, and where it is given
-_GIVEN = {"parameters": "bind", "y": "prepare", "drive": "prepare", "venous": "prepare", "start": "start",
-          "given_now": "start", "Q": "end", "y_report": "report", "A_t_report": "report", "H_report": "report"}  # fmt: skip
+_GIVEN = {
+    "parameters": "bind", "y": "prepare", "drive": "prepare", "venous": "prepare", "start": "start",
+    "given_now": "start", "Q": "end", "y_report": "report", "A_t_report": "report", "H_report": "report",
+}  # fmt: skip
 _LEFT = ("begun", "given", "R", "net", "end", "A_t", "report", "V")
 DERIVED_PLACES = (
-    "parameters", "dt", "element_length", "y", "H0", "drive", "venous", "g_begin", "start", "given_now", "g", "Q", "H", "R_left",
-    "net_left", "y_report", "A_t_report", "H_report", "g_report", "begun", "given", "end", "A_t", "Q_change", "H_change",
-    *(f"{name}_by" for name in (*_GIVEN, *_LEFT)),
+    "parameters", "dt", "element_length", "y", "H0", "drive", "venous", "g_begin", "start", "given_now", "g", "Q", "H",
+    "R_left", "net_left", "y_report", "A_t_report", "H_report", "g_report", "begun", "given", "end", "A_t",
+    "Q_change", "H_change", *(f"{name}_by" for name in (*_GIVEN, *_LEFT)),
 )  # fmt: skip
 
 
@@ -55,7 +57,7 @@ class _Derivative(Recording):
         A_t: Any = stage.start.area_rate(Q)
         self.out |= {"A_t": A_t, "end": stage.end(Q, A_t)}
         self.shown(state, made.walls)
-        inputs = {**self.given, **made.places}
+        inputs = {**self.given, **{name: [*each] for name, each in made.places.items()}}
         out = {name: elementwise(self.recorder, "copy", self.out[name]) for name in (*_LEFT, "Q_change", "H_change")}
         seeds = dict[Slot, Slot]()
         for name, phase in _GIVEN.items():

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .recorder import Instruction, Operand, Recorder, Slot
+from .recorder import CONSTANT, Instruction, Operand, Recorder, Slot
 
 _FLAT = {"greater", "greater_equal", "less", "less_equal", "equal", "not_equal", "logical_and", "logical_or",
          "logical_not", "isfinite", "sign", "require"}  # fmt: skip
@@ -39,11 +39,17 @@ def tangents(r: Recorder, seeds: Mapping[Slot, Slot]) -> dict[Slot, Slot]:
     return made
 
 
+def _at_one_value(i: Instruction) -> bool:
+    """Whether an operation asks if numbers are those of the code."""
+    return i.name == "equal" and any(o.slot.phase == CONSTANT for o in i.operands)
+
+
 class _Forward:
     """The operations of a phase with their derivatives."""
 
     def __init__(self, r: Recorder, made: Mapping[Slot, Slot]) -> None:
         self.r, self.made, self.written = r, made, list[Instruction]()
+        self.alone = {i.out for each in r.phases.values() for i in each if _at_one_value(i)}
 
     def constant(self, x: float) -> Operand:
         return Operand(self.r.constant(x), 0, True)
@@ -92,6 +98,13 @@ class _Forward:
         """The sum of what there is."""
         return self("add", a, b) if a and b else a or b or self.constant(0.0)
 
+    def chosen(self, c: Operand, da: Operand, db: Operand) -> Operand:
+        """The derivative of ``where``: of the branch that is taken; but where that holds at one value alone, such as at
+        a coefficient of 0, the other branch is the neighbourhood, if its derivative is finite."""
+        if c.slot in self.alone:
+            c = self("logical_and", c, self("logical_not", self("isfinite", db)))
+        return self("where", c, da, db)
+
     def times(self, a: Operand, b: Operand | None) -> Operand | None:
         return self("multiply", a, b) if b else None
 
@@ -120,7 +133,7 @@ _RULES: Mapping[str, Callable[..., Operand]] = {
     "multiply": lambda f, y, a, b, da, db: f.added(f.times(b, da), f.times(a, db)),
     "divide": lambda f, y, a, b, da, db: f("divide", f.added(da, db and f("negative", f("multiply", y, db))), b),
     "power": _power,
-    "where": lambda f, y, c, a, b, dc, da, db: f("where", c, da or f.constant(0.0), db or f.constant(0.0)),
+    "where": lambda f, y, c, a, b, dc, da, db: f.chosen(c, da or f.constant(0.0), db or f.constant(0.0)),
     "maximum": _chosen("greater_equal"),
     "minimum": _chosen("less_equal"),
     "sqrt": _of_slope(lambda f, y, a: f("divide", f.constant(0.5), y)),
