@@ -123,6 +123,17 @@ def test_networks(tmp_path: Path, name: str) -> None:
         assert made.off(direction) <= EQUAL, direction
 
 
+def test_a_halved_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each part of a step that does not converge has its derivative."""
+    monkeypatch.setattr(f"{__name__}.half_sine", lambda t: 3e-3 * (t > 0.05))
+    file = build_native(elastic(load("human")), tmp_path, replace(TIGHT, dt=5e-3))
+    made = Differences(file, tmp_path / "fmu", {"inlet.interpolation": "smooth"}, 5e-3)
+    made.instance.messages.clear()
+    made.step({})
+    assert "was cut into halves" in made.instance.messages[0]
+    assert made.off({"inlet.Q": 1e-7}) <= EQUAL
+
+
 def test_the_networks_own_inflow(tmp_path: Path) -> None:
     """What is set at the inlet then has no effect, and parameters have theirs."""
     file = build_native(load("sheep"), tmp_path, TIGHT)
