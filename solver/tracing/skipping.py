@@ -35,16 +35,15 @@ def blocks(kept: Mapping[int, Sequence[Instruction]], asked: Iterable[Slot]) -> 
         for n, i in enumerate(each):
             for slot in {o.slot for o in i.operands}:
                 uses[slot].append((phase, n))
-    zero = _zeros(kept, written)
-    free = set(written) - set(asked)
-    return {
-        phase: _in_blocks(
-            each, [zero.get(i.out, ()) for i in each], {s: uses[s] for s in free if written[s] == 1}, phase
-        )
-        if phase
-        else list(each)
-        for phase, each in kept.items()
+    zero, outside = _zeros(kept, written), set(asked)
+    # what may stand in a block: written once, read here alone, and of what is written once, so that it may move
+    inner = {
+        i.out: uses[i.out]
+        for each in kept.values()
+        for i in each
+        if i.out not in outside and written[i.out] == 1 and all(written[o.slot] <= 1 for o in i.operands)
     }
+    return {phase: _in_blocks(each, zero, inner, phase) if phase else [*each] for phase, each in kept.items()}
 
 
 def _zeros(kept: Mapping[int, Sequence[Instruction]], written: Mapping[Slot, int]) -> dict[Slot, tuple[Slot, ...]]:
@@ -72,30 +71,26 @@ def _clipped(i: Instruction) -> bool:
 
 def _in_blocks(
     each: Sequence[Instruction],
-    zero: Sequence[tuple[Slot, ...]],
-    uses: Mapping[Slot, Sequence[tuple[int, int]]],
+    zero: Mapping[Slot, tuple[Slot, ...]],
+    inner: Mapping[Slot, Sequence[tuple[int, int]]],
     phase: int,
 ) -> list[Instruction | Block]:
-    makes = {i.out: n for n, i in enumerate(each) if i.out in uses}
+    """Those of one phase. inner : who uses what may stand in a block, by phase and place there."""
+    makes = {i.out: n for n, i in enumerate(each) if i.out in inner}
     taken, found = set[int](), dict[int, Block]()
     for end in range(len(each))[::-1]:
-        if end in taken or not zero[end]:
+        if end in taken or not zero[each[end].out]:
             continue
         own, asked = {end}, [-end]
         while asked:  # the latest first: who uses it is known to be in the block or not
             for operand in each[-heappop(asked)].operands:
                 n = makes.get(operand.slot, -1)
-                if (
-                    n >= 0
-                    and n not in own | taken
-                    and all(p == phase and user in own for p, user in uses[operand.slot])
-                ):
+                fits = n >= 0 and n not in own and n not in taken
+                if fits and all(p == phase and user in own for p, user in inner[operand.slot]):
                     own.add(n)
                     heappush(asked, -n)
         if len(own) >= _LEAST:
             taken |= own
-            found[end] = Block(min(zero[end], key=lambda slot: slot.size), [each[n] for n in sorted(own)])
+            of = min(zero[each[end].out], key=lambda slot: slot.size)
+            found[end] = Block(of, [each[n] for n in sorted(own)])
     return [found.get(n, i) for n, i in enumerate(each) if n in found or n not in taken]
-
-
-__all__ = ["Block", "blocks"]
