@@ -34,7 +34,7 @@ def fmi2(about: About, table: Sequence[Variable]) -> bytes:
     names = {"fmiVersion": "2.0", "modelName": about.name, "guid": about.guid}
     root = Element("fmiModelDescription", {**names, **_common(about)})
     flags = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate",
-             "canNotUseMemoryManagementFunctions")  # fmt: skip
+             "canNotUseMemoryManagementFunctions", "providesDirectionalDerivative")  # fmt: skip
     can = dict.fromkeys(flags, "true")
     SubElement(root, "CoSimulation", can, modelIdentifier=about.name, needsExecutionTool="false")
     _categories(root, 2)
@@ -113,6 +113,7 @@ def fmi3(about: About, table: Sequence[Variable]) -> bytes:
     SubElement(
         root, "CoSimulation", modelIdentifier=about.name, needsExecutionTool="false", canGetAndSetFMUState="true",
         canSerializeFMUState="true", canHandleVariableCommunicationStepSize="true",
+        providesDirectionalDerivatives="true",
     )  # fmt: skip
     _units3(root, table)
     types = type_definitions(tuple(table))

@@ -23,7 +23,8 @@ from solver.scheme.guards import BARE_REMEDY, UNSOLVED
 from solver.scheme.model import Model, Settings
 from solver.scheme.step import State, adopt, at_stages_of
 from solver.tracing.component import FURTHER, Whole, whole
-from solver.tracing.program import OPERATIONS
+from solver.tracing.derivative import DERIVED_PLACES, derivative
+from solver.tracing.program import OPERATIONS, Program, Shared
 from solver.tracing.recorder import Untraceable
 from solver.tracing.steps import PLACES
 from solver.validation import CHECKED_TOGETHER
@@ -33,15 +34,17 @@ from .variable import Variable
 
 Array = np.ndarray
 
-_MAGIC, _VERSION, _GUID = b"ARTERIAL", 1, 64
+_MAGIC, _VERSION, _GUID = b"ARTERIAL", 2, 64
 _MARGINS = [name for name in FURTHER if name.startswith("margin_")]  # of which there may be fewer
 _CAUSALITIES, _VARIABILITIES = ("input", "parameter", "output"), ("continuous", "fixed", "tunable")
+_SMALL = 40_000  # bytes of code of a program whose derivatives the file holds whatever its law
 _MOST = 3_000_000  # bytes of programs: of larger networks only those of its own laws
 
 
 def resource(network: Network, settings: Settings, table: Sequence[Variable]) -> bytes:
     """The file, its GUID still open (:func:`with_guid`). Raises ValueError where the network cannot be recorded."""
-    programs = recorded(network, settings)
+    shared = Shared()
+    programs, derivatives = recorded(network, settings, shared)
     texts = _Texts()
     vr = {variable.name: i for i, variable in enumerate(table)}
     model = programs[0][1].model
@@ -56,6 +59,11 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
     ]  # fmt: skip
     segments = {segment.name: i for i, segment in enumerate(network.segments)}
     inlets, inlet_numbers, curves = _inlets(network, vr)
+    sources = list[int]()
+    for source in network.sources:
+        kind, count, curve = _numbers_of(source.curve)
+        sources += [kind, sum(map(len, curves)), count]
+        curves.append(curve)
     arrays = [
         _integers(meta),
         np.zeros(_GUID, np.uint8),
@@ -78,9 +86,13 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
         _integers(model.mesh.segment),
         model.mesh.positions(model.mesh.element.x_gauss).ravel(),
         _periodic(network, settings, table[:first_output], model),
+        _integers(sources),
+        np.array([source.curve.period for source in network.sources], float),
+        shared.index.all(),
+        shared.constants.all(),
     ]
-    for laws, program in programs:
-        arrays += _program(laws, program, texts)
+    for (laws, program), derived in zip(programs, derivatives, strict=True):
+        arrays += [*_program(laws, program, texts), *_derived(derived)]
     arrays[5] = np.frombuffer(bytes(texts.bytes), np.uint8)
     return _file(arrays)
 
@@ -91,31 +103,37 @@ def with_guid(content: bytes, guid: str) -> bytes:
     return _sealed(content[:at] + guid.encode().ljust(_GUID, b"\0") + content[at + _GUID :])
 
 
-def recorded(network: Network, settings: Settings) -> list[tuple[tuple[int, int], Whole]]:
-    """The programs with the numbers of their laws, 0 for any: those of the network as it is first.
+def recorded(
+    network: Network, settings: Settings, shared: Shared
+) -> tuple[list[tuple[tuple[int, int], Whole]], list[Program | None]]:
+    """The programs with the numbers of their laws, 0 for any: those of the network as it is first. And those of
+    derivatives, for the programs that hold nonlinear walls, in large networks of its own elastic law alone. shared :
+    what all have in common.
 
     Raises ValueError where the network cannot be recorded.
     """
-    found, size = list[tuple[tuple[int, int], Whole]](), 0
+    found, derivatives = list[tuple[tuple[int, int], Whole]](), list[Program | None]()
     elastic, viscous = tuple(ELASTIC_LAWS), tuple(VISCOUS_LAWS)
     for law in sorted(elastic, key=lambda name: name != network.elastic_law):
         for bent in (False, True):
             for other in sorted(viscous, key=lambda name: name != network.viscous_law):
                 same = (law, other) == (network.elastic_law, network.viscous_law)
-                if size > _MOST and not same:
+                if shared.nbytes + sum(one.program.code.nbytes for _, one in found) > _MOST and not same:
                     continue
-                one = _whole(replace(network, elastic_law=law, viscous_law=other), settings, bent)
+                set_so = replace(network, elastic_law=law, viscous_law=other)
+                one = _whole(set_so, settings, bent, shared)
+                held = bent and (law == network.elastic_law or one.program.code.nbytes <= _SMALL)
+                derivatives.append(derivative(set_so, settings, bent, shared) if held else None)
                 any_law = not one.model.wall.nonlinear and not bent
                 found.append(((elastic.index(law) + 1, 0 if any_law else viscous.index(other) + 1), one))
-                size += sum(x.nbytes for x in (one.program.code, one.program.index, one.program.constants))
                 if any_law:
                     break
-    return found
+    return found, derivatives
 
 
-def _whole(network: Network, settings: Settings, bent: bool) -> Whole:
+def _whole(network: Network, settings: Settings, bent: bool, shared: Shared) -> Whole:
     try:
-        return whole(network, settings, bent)
+        return whole(network, settings, bent, shared)
     except Untraceable as reason:
         raise InputError(
             f"network {network.name}: an FMU that needs no Python cannot hold it ({reason}); build it without --native."
@@ -192,6 +210,11 @@ def _curve(inlet: Inlet) -> tuple[int, int, Array]:
     curve: Curve | None = inlet.curve if inlet.curve is not None and inlet.curve.signal == signal else None
     if curve is None:
         return (1, 0, np.zeros(0)) if signal == "Q" else (0, 0, np.zeros(0))
+    return _numbers_of(curve)
+
+
+def _numbers_of(curve: Curve) -> tuple[int, int, Array]:
+    """A curve: its kind, 2 a cubic or 3 a Fourier series, how many numbers it counts, and these."""
     if curve.interpolation == "fourier":
         numbers = np.concatenate([curve.coefficients.real, curve.coefficients.imag])
         return 3, len(numbers), numbers
@@ -223,13 +246,23 @@ def _program(laws: tuple[int, int], one: Whole, texts: _Texts) -> Iterator[Array
         p.n_fixed, p.n_work, layout.size, int(np.prod(shapes["A"])), int(np.prod(shapes["Q"])),
         layout.places["Q"].start,
         model.mesh.n_nodes, len(model.inlets.by_flow), len(model.mesh.topology.outlet_segment),
-        len(model.network.output_units()),
+        len(model.network.output_units()), len(model.tables.tables),
     )  # fmt: skip
     unread = dict.fromkeys(("parameters", "dt", "element_length", *_MARGINS), -1)
+    unread |= dict.fromkeys(("g_begin", "g", "g_report", "g_show"), 2)  # anywhere: of n_sources numbers
     places = [{**unread, **p.address}[name] for name in (*PLACES, *FURTHER)]
     reasons = [texts.at(text) for reason in one.reasons for text in reason]
     yield _integers([*laws, len(one.reasons), *counts, *places, *model.inlets.first, *reasons])
-    yield from (p.code, p.begin, p.index, p.constants)
+    yield from (p.code, p.begin)
+
+
+def _derived(p: Program | None) -> Iterator[Array]:
+    if p is None:
+        yield from [_integers([])] * 3
+    else:
+        unread = dict.fromkeys(("element_length", "g_begin", "g", "g_report"), 2)
+        yield _integers([p.n_fixed, p.n_work, *({**unread, **p.address}[name] for name in DERIVED_PLACES)])
+        yield from (p.code, p.begin)
 
 
 # --- the file -------------------------------------------------------------------------------------------------------

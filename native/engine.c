@@ -10,7 +10,7 @@
     X(cos) X(sinh) X(cosh) X(tanh) X(logical_not) X(isfinite) X(add) X(subtract) X(multiply) X(divide) X(power)        \
     X(maximum) X(minimum)                                                                                              \
     X(greater) X(greater_equal) X(less) X(less_equal) X(equal) X(not_equal) X(logical_and) X(logical_or) X(where)      \
-    X(gather) X(scatter) X(sums) X(product) X(inverse) X(sum) X(largest) X(least) X(require)
+    X(gather) X(scatter) X(sums) X(product) X(inverse) X(sum) X(largest) X(least) X(require) X(skip)
 #define CODE(name) OP_##name,
 #define NAME(name) #name " "
 enum { GROUP, OPERATIONS(CODE) LAST };
@@ -132,6 +132,8 @@ static void product(double *restrict o, const double *restrict a, const double *
         ROWS(3, 4)
     } else if (k == 4 && n == 3) {
         ROWS(4, 3)
+    } else if (k == 4 && n == 4) {
+        ROWS(4, 4)
     } else {
         for (i = 0; i < m; i++, a += k, o += n) {
             for (j = 0; j < n; j++) o[j] = 0.0;
@@ -223,6 +225,7 @@ static double reduced(int32_t op, const double *a, int32_t n)
 {
     double s[4], bad[4] = {0.0, 0.0, 0.0, 0.0};
     int32_t i, j;
+    if (op == OP_sum && n == 4) return ((a[0] + a[1]) + a[2]) + a[3];
     for (j = 0; j < 4; j++) s[j] = op == OP_sum ? 0.0 : a[0];
     if (op == OP_sum) { FOLD(x + y) } else if (op == OP_largest) { FOLD(x > y ? x : y) } else { FOLD(x < y ? x : y) }
     return op == OP_sum || bad[0] == 0.0 ? s[0] : NAN;
@@ -281,11 +284,22 @@ static int other(const memory *m, int32_t op, const int32_t *w)
     return 1;
 }
 
+static int zero(const double *x, int32_t n)
+{
+    int32_t i = 0;
+    while (i < n && x[i] == 0.0) i++;
+    return i == n;
+}
+
 int run(const arterial_program *p, const memory *m, int phase)
 {
     const int32_t *w = p->code + p->begin[phase], *const end = p->code + p->begin[phase + 1];
     while (w < end) {
-        if (w[0] == GROUP) {
+        if (w[0] == OP_skip) { /* a block whose result is zero where some coefficients are: these, result, words */
+            const int skipped = zero(at(m, w[2]), w[3]);
+            if (skipped) memset(at(m, w[4]), 0, sizeof(double) * (size_t)w[5]);
+            w += 7 + (skipped ? w[6] : 0);
+        } else if (w[0] == GROUP) {
             group(m, w + 4, w[1], w[2], w[3]);
             w += 4 + 8 * w[3];
         } else {

@@ -23,6 +23,7 @@ enum {
     FRESH_Q, FRESH_DH, FRESH_CHANGE_Q, FRESH_CHANGE_H,
     OUT_FINITE, OUT_END, OUT_A_T, OUT_MARGIN,      /* FINITE, END, CHECK */
     IN_Y_REPORT, IN_A_T_REPORT, IN_H_REPORT, OUT_REPORT,
+    IN_G_BEGIN, IN_G, IN_G_REPORT,                 /* PREPARE, START, REPORT: what tables of sources give */
     PLACES
 };
 
@@ -31,7 +32,7 @@ typedef struct {
     const double *constant;
     int32_t n_fixed, n_work;
     int32_t n_y, n_A, n_Q, at_Q, n_H; /* numbers of a state, of its A (which come first) and Q, where Q begins; nodes */
-    int32_t n_inlets, n_outlets, n_report;
+    int32_t n_inlets, n_outlets, n_report, n_sources;
     int32_t place[PLACES];
 } arterial_program;
 
@@ -46,10 +47,10 @@ ARTERIAL_API int arterial_bind(const arterial_program *p, double *fixed, double 
 ARTERIAL_API int32_t arterial_state_size(const arterial_program *p);
 
 /* n steps of length dt of B members. fixed : (B, n_fixed). state, spare : (B, state size). work : n_work +
-   3 n_y + 2 n_Q + n_H. drive : (n, n_inlets, 4, B or 1, as own_drive says). venous : (B, n_outlets). table :
-   (n, B, n_report). Returns how many steps were made: fewer where a member stopped, in the state before. */
+   3 n_y + 2 n_Q + n_H. drive : (n, n_inlets, 4, B or 1, as own_drive says). venous : (B, n_outlets). acting :
+   (n, 4, n_sources) what tables give at the start and at the stages of each step. table : (n, B, n_report). Returns how many steps were made: fewer where a member stopped, in the state before. */
 ARTERIAL_API int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double dt, const double *fixed,
                                     double *state, double *spare, double *work, const double *drive, int own_drive,
-                                    const double *venous, double *table);
+                                    const double *venous, const double *acting, double *table);
 
 #endif

@@ -27,14 +27,15 @@ enum { STAGES = 3 };
 extern const double SDIRK3[STAGES][STAGES];
 
 /* A step of one member, from its state to after, with what drives it in its places: 1; 0 where it is not solved, -1 where
-   it is not physical. */
-int step(const arterial_program *p, const memory *m, double dt, const double *state, double *after);
+   it is not physical. acting : (4, n_sources) what tables give at its start and at its stages. */
+int step(const arterial_program *p, const memory *m, double dt, const double *state, double *after, const double *acting);
 
 /* The flows before the last correction. */
 double *last_but_one(const arterial_program *p, const memory *m);
 
-/* The outputs of a state. */
-void report(const arterial_program *p, const memory *m, const double *state, double *row);
+/* The outputs of a state, when tables give what is acting : (n_sources). */
+void report(const arterial_program *p, const memory *m, const double *state, double *row, const double *acting);
+
 /* Q and H at the end of a stage, from a guess in their places; 0 where it is not solved. guess : (n_Q + n_H) to begin
    from again. */
 int solve(const arterial_program *p, const memory *m, double *guess);

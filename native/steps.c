@@ -90,7 +90,7 @@ int solve(const arterial_program *p, const memory *m, double *guess)
     return 0;
 }
 
-int step(const arterial_program *p, const memory *m, double dt, const double *state, double *after)
+int step(const arterial_program *p, const memory *m, double dt, const double *state, double *after, const double *acting)
 {
     const int32_t n = p->n_y, unknowns = p->n_Q + p->n_H;
     const double *const last = state + n + p->n_A + p->n_H, *const before = last + STAGES * unknowns;
@@ -101,6 +101,7 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
     int32_t i;
     put(p, m, IN_Y, state, n);
     put(p, m, IN_H0, state + n + p->n_A, p->n_H);
+    put(p, m, IN_G_BEGIN, acting, p->n_sources);
     if (!run(p, m, PREPARE)) return 0;
     memcpy(found + STAGES * unknowns, last, sizeof(double) * STAGES * (size_t)unknowns);
     for (int s = 0; s < STAGES; s++) {
@@ -111,6 +112,7 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
             for (i = 0; i < n; i++) start[i] += a * k_j[i];
         }
         put(p, m, IN_GIVEN, place(p, m, OUT_GIVEN) + s * p->n_inlets, p->n_inlets);
+        put(p, m, IN_G, acting + (s + 1) * p->n_sources, p->n_sources);
         if (!run(p, m, START)) return 0;
         for (i = 0; i < unknowns; i++) rates[i] = 2.0 * last[s * unknowns + i] - before[s * unknowns + i];
         for (i = 0; i < p->n_Q; i++) Q[i] = start[p->at_Q + i] + tau * rates[i];
@@ -130,8 +132,9 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
     return 1;
 }
 
-void report(const arterial_program *p, const memory *m, const double *state, double *row)
+void report(const arterial_program *p, const memory *m, const double *state, double *row, const double *acting)
 {
+    put(p, m, IN_G_REPORT, acting, p->n_sources);
     put(p, m, IN_Y_REPORT, state, p->n_y);
     put(p, m, IN_A_T_REPORT, state + p->n_y, p->n_A);
     put(p, m, IN_H_REPORT, state + p->n_y + p->n_A, p->n_H);
@@ -141,7 +144,7 @@ void report(const arterial_program *p, const memory *m, const double *state, dou
 
 int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double dt, const double *fixed, double *state,
                        double *spare, double *work, const double *drive, int own_drive, const double *venous,
-                       double *table)
+                       const double *acting, double *table)
 {
     const int32_t size = arterial_state_size(p), columns = 4 * p->n_inlets, D = own_drive ? B : 1;
     const size_t bytes = sizeof(double) * (size_t)B * (size_t)size;
@@ -155,8 +158,9 @@ int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double d
             const double *const given = drive + (int64_t)i * columns * D + (own_drive ? b : 0);
             for (int32_t j = 0; j < columns; j++) place(p, &m, IN_DRIVE)[j] = given[(int64_t)j * D];
             put(p, &m, IN_VENOUS, venous + (int64_t)b * p->n_outlets, p->n_outlets);
-            if (step(p, &m, dt, from, to) <= 0) break;
-            report(p, &m, to, table + ((int64_t)i * B + b) * p->n_report);
+            const double *const now = acting + (int64_t)i * (STAGES + 1) * p->n_sources;
+            if (step(p, &m, dt, from, to, now) <= 0) break;
+            report(p, &m, to, table + ((int64_t)i * B + b) * p->n_report, now + STAGES * p->n_sources);
         }
         if (b < B) break;
         other = state;

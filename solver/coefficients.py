@@ -291,7 +291,7 @@ def _outlets(numbers: _Numbers, terms: tuple[Term, ...]) -> tuple[Ends, ...]:
     found = tuple(Ends(kind, np.array(index), given(kind, index), terms) for kind, index in by_kind.items())
     for ends in (each for each in found if each.kind.stores):
         for effect, values in ends.outflows:
-            if any((values[key] != effect.neutral[key]).any() for key in values):
+            if any((values[key] != effect.neutral[key]).any() for key in values if key not in effect.how):
                 raise InputError(
                     f"network {numbers.network.name}: {effect.name} is no effect of a {ends.kind.noun}, whose flow is "
                     "not one of P - P_venous; leave it out, or give another outlet."

@@ -121,7 +121,7 @@ def _beats(model: Model, drive: Array, forcing: Forcing, asked: _Asked, backend:
 def _by_engine(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _Asked) -> Array:
     """Raises NoEngine where it is not that of NumPy, Unsolved."""
     model = engine.model
-    if not engine.checked:
+    if not engine.recorded.checked:
         _compare(engine, drive, forcing, asked)
     X = np.full((model.coefficients.B, asked.K + 1, len(asked.names)), np.nan, complex)
     units = tuple(model.network.output_units())
@@ -151,7 +151,7 @@ def _compare(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _Aske
         apart = off[:, of].max() / max(np.abs(expected[:, of]).max(), np.finfo(float).tiny)
         if not apart <= _EQUAL:
             raise NoEngine(f"a balance of it is not that of NumPy: {kind} is {apart:.1e} off")
-    engine.was_checked()
+    engine.recorded.checked = True
 
 
 def _by_numpy(model: Model, drive: Array, forcing: Forcing, asked: _Asked) -> Array:

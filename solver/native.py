@@ -20,7 +20,7 @@ import numpy as np
 
 from .errors import InputError
 from .scheme.model import Model
-from .scheme.sdirk import GAMMA, INFLOW_TIMES, STAGES
+from .scheme.sdirk import GAMMA, INFLOW_TIMES, SDIRK3, STAGES
 from .scheme.step import State, at_stages_of, step
 from .tracing.program import OPERATIONS
 from .tracing.recorder import Untraceable
@@ -55,7 +55,7 @@ class Program(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_void_p) for name in ("code", "begin", "index", "constants")),
         *((name, ctypes.c_int32) for name in ("n_fixed", "n_work", "n_y", "n_A", "n_Q", "at_Q", "n_H", "n_inlets",
-                                              "n_outlets", "n_report")),
+                                              "n_outlets", "n_report", "n_sources")),
         ("place", ctypes.c_int32 * len(PLACES)),
     ]  # fmt: skip
 
@@ -81,7 +81,7 @@ def library() -> ctypes.CDLL:
     pointer, number = ctypes.c_void_p, ctypes.c_int32
     found.arterial_bind.argtypes = [pointer, pointer, pointer]
     found.arterial_steps.argtypes = [
-        pointer, number, number, ctypes.c_double, *[pointer] * 5, ctypes.c_int, pointer, pointer
+        pointer, number, number, ctypes.c_double, *[pointer] * 5, ctypes.c_int, *[pointer] * 3
     ]  # fmt: skip
     found.arterial_steps.restype = number
     return found
@@ -117,7 +117,7 @@ class Bound:
         pointers = (x.ctypes.data for x in (p.code, p.begin, p.index, p.constants))
         counts = (
             p.n_fixed, p.n_work, layout.size, n_A, n_Q, layout.places["Q"].start, n_H, len(model.inlets.by_flow),
-            len(model.mesh.topology.outlet_segment), len(model.network.output_units()),
+            len(model.mesh.topology.outlet_segment), len(model.network.output_units()), len(model.tables.tables),
         )  # fmt: skip
         self.program = p  # which the pointers need
         self.c = Program(*pointers, *counts, tuple(p.address.get(name, 0) for name in PLACES))
@@ -136,8 +136,6 @@ class Engine:
 
     def __init__(self, model: Model, dt: float) -> None:
         self.model, self.dt, self.library = model, dt, library()
-        if model.network.sources:
-            raise NoEngine("tables of sources are not recorded")
         try:
             self.recorded, arrays = recorded(model, GAMMA * dt)
         except Untraceable as reason:
@@ -172,9 +170,11 @@ class Engine:
         parts = [state.y, state.A_t.reshape(B, -1), state.H, *(x.swapaxes(0, 1).reshape(B, -1) for x in pair)]
         now = np.concatenate(parts, axis=1)
         spare, drive = np.empty_like(now), np.ascontiguousarray(drive.reshape(n, self.n_inlets, len(INFLOW_TIMES), -1))
+        acting = self._acting(state.t, n)
         done = self.library.arterial_steps(
             ctypes.byref(self._c), n, B, self.dt, self._fixed.ctypes.data, now.ctypes.data, spare.ctypes.data,
-            self._work.ctypes.data, drive.ctypes.data, drive.shape[-1] > 1, self._venous.ctypes.data, table.ctypes.data,
+            self._work.ctypes.data, drive.ctypes.data, drive.shape[-1] > 1, self._venous.ctypes.data,
+            acting.ctypes.data, table.ctypes.data,
         )  # fmt: skip
         if not done:
             return 0, state
@@ -182,6 +182,13 @@ class Engine:
         last, before = (np.ascontiguousarray(x.reshape(B, STAGES, -1).swapaxes(0, 1)) for x in unknowns)
         after = replace(state, t=state.t + done * self.dt, y=y, A_t=A_t.reshape(state.A_t.shape), H=H, dt=self.dt)
         return done, replace(after, unknowns=last, unknowns_before=before)
+
+    def _acting(self, t: float, n: int) -> Array:
+        """What tables give at the start and at the stages of n steps from the time t [s] on : (n, 4, n_sources)."""
+        moments = np.concatenate([[0.0], SDIRK3.sum(axis=1)])
+        times = t + self.dt * np.add.outer(np.arange(n), moments)
+        each = [np.zeros(0) if g is None else g for g in self.model.tables.at(times.ravel())]
+        return np.array(each, float).reshape(n, len(moments), -1) if n else np.zeros((0, 4, 0))
 
 
 def _compare(found: State, expected: State) -> None:

@@ -6,7 +6,7 @@ A member that the engine does not solve is left to NumPy, with the rest of its b
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
@@ -96,15 +96,6 @@ class BalanceEngine:
         counts = (n_held, *size, places["P_C"].start, places["stress"].start)
         self._bound, self._size, self._n_held = bound, size, n_held
         self._c = ctypes.byref(_Balance(bound.c, *counts, tuple(address.get(name, 0) for name in PLACES)))
-
-    @property
-    def checked(self) -> bool:
-        """Whether a balance of the same laws, outlets and effects, of whatever network, was compared with NumPy's."""
-        return self.recorded.classes in _checked
-
-    def was_checked(self) -> None:
-        """It was, and is the same."""
-        _checked.add(self.recorded.classes)
 
     def _run(self, name: str, *arguments: Any) -> Any:
         given = (x.ctypes.data if isinstance(x, np.ndarray) else x for x in arguments)
@@ -217,7 +208,6 @@ def _turns(K: int) -> Array:
 
 
 _LONG = np.array(LONG)
-_checked = set[Hashable]()
 
 
 @cache

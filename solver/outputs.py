@@ -119,7 +119,9 @@ def volume_weights(model: Model) -> Array:
 
 def venous_flow(model: Model, state: State, P_venous: Array) -> Array:
     """The flow of each outlet to its P_venous : (n_outlets,) or (B, n_outlets) [Pa], as (B, n_outlets) [m³/s]."""
-    P_C, found = model.layout.part(state.y, "P_C"), state.Q[:, model.mesh.outlet_element, -1].copy()
+    (acting,) = model.tables.at(np.array([state.t]))
+    Q, P_C = state.Q[:, model.mesh.outlet_element, -1], model.layout.part(state.y, "P_C")
+    found = model.tables.let_out(Q, acting).copy()
     for ends in model.coefficients.outlets:
         if ends.kind.stores:
             numbers = ends.changed({"P_venous": np.atleast_2d(P_venous)[:, ends.index]})

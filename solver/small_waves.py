@@ -56,7 +56,7 @@ def _waves(
     model: Model, mean: Array, taus: Sequence[Any], momentum: Array, nodes: Array, engine: BalanceEngine | None
 ) -> tuple[State, Array, Array]:
     """The steady state, and the waves that sources make about it."""
-    if engine is None or not engine.checked:  # a balance of such a model was not yet compared with NumPy's
+    if engine is None or not engine.recorded.checked:  # a balance of such a model was not yet compared with NumPy's
         rest = steady(model, mean)
         return rest, *Response.about(model, taus, rest).to_sources(momentum, nodes)
     return engine.to_sources(np.array(taus, complex), mean[0], momentum, nodes)

@@ -1,7 +1,8 @@
 /* Random calls into FMI 2.0 co-simulation instances that are linked in: native_fuzz FOLDER GUID SEED CALLS.
  *
  * Any order, any numbers, null pointers, states of other instances and damaged bytes. It is compiled with sanitizers,
- * which end it at the first fault. Prints how many calls were made, how many of them and how many steps succeeded, and how many lines were logged.
+ * which end it at the first fault. Prints how many calls were made, how many of them, of steps and of derivatives
+ * succeeded, and how many lines were logged.
  */
 #include <math.h>
 #include <stdarg.h>
@@ -79,7 +80,7 @@ int main(int argc, char **argv)
     C instance[MANY] = {NULL};
     void *state[STATES] = {NULL};
     double at[MANY] = {0.0}, values[MOST];
-    int integers[MOST], fine = 0, steps = 0;
+    int integers[MOST], fine = 0, steps = 0, derived = 0;
     unsigned vr[MOST];
     const char *texts[MOST] = {NULL};
     if (argc != 5) return 2;
@@ -141,7 +142,13 @@ int main(int argc, char **argv)
             free(bytes);
             break;
         }
-        case 21: status = fmi2GetDirectionalDerivative(c, vr, n, vr, n, values, values) + fmi2CancelStep(c); break;
+        case 21: { /* of an output by what may have a derivative; of anything */
+            unsigned one = 130 + (unsigned)any(20), other = (unsigned)any(100);
+            status = any(2) ? fmi2GetDirectionalDerivative(c, &one, 1, &other, 1, values, values)
+                            : fmi2GetDirectionalDerivative(c, vr, n, any(9) ? vr : NULL, n, values, values) + fmi2CancelStep(c);
+            derived += status == 0;
+            break;
+        }
         case 22: status = fmi2SetDebugLogging(c, 1, n ? 1 : 0, any(2) ? texts : NULL); break;
         default:
             if (!any(20)) for (int j = 0; j < MANY; j++) { /* begin anew, so that steps are reached */
@@ -155,6 +162,6 @@ int main(int argc, char **argv)
         fine += status == 0;
     }
     for (size_t i = 0; i < MANY; i++) fmi2FreeInstance(instance[i]);
-    printf("%ld %d %d %ld\n", calls, fine, steps, lines);
+    printf("%ld %d %d %d %ld\n", calls, fine, steps, derived, lines);
     return 0;
 }

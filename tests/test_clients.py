@@ -112,8 +112,31 @@ def reference(built: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) 
     return {kind: run_client("fmpy", job(fmu, folder / kind), folder) for kind, fmu in built.items()}
 
 
+def check_client(
+    client: str, fmu: Path, expected: np.ndarray, folder: Path, request: pytest.FixtureRequest, **environment: str
+) -> None:
+    """50 steps of 1 ms, every output: the bits of FMPy.
+
+    Up to round-off, 1e-12, with FMPy's own driver, which interpolates the inflow once more, and with libcosim, which
+    counts the time in ns. environment : of the host in C.
+    """
+    skip_unless_installed(client)
+    task = job(fmu, folder)
+    if client == "c":
+        found = run_c(request.getfixturevalue("c_host"), task, folder, environment)
+    else:
+        found = run_client(client, task, folder)
+    assert found.shape == expected.shape == (N, len(task.outputs))
+    assert np.ptp(expected[:, task.outputs.index("CA.P")]) > 100.0
+    tolerance = 1e-12 if client in ("simulate_fmu", "libcosim") else 0.0
+    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance * 1e-6)
+
+
+HOSTS = ["simulate_fmu", "ecos", "libcosim", "c"]
+
+
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
-@pytest.mark.parametrize("client", ["simulate_fmu", "ecos", "libcosim", "c"])
+@pytest.mark.parametrize("client", HOSTS)
 def test_same_answers(
     client: str,
     interpolation: str,
@@ -122,22 +145,7 @@ def test_same_answers(
     tmp_path: Path,
     request: pytest.FixtureRequest,
 ) -> None:
-    """50 steps of 1 ms, every output: the bits of FMPy.
-
-    Up to round-off, 1e-12, with FMPy's own driver, which interpolates the inflow once more, and with libcosim, which
-    counts the time in ns.
-    """
-    skip_unless_installed(client)
-    task = job(built[interpolation], tmp_path)
-    if client == "c":
-        found = run_c(request.getfixturevalue("c_host"), task, tmp_path)
-    else:
-        found = run_client(client, task, tmp_path)
-    expected = reference[interpolation]
-    assert found.shape == expected.shape == (N, len(task.outputs))
-    assert np.ptp(expected[:, task.outputs.index("CA.P")]) > 100.0
-    tolerance = 1e-12 if client in ("simulate_fmu", "libcosim") else 0.0
-    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance * 1e-6)
+    check_client(client, built[interpolation], reference[interpolation], tmp_path, request)
 
 
 @pytest.fixture(scope="module")
@@ -147,18 +155,27 @@ def fmus_of_all_kinds(built: dict[str, Path], tmp_path_factory: pytest.TempPathF
     return [built["hold"], build_model(heart_model(), folder), build_model(body_model(), folder)]
 
 
-def test_fmutool_finds_nothing(fmus_of_all_kinds: list[Path]) -> None:
+def check_by_fmutool(fmu: Path) -> None:
     """The checks of fmu-manipulation-toolbox: the description's schema, and the rules of the standard beside it."""
-    tool = shutil.which("fmutool", path=sysconfig.get_path("scripts"))
-    if tool is None:
+    done = subprocess.run([tool("fmutool"), "-input", fmu, "-check"], capture_output=True, text=True, timeout=60)
+    said = done.stdout + done.stderr
+    assert done.returncode == 0
+    assert "This FMU seems to be compliant with FMI-2.0." in said
+    assert "No semantic error" in said
+    assert "ERROR" not in said and "WARNING" not in said
+
+
+def tool(name: str) -> str:
+    """A program of fmu-manipulation-toolbox."""
+    found = shutil.which(name, path=sysconfig.get_path("scripts"))
+    if found is None:
         pytest.skip("fmu-manipulation-toolbox is not installed")
+    return found
+
+
+def test_fmutool_finds_nothing(fmus_of_all_kinds: list[Path]) -> None:
     for fmu in fmus_of_all_kinds:
-        done = subprocess.run([tool, "-input", fmu, "-check"], capture_output=True, text=True, timeout=60)
-        said = done.stdout + done.stderr
-        assert done.returncode == 0
-        assert "This FMU seems to be compliant with FMI-2.0." in said
-        assert "No semantic error" in said
-        assert "ERROR" not in said and "WARNING" not in said
+        check_by_fmutool(fmu)
 
 
 def test_doctor_finds_nothing(fmus_of_all_kinds: list[Path]) -> None:
@@ -167,17 +184,18 @@ def test_doctor_finds_nothing(fmus_of_all_kinds: list[Path]) -> None:
         assert doctor.state(doctor.examine(fmu)) in (doctor.OK, doctor.NOTE), fmu
 
 
-def test_within_a_container(sheep: Network, reference: dict[str, np.ndarray], tmp_path: Path) -> None:
-    """fmucontainer's host in C steps the FMU, inside FMPy: the same answers. Its parameters are built in."""
-    tool = shutil.which("fmucontainer", path=sysconfig.get_path("scripts"))
-    if tool is None:
-        pytest.skip("fmu-manipulation-toolbox is not installed")
-    build(sheep, tmp_path, starts={"inlet.interpolation": "smooth", "CA.phi0": 2e3})
-    (tmp_path / "box.csv").write_text("rule;from_fmu;from_port;to_fmu;to_port\nFMU;sheep.fmu;;;\n")
-    line = [tool, "-fmu-directory", ".", "-container", f"box.csv:{STEP}"]
-    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, timeout=120)
+def check_container(folder: Path, expected: np.ndarray) -> None:
+    """fmucontainer's host in C steps the folder's sheep.fmu, inside FMPy: the same answers. Its parameters are built
+    in."""
+    (folder / "box.csv").write_text("rule;from_fmu;from_port;to_fmu;to_port\nFMU;sheep.fmu;;;\n")
+    line = [tool("fmucontainer"), "-fmu-directory", ".", "-container", f"box.csv:{STEP}"]
+    done = subprocess.run(line, capture_output=True, text=True, cwd=folder, timeout=120)
     assert done.returncode == 0, done.stderr
-    task = job(tmp_path / "box.fmu", tmp_path)
+    task = job(folder / "box.fmu", folder)
     del task.starts["CA.phi0"]
-    found = run_client("fmpy", task, tmp_path)
-    np.testing.assert_allclose(found, reference["smooth"], rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(run_client("fmpy", task, folder), expected, rtol=1e-12, atol=1e-18)
+
+
+def test_within_a_container(sheep: Network, reference: dict[str, np.ndarray], tmp_path: Path) -> None:
+    build(sheep, tmp_path, starts={"inlet.interpolation": "smooth", "CA.phi0": 2e3})
+    check_container(tmp_path, reference["smooth"])

@@ -89,3 +89,11 @@ def test_it_is_no_candidate_but_makes_laws(sheep: Network) -> None:
     assert "CA" not in LAW.where(soft) and "CA" in LAW.where(sheep)
     with pytest.raises(InputError, match="learned_outlet is no effect of a Windkessel"):
         simulate(soft.with_terms({f"CA.outlet.{key}": x for key, x in NUMBERS.items()}), duration=0.01)
+
+
+def test_a_range_alone_is_no_law(sheep: Network) -> None:
+    """The range of a law whose sizes are 0 does nothing at a Windkessel, where the law itself is refused."""
+    soft = sheep.with_outlet(Windkessel("CA", R1=3e8, C=1e-10, R2=2e9))
+    ranged = {f"CA.outlet.{key}": x if key in LAW.how else 0.0 for key, x in NUMBERS.items()}
+    found, expected = (simulate(n, duration=0.02)["CA.P"] for n in (soft.with_terms(ranged), soft))
+    np.testing.assert_array_equal(found, expected)

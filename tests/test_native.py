@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from native_build import FILE, build
 from test_halving import LONG, jumping
 from test_several_inlets import fork
+from test_table_source import table
 from test_toy import Orifice, TissueSupport
 
 from solver import (
@@ -35,11 +36,13 @@ from solver import (
     simulate,
     simulate_periodic,
 )
+from solver.curve import Curve
 from solver.effect import Array, Drag, Effect, Points, SearchSpec, Values
 from solver.files import bundled_names
 from solver.laws import ELASTIC_LAWS, Beta
 from solver.outlets import OUTLETS, Outlet, Pressure, Resistance
 from solver.quantity import Quantity
+from solver.table_source import KINDS, TableSource
 from solver.tracing.steps import Programs
 from solver.wall import Wall
 
@@ -281,6 +284,18 @@ class Branching(Beta):
 def branching(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> Iterator[Network]:
     monkeypatch.setitem(ELASTIC_LAWS, "branching", Branching())
     yield replace(sheep, elastic_law="branching")
+
+
+def test_tables_of_sources() -> None:
+    """Every kind of them, a cubic and a straight table beside series, at a Windkessel, too."""
+    T = load("sheep").inlet.T
+    times, pulse = np.linspace(0.0, T, 11), 2e-6 * np.sin(np.linspace(0.0, np.pi, 11)) ** 2
+    sampled = [Curve("Q", tuple(times), (*pulse[:-1], 0.0), interpolation=way) for way in ("cubic", "linear")]
+    sources = [table(kind, "CA", T) for kind in KINDS] + [TableSource("outflow", "AA", curve) for curve in sampled]
+    network = replace(load("sheep"), sources=tuple(sources)).with_outlet(Windkessel("CA", R1=3e8, C=1e-10, R2=2e9))
+    found, expected = both(network)
+    assert off(found, expected) < EQUAL
+    assert off(found, simulate(replace(network, sources=()), duration=0.2, settings=COARSE)) > 0.1
 
 
 def test_what_is_not_recorded(branching: Network) -> None:

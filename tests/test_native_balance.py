@@ -37,6 +37,7 @@ from solver.outlets import OUTLETS, Outlet
 from solver.small_waves import source_responses
 from solver.sources import Drop, Outflow, OutletFlow, Source, WallPressure
 from solver.table_source import TableSource
+from solver.tracing.steps import Programs
 
 __all__ = ["branching", "engine"]  # fixtures: the first asked for by name, the second by every test
 
@@ -220,11 +221,21 @@ def test_a_wrong_engine_is_found_out(sheep: Network, monkeypatch: pytest.MonkeyP
         return ((beat, found * (1.0 + 1e-7)) for beat, found in beats(self, *arguments, **options))
 
     monkeypatch.setattr(BalanceEngine, "beats", wrong)
-    monkeypatch.setattr("solver.native_balance._checked", set())  # none that was compared before
+    monkeypatch.setattr("solver.tracing.balance._programs", Programs())  # none that was compared before
     expected, found = (beat_harmonics(sheep, ["CA.P"], K, backend=b) for b in ("numpy", "auto"))
     np.testing.assert_array_equal(found, expected)
     with pytest.raises(InputError, match=r"a balance of it is not that of NumPy: P is 1\.0e-07 off"):
         beat_harmonics(sheep, ["CA.P"], K, backend="native")
+
+
+def test_every_program_is_compared_once(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another mesh of the same network is another program, which is compared, too; a second beat is not."""
+    told, compare = list[int](), solver.harmonics._compare
+    monkeypatch.setattr("solver.tracing.balance._programs", Programs())
+    monkeypatch.setattr(solver.harmonics, "_compare", lambda *given: told.append(1) or compare(*given))
+    for length, n in ((0.05, 1), (0.05, 1), (0.02, 2), (0.05, 2)):
+        beat_harmonics(sheep, ["CA.P"], K, settings=Settings(element_length=length), backend="native")
+        assert len(told) == n
 
 
 def test_what_the_engine_does_not_solve(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import zipfile
 from ctypes import c_double, c_uint32
+from dataclasses import replace
 from pathlib import Path
 
 import fmpy
@@ -17,14 +19,16 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from fmus import COARSE, MS, Instance
 from native_fmus import apart, elastic, half_sine, needs_compiler, pair, rows
+from test_table_source import table as source
 from test_toy import TissueSupport
 
 from build_fmu import build, build_native
 from fmu_src import binaries, compiler, doctor
 from fmu_src.resource import checksum
 from fmu_src.run import FMUError, run_fmu
-from solver import effects, load, simulate
+from solver import Settings, effects, load, simulate
 from solver.errors import InputError
+from solver.table_source import KINDS
 
 pytestmark = needs_compiler
 EQUAL = 1e-12  # of the largest value of each output
@@ -82,13 +86,51 @@ def test_periodic_start(both: tuple[Instance, Instance]) -> None:
 
 
 def test_another_mesh_is_refused(native: Path, tmp_path: Path) -> None:
-    """Elements shorter than those that it was built with, also where all other values were run with before."""
+    """The sentence names the parameter, its value and how far it may go, where it is then accepted; one of several,
+    too, and also where all other values were run with before."""
     instance = Instance(native, tmp_path / "one")
+
+    def refusal(values: dict[str, float]) -> str:
+        instance.slave.reset()
+        with pytest.raises(FMICallException):
+            instance.initialize(values)
+        return instance.messages.pop()
+
     instance.initialize({})
-    instance.slave.reset()
-    with pytest.raises(FMICallException):
-        instance.initialize({"solver.element_length": 1e-3})
-    assert "these parameters need another mesh" in instance.messages.pop()
+    for name, given in (
+        ("solver.element_length", {"solver.element_length": 1e-3}),
+        ("CA.L", {"CA.E": 2e6, "CA.L": 0.3}),
+        ("CA.L", {"CA.L": 0.3, "MD.L": 0.4}),
+    ):
+        said = re.fullmatch(
+            rf"sheep: {name} = {given[name]:g} m: needs another mesh, .* {name} may lie in \[(.+), (.+)\] m here; "
+            r"build it anew with --set, or take the FMU that needs Python\.",
+            refusal(given),
+        )
+        assert said
+        for end, outward in zip(map(float, said.groups()), (-1.0, 1.0), strict=True):
+            instance.slave.reset()
+            instance.initialize({**given, "MD.L": 0.1, name: end * (1.0 - 1e-3 * outward)})
+            assert f"{name} = " in refusal({**given, "MD.L": 0.1, name: end * (1.0 + 1e-2 * outward)})
+
+
+def test_halved_steps(tmp_path: Path) -> None:
+    """Steps that do not converge: both FMUs cut the same ones, and outputs stay equal (measured 3e-14)."""
+    told, outputs = list[list[int]](), list[np.ndarray]()
+    for which, make in (("python", build), ("native", build_native)):
+        file = make(elastic(load("human")), tmp_path / which, Settings(dt=5e-3))
+        instance = Instance(file, tmp_path / f"{which}_fmu")
+        instance.initialize({"inlet.interpolation": "smooth"})
+        halved = []
+        for i in range(40):
+            instance.step(i, 3e-3 * (i % 20 > 9), 5e-3)
+            halved += [i] * len(instance.messages)
+            assert all("cut into halves" in message for message in instance.messages)
+            instance.messages.clear()
+        told.append(halved)
+        outputs.append(np.array(instance.get()))
+    assert told[0] == told[1] and len(told[0]) > 5
+    np.testing.assert_allclose(outputs[1], outputs[0], rtol=1e-13)
 
 
 def test_elastic_walls(tmp_path: Path) -> None:
@@ -117,6 +159,18 @@ def test_networks_and_effects(tmp_path: Path, name: str) -> None:
     network = HELD[name]()
     steps = 1800 if name == "human" else 150
     same(*pair(network, tmp_path), {"inlet.drive": "network"}, steps)
+
+
+@pytest.mark.parametrize("way", ["hold", "smooth"])
+def test_tables_of_sources(tmp_path: Path, way: str) -> None:
+    """They act at every stage, in outputs and in ports; they move the pressures by much more."""
+    T, plain = load("sheep").inlet.T, load("sheep")
+    acting = replace(plain, sources=tuple(source(kind, "CA", T) for kind in KINDS))
+    one, two = pair(acting, tmp_path)
+    same(one, two, {"inlet.interpolation": way}, 60)
+    other = Instance(build_native(plain, tmp_path / "plain"), tmp_path / "fmu")
+    run = ({"inlet.interpolation": way}, 60)
+    assert apart(one, rows(other, *run), rows(one, *run))[0] > 1e-2
 
 
 def test_toy_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -293,7 +347,7 @@ def test_bytes_of_no_state(native: Path, tmp_path: Path) -> None:
     instance = Instance(native, tmp_path / "one")
     instance.initialize({})
     blob = instance.slave.serializeFMUState(instance.slave.getFMUState())
-    head, law, last_steps = 88, 28 + instance.references["network.elastic_law"], 23  # as native/fmu has them
+    head, law, last_steps = 88, 29 + instance.references["network.elastic_law"], 23  # as native/fmu has them
     for at, value in ((law, 1e9), (law, float("nan")), (last_steps, 1e300), (last_steps, -1.0)):
         numbers = np.frombuffer(blob[head:]).copy()
         assert numbers[at] == 1.0

@@ -8,7 +8,7 @@
 #include <string.h>
 
 static const char *const NAMES[] = {"instantiated", "initialization mode", "stepping", "terminated"};
-static const double FURTHEST = 2.0, RENEWED = 9.9e-3, SLACK = 2e-6, MOST_STEPS = 1e6, LARGEST_RATIO = 100.0;
+static const double FURTHEST = 2.0, RENEWED = 9.9e-3, SLACK = 2e-6, MOST_STEPS = 1e6;
 
 int say(component *c, const char *format, ...)
 {
@@ -70,7 +70,7 @@ static size_t laid_out(component *c, double *from)
     if (!from) {
         const int64_t per_slot = r->n_parameters + fixed;
         return sizeof(double) * (size_t)(2 * n + 3 * c->n_position + 2 * r->n_state + work + rows + 2 * n_in + 2 * n_out +
-                                         3 * n_in + 4 * n_in * (HALVINGS + 2) + n_out + SLOTS * per_slot);
+                                         4 * r->n_sources + 1 + 3 * n_in + 4 * n_in * (HALVINGS + 2) + n_out + SLOTS * per_slot);
     }
     c->numbers = taken(&at, n);
     c->before = taken(&at, n);
@@ -84,6 +84,7 @@ static size_t laid_out(component *c, double *from)
     c->given = taken(&at, 3 * n_in);
     for (int i = 0; i < HALVINGS + 2; i++) c->drives[i] = taken(&at, 4 * n_in);
     c->pressures = taken(&at, n_out);
+    c->acting = taken(&at, (STAGES + 1) * r->n_sources + 1);
     for (int i = 0; i < SLOTS; i++) {
         c->slots[i].parameters = taken(&at, r->n_parameters);
         c->slots[i].fixed = taken(&at, fixed);
@@ -112,11 +113,13 @@ void component_free(component *c)
 {
     free(c->numbers);
     resource_free(&c->r);
+    free(c->derivative);
     free(c);
 }
 
 void component_reset(component *c)
 {
+    c->stepped = 0;
     memset(c->numbers, 0, sizeof(double) * (size_t)c->n_numbers);
     for (int32_t i = 0; i < c->r.meta[N_VARIABLES]; i++)
         c->numbers[c->values + i] = i < c->r.meta[FIRST_OUTPUT] ? c->r.ranges[PER_RANGE * i + START_VALUE] : 0.0;
@@ -173,75 +176,6 @@ int back(component *c)
     return 0;
 }
 
-/* --- parameters ------------------------------------------------------------------------------------------------------- */
-
-static int ratios_fit(component *c)
-{
-    for (int32_t i = 0; i < c->r.n_segments; i++) {
-        const int32_t *const s = c->r.segments + PER_SEGMENT * i;
-        const double phi0 = value_of(c, s[VR_PHI0]), phiNL = value_of(c, s[VR_PHINL]);
-        const char *const name = text(c, s[SEGMENT_NAME]);
-        if (fabs(phiNL) > LARGEST_RATIO * phi0)
-            return say(c,
-                       "%.100s.phiNL = %g Pa.s^2 is too large for %.100s.phi0 = %g Pa.s: phiNL/phi0 must lie in [-100, 100] "
-                       "s; set %.100s.phiNL to 0 or raise %.100s.phi0.",
-                       name, phiNL, name, phi0, name, name);
-    }
-    return 1;
-}
-
-static int can_rest(component *c, int32_t program, double *fixed)
-{
-    const memory m = memory_for(c, program, fixed);
-    const double *const A = further(c, program, &m, OUT_A_REST), *const lost = further(c, program, &m, OUT_LOST_AT_REST);
-    const int32_t *const law = variable(c, (uint32_t)c->r.meta[VR_ELASTIC]);
-    const char *name, *which = text(c, law[ITEMS]);
-    for (int k = 1; k < (int)value_of(c, c->r.meta[VR_ELASTIC]); k++) which += strlen(which) + 1;
-    for (int32_t e = 0; e < c->r.n_elements; e++)
-        if (!(A[e] > 0.0)) {
-            name = text(c, c->r.segments[PER_SEGMENT * c->r.elements[e] + SEGMENT_NAME]);
-            return say(c,
-                       "network.P_0: the wall of segment %.100s cannot carry the start pressure under the %s law; lower "
-                       "network.P_0 or raise %.100s.E or %.100s.h.",
-                       name, which, name, name);
-        }
-    for (int32_t i = 0; i < c->r.n_outlets; i++)
-        if (lost[i] != 0.0) {
-            name = text(c, c->r.segments[PER_SEGMENT * c->r.venous[PER_VENOUS * i + OUTLET_SEGMENT] + SEGMENT_NAME]);
-            return say(c,
-                       "%.100s.outlet.P_venous: the wall at the outlet cannot carry P_0 - P_venous under the %s law; bring "
-                       "%.100s.outlet.P_venous nearer to network.P_0.",
-                       name, which, name);
-        }
-    return 1;
-}
-
-/* Takes the values of all parameters over, with the first program that has what they need. */
-static int take_over(component *c)
-{
-    double *const x = c->numbers, dt = value_of(c, c->r.meta[VR_DT]);
-    int laws = 0;
-    if (!ratios_fit(c)) return 0;
-    for (int32_t i = 0; i < c->r.n_parameters; i++) x[c->now + i] = value_of(c, c->r.parameters[i]);
-    for (int32_t i = 0; i < c->r.meta[N_PROGRAMS]; i++) {
-        const int32_t *const meta = c->r.recorded[i].meta;
-        if (meta[ELASTIC] != (int32_t)value_of(c, c->r.meta[VR_ELASTIC])) continue;
-        if (meta[VISCOUS] && meta[VISCOUS] != (int32_t)value_of(c, c->r.meta[VR_VISCOUS])) continue;
-        laws = 1;
-        double *const fixed = bound(c, i, x + c->now, dt);
-        if (!fixed) continue;
-        x[NOW] = i;
-        x[DT] = dt;
-        return can_rest(c, i, fixed);
-    }
-    return say(c,
-               laws ? "these parameters need another mesh (lengths, solver.element_length, parts of a segment) or other orders "
-                      "of springpots than this FMU, which needs no Python, was built with; build it anew with --set, or "
-                      "take the FMU that needs Python."
-                    : "network.elastic_law or network.viscous_law: this FMU, which needs no Python, was built for another "
-                      "one; build it anew with --set, or take the FMU that needs Python.");
-}
-
 /* --- communication steps ------------------------------------------------------------------------------------------------ */
 
 static void driving(const component *c, double *found)
@@ -258,7 +192,7 @@ static int same(const double *a, const double *b, int32_t n)
 
 static double volume(component *c, const double *parameters, int32_t program, const double *position)
 {
-    return shown_of(c, program, parameters, position, c->numbers + c->last_venous, NULL, NULL);
+    return shown_of(c, program, parameters, position, 0.0, c->numbers + c->last_venous, NULL, NULL);
 }
 
 /* The same position under other parameters. What another compliance holds at the same pressure counts as come in. */
@@ -314,7 +248,7 @@ static int show(component *c)
     double *const fixed = bound(c, program, x + c->now, x[LAST_DT]);
     if (!fixed) return say(c, "the equations at rest are singular.");
     const memory m = memory_for(c, program, fixed);
-    report(p, &m, x + c->shown + AT_DRIVE + c->r.n_inlets, c->row);
+    report(p, &m, x + c->shown + AT_DRIVE + c->r.n_inlets, c->row, acting_at(c, x[TIME], 0.0));
     memcpy(out, c->row, sizeof(double) * (size_t)p->n_report);
     out[p->n_report] = x[V_NOW];
     out[p->n_report + 1] = x[V_VENOUS];
@@ -332,6 +266,7 @@ static void renew(component *c)
     double *const x = c->numbers;
     const size_t bytes = sizeof(double) * (size_t)c->n_position;
     x[BASIS_TIME] = x[TIME];
+    x[BASIS_KNOWN] = x[FRESH] != 0.0 ? x[TIME] : x[TIME] - x[LAST_H];
     x[BASIS_H] = x[LAST_H];
     x[BASIS_STEPS] = x[LAST_STEPS];
     x[BASIS_DT] = x[LAST_DT];
@@ -406,6 +341,8 @@ static int driven(component *c, const stretch *s, double *Q)
     double *const x = c->numbers, *const shown = x + c->shown, *const known = x + c->known;
     const int32_t n = c->r.n_inlets;
     const size_t bytes = sizeof(double) * (size_t)c->n_position;
+    const int end = x[WAY] == HOLD; /* below, what the flow at the start of a stretch is in parts of the input */
+    if (c->d && x[WAY] != SMOOTH && !derivative_begins(c, shown, SHOWN, 1, end, x[OWN] == 0.0)) return 0;
     if (x[OWN] != 0.0) return run_along(c, s, shown, x[TIME]);
     if (x[WAY] != SMOOTH) {
         for (int32_t i = 0; i < n; i++) {
@@ -421,21 +358,25 @@ static int driven(component *c, const stretch *s, double *Q)
     } else {
         for (int32_t i = 0; i < n && s->h <= FURTHEST * x[LAST_H]; i++)
             x[c->slope + i] = (Q[i] - known[AT_DRIVE + i]) / x[LAST_H];
-        if (same(Q, shown + AT_DRIVE, n)) {
+        if (!c->d && same(Q, shown + AT_DRIVE, n)) {
             memcpy(known, shown, bytes);
         } else {
             const stretch last = {x[LAST_H], x[LAST_DT], (int64_t)x[LAST_STEPS], (int32_t)c->before[NOW],
                                   c->before + c->now, x + c->last_venous};
+            if (c->d && !derivative_begins(c, known, KNOWN, 0, 0.0, 1.0)) return 0;
             if (!run_stretch(c, &last, known, x[TIME] - x[LAST_H], known + AT_DRIVE, Q)) return 0;
             if (x[RETUNED] != 0.0) under(c, known);
         }
     }
     memcpy(shown, known, bytes);
     for (int32_t i = 0; i < n; i++) c->answers[i] = Q[i] + x[c->slope + i] * s->h;
+    const double further = x[FRESH] == 0.0 && s->h <= FURTHEST * x[LAST_H] ? 1.0 + s->h / x[LAST_H] : 1.0;
     x[FRESH] = 0.0;
+    if (c->d && !derivative_begins(c, shown, KNOWN_AS_SHOWN, 1, 1.0, further)) return 0;
     if (run_stretch(c, s, shown, x[TIME], Q, c->answers)) return 1;
     memcpy(shown, known, bytes); /* of a flow that was only extrapolated: without that */
     memset(x + c->slope, 0, sizeof(double) * (size_t)n);
+    if (c->d && !derivative_begins(c, shown, KNOWN_AS_SHOWN, 1, 1.0, 1.0)) return 0;
     return run_stretch(c, s, shown, x[TIME], Q, Q);
 }
 
@@ -467,7 +408,6 @@ static int retuned(component *c)
 static int stepped(component *c, double t, double h)
 {
     double *const x = c->numbers, *const Q = c->answers + c->r.n_inlets, halved = x[c->shown + HALVED];
-    if (!require(c, "do_step", STEPPING)) return 0;
     if (x[HAS_STOP] != 0.0 && t + h > x[STOP] + 1e-6 * fabs(h) + 1e-9 * fabs(t + h))
         return say(c, "step to t = %.9g s: the stop time is %.9g s; end there, or set up a later one.", t + h, x[STOP]);
     x[RETUNED] = 0.0;
@@ -506,13 +446,21 @@ static int stepped(component *c, double t, double h)
     return 1;
 }
 
+int component_again(component *c, double t, double h) { return stepped(c, t, h); }
+
+size_t step_bytes(const component *c) /* not the basis, and what is known only where it is not what is shown */
+{
+    return sizeof(double) * (size_t)(c->numbers[WAY] == SMOOTH ? c->basis_venous : c->known);
+}
+
 int component_step(component *c, double t, double h)
 {
-    /* what a step may change before it fails: not the basis, and what is known only where it is not what is shown */
-    const size_t bytes = sizeof(double) * (size_t)(c->numbers[WAY] == SMOOTH ? c->basis_venous : c->known);
+    const size_t bytes = step_bytes(c);
     c->remark[0] = 0;
+    if (!require(c, "do_step", STEPPING)) return -1;
     memcpy(c->before, c->numbers, bytes);
-    if (stepped(c, t, h)) return 1;
+    c->stepped = stepped(c, t, h);
+    if (c->stepped) return 1;
     memcpy(c->numbers, c->before, bytes);
     return 0;
 }

@@ -11,8 +11,8 @@
 
 enum { SOME_BYTES, SOME_INTEGERS, SOME_NUMBERS };
 enum { META, GUID, OPERATIONS, VARIABLES, RANGES, STRINGS, PARAMETERS, INLETS, INLET_NUMBERS, CURVES, VENOUS,
-       SEGMENTS, ELEMENTS, POSITIONS, PERIODIC, PROGRAMS };
-enum { PROGRAM_META, CODE, BEGIN, INDEX, NUMBERS, PER_PROGRAM }; /* of each program, from PROGRAMS on */
+       SEGMENTS, ELEMENTS, POSITIONS, PERIODIC, SOURCES, SOURCE_PERIODS, INDEX, NUMBERS, PROGRAMS };
+enum { PROGRAM_META, CODE, BEGIN, DERIVED_META, DERIVED_CODE, DERIVED_BEGIN, PER_PROGRAM }; /* of each program, from PROGRAMS on */
 /* META */
 enum { N_VARIABLES, FIRST_OUTPUT, FIRST_LATE, N_POINTS, N_PROGRAMS, VR_DT, VR_LENGTH, VR_ELASTIC, VR_VISCOUS,
        VR_INTERPOLATION, VR_DRIVE, VR_START, VR_T, VR_P_0, TEXT_NAME, TEXT_UNSOLVED, TEXT_SHORTER, N_META };
@@ -28,29 +28,35 @@ enum { VR_INLET, VR_MEAN, BY_FLOW, CURVE, CURVE_AT, CURVE_SIZE, PER_INLET };
 enum { NO_CURVE, HALF_SINE, CUBIC, FOURIER };
 enum { OWN_MEAN, OWN_T, OWN_MAX, PER_INLET_NUMBERS };
 enum { VR_VENOUS, OUTLET_SEGMENT, PER_VENOUS };
+enum { SOURCE_CURVE, SOURCE_AT, SOURCE_SIZE, PER_SOURCE }; /* SOURCES */
 enum { SEGMENT_NAME, VR_L, VR_PHI0, VR_PHINL, PER_SEGMENT };
 /* PROGRAM_META: laws (0 any), counts as in arterial_program, places, further ones, columns of the inlets, reasons */
-enum { ELASTIC, VISCOUS, N_MARGINS, COUNTS, N_COUNTS = 10, AT_PLACES = COUNTS + N_COUNTS };
+enum { ELASTIC, VISCOUS, N_MARGINS, COUNTS, N_COUNTS = 11, AT_PLACES = COUNTS + N_COUNTS };
+
+/* DERIVED_META, empty where there is none: n_fixed, n_work, places as in derivative.c. */
+enum { D_PHASES = PHASES + 1, D_PLACES = 43 };
 
 /* Phases after those of engine.h, and places after those there: in the order of solver/tracing/component.py. */
 enum { EXPLAIN = PHASES, SHOW };
 enum { MOST_MARGINS = 4 };
 enum { IN_PARAMETERS, IN_DT, IN_LENGTH, OUT_Y_REST, OUT_A_REST, OUT_LOST_AT_REST, OUT_SMALL_DRIVES, OUT_SMALL_VENOUS,
        OUT_END_IMPEDANCE, OUT_PHI0, OUT_A0, OUT_R, OUT_LOST, OUT_MARGINS,
-       IN_VENOUS_SHOW = OUT_MARGINS + MOST_MARGINS, OUT_V, OUT_ANSWERS, OUT_VENOUS_FLOW, FURTHER };
+       IN_VENOUS_SHOW = OUT_MARGINS + MOST_MARGINS, OUT_V, OUT_ANSWERS, OUT_VENOUS_FLOW, IN_G_SHOW, FURTHER };
 
 typedef struct {
     arterial_program program;
     const int32_t *meta, *further, *first, *reasons; /* first : columns of the inlets; reasons : two texts a margin */
+    arterial_program derived; /* of derivatives, and its places; NULL where there is none */
+    const int32_t *derived_places;
 } recorded;
 
 typedef struct {
     void *bytes;
     int32_t n_arrays;
-    const int32_t *meta, *variables, *parameters, *inlets, *venous, *segments, *elements;
-    const double *ranges, *inlet_numbers, *curves, *positions, *periodic;
+    const int32_t *meta, *variables, *parameters, *inlets, *venous, *segments, *elements, *sources;
+    const double *ranges, *inlet_numbers, *curves, *positions, *periodic, *source_periods;
     const char *guid, *strings;
-    int32_t n_parameters, n_inlets, n_outlets, n_segments, n_elements, n_periodic, n_state;
+    int32_t n_parameters, n_inlets, n_outlets, n_segments, n_elements, n_periodic, n_sources, n_state;
     recorded *recorded;
 } resource;
 
@@ -67,7 +73,7 @@ enum { HOLD = 1, LINEAR, SMOOTH };
 /* All that a state holds is numbers, one after the other: first these. */
 enum { STATE_OF, T0, STOP, HAS_STOP, OUTDATED, LATE_DUE, CHANGED, RETUNED, READY, NOW, DT, TIME, WAY, OWN, FRESH, V_NOW, V_0,
        V_VENOUS, Q_VENOUS, BASIS_TIME, FOUND, HEARD, LAST_H, LAST_STEPS, LAST_DT, BASIS_H, BASIS_STEPS, BASIS_DT,
-       N_HEAD };
+       BASIS_KNOWN, N_HEAD };
 /* Numbers of a position, before the engine's of its state. */
 enum { AT_DT, HALVED, V_IN, AT_DRIVE };
 
@@ -93,8 +99,10 @@ typedef struct {
     /* in both: */
     int64_t values, now, slope, unset, last_venous, basis_venous, Z, Z_0, Z_out, known, shown, basis_known,
         basis_shown;
-    double *work, *tried[3], *spare, *after, *row, *answers, *flows, *given, *drives[HALVINGS + 2], *pressures, clock;
+    double *work, *tried[3], *spare, *after, *row, *answers, *flows, *given, *drives[HALVINGS + 2], *pressures, *acting, clock;
     slot slots[SLOTS];
+    struct derivative *derivative, *d; /* made when it is asked for; d : while a step is made again for it */
+    int stepped;                       /* whether before is where the last step began */
     char said[ROOM], remark[ROOM], failure[ROOM];
 } component;
 
@@ -102,7 +110,8 @@ component *component_new(const char *folder, const char *guid, char *why, size_t
 void component_free(component *c);
 void component_reset(component *c);
 
-/* Each returns 0 with a sentence in c->said, and the numbers as before. remark : one for a warning, or "". */
+/* Each returns 0 with a sentence in c->said, and the numbers as before. remark : one for a warning, or "". A step in
+   another phase than STEPPING returns -1. */
 int component_may_be(const component *c, const double *numbers); /* whether they can be the numbers of a state */
 int component_set_up(component *c, double start, int has_stop, double stop);
 int component_enter(component *c);
@@ -110,6 +119,10 @@ int component_leave(component *c);
 int component_step(component *c, double t, double h);
 int component_read(component *c, const uint32_t *vr, size_t n, int kind, double *values);
 int component_write(component *c, const uint32_t *vr, size_t n, int kind, const double *values);
+
+/* In the direction seed of inputs and tunable parameters: how outputs after the last step would change. */
+int component_derivative(component *c, const uint32_t *unknown, size_t n, const uint32_t *known, size_t m,
+                         const double *seed, double *found);
 
 /* --- its parts --------------------------------------------------------------------------------------------------------- */
 
@@ -121,6 +134,9 @@ const char *name_of(const component *c, uint32_t vr);
 void keep(component *c); /* the numbers, to come back to */
 int back(component *c);  /* returns 0 */
 int initialized(component *c);
+/* Takes the values of all parameters over, with the first program that has what they need. Where none has, it says which
+   of them is to blame, and leaves values changed: the caller puts them back. */
+int take_over(component *c);
 
 /* The block of numbers for a program, its parameters and a step; NULL with a sentence. */
 double *bound(component *c, int32_t program, const double *parameters, double dt);
@@ -131,12 +147,28 @@ double *further(component *c, int32_t program, const memory *m, int which);
 int run_stretch(component *c, const stretch *s, double *position, double t, const double *start, const double *end);
 int run_along(component *c, const stretch *s, double *position, double t);
 double drive_at(component *c, int32_t inlet, double t);
+const double *acting_at(component *c, double t, double dt); /* of tables, at t and at the stages of a step from there */
 stretch stretch_of(const component *c, double h, const double *venous);
 double rounded(double dt);
 
-/* Volume, answers and venous flows of a position, into c->row's end; returns the volume. */
-double shown_of(component *c, int32_t program, const double *parameters, const double *position, const double *venous,
-                double *answers, double *flows);
+void half_of(const double *drive, int32_t n, int half, double *found); /* of a step, by the same cubic */
+
+/* The last step again, from the numbers before it: how many bytes these are. */
+size_t step_bytes(const component *c);
+int component_again(component *c, double t, double h);
+
+/* While c->d is there: a position begins a stretch whose drives have directions start and end times those of inputs;
+   acts : whether parameters have theirs. */
+enum { KNOWN, SHOWN, KNOWN_AS_SHOWN };
+int derivative_begins(component *c, const double *position, int which, int acts, double start, double end);
+void derivative_drive(component *c, int64_t k, int64_t steps); /* of internal step k; steps = 0: none */
+void derivative_half(component *c, int half, int depth);
+void derivative_came(component *c, double time); /* by given flows */
+int derivative_step(component *c, const stretch *s, double t, double dt, int depth, int own);
+
+/* Volume, answers and venous flows of a position at a time t; returns the volume. */
+double shown_of(component *c, int32_t program, const double *parameters, const double *position, double t,
+                const double *venous, double *answers, double *flows);
 /* The sentence for a step that was not solved, or is not physical. */
 void explain(component *c, int32_t program, const memory *m, int solved, double t);
 int ports(component *c, double *values);

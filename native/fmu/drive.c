@@ -1,4 +1,5 @@
-/* What the network itself gives at its inlets: a half-sine, a cubic through a table, or a Fourier series. */
+/* What the network itself gives at its inlets, and what its tables of sources give: a half-sine, a cubic through a table,
+   or a Fourier series. */
 #include "component.h"
 
 #include <math.h>
@@ -29,14 +30,33 @@ static double fourier(const double *a, int32_t n, double phase) /* a_0 … a_K, 
     return re;
 }
 
+/* Where in its period a time lies, from 0 to 1. */
+static double phase_of(double t, double T)
+{
+    const double phase = fmod(t / T, 1.0);
+    return phase < 0.0 ? phase + 1.0 : phase;
+}
+
+const double *acting_at(component *c, double t, double dt)
+{
+    for (int k = 0; k <= STAGES; k++) {
+        const double at = k ? SDIRK3[k - 1][0] + SDIRK3[k - 1][1] + SDIRK3[k - 1][2] : 0.0;
+        for (int32_t i = 0; i < c->r.n_sources; i++) {
+            const int32_t *const row = c->r.sources + PER_SOURCE * i, n = row[SOURCE_SIZE];
+            const double *const curve = c->r.curves + row[SOURCE_AT], phase = phase_of(t + at * dt, c->r.source_periods[i]);
+            c->acting[k * c->r.n_sources + i] = row[SOURCE_CURVE] == CUBIC ? cubic(curve, n, phase) : fourier(curve, n, phase);
+        }
+    }
+    return c->acting;
+}
+
 double drive_at(component *c, int32_t i, double t)
 {
     const int32_t *const row = c->r.inlets + PER_INLET * i, vr = row[VR_MEAN];
     const double *const own = c->r.inlet_numbers + PER_INLET_NUMBERS * i, *const curve = c->r.curves + row[CURVE_AT];
     const double T = c->r.meta[VR_T] >= 0 ? value_of(c, c->r.meta[VR_T]) : own[OWN_T];
     const double mean = vr >= 0 ? value_of(c, vr) : own[OWN_MEAN];
-    double phase = fmod(t / T, 1.0);
-    if (phase < 0.0) phase += 1.0;
+    const double phase = phase_of(t, T);
     if (row[CURVE] == HALF_SINE || (row[BY_FLOW] && own[OWN_MEAN] == 0.0)) {
         const double most = mean == own[OWN_MEAN] && row[CURVE] == HALF_SINE ? own[OWN_MAX] : 3.141592653589793 * mean;
         return most * fmax(0.0, sin(2.0 * 3.141592653589793 * phase));

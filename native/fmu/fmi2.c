@@ -5,7 +5,9 @@
 
 typedef int fmi2Status;
 typedef unsigned int fmi2Reference;
-typedef const char *fmi2Text;
+typedef const char *fmi2Text, *Text;
+typedef char Byte;
+typedef int Boolean;
 typedef void (*fmi2Logger)(void *, fmi2Text, fmi2Status, fmi2Text, fmi2Text, ...);
 typedef struct {
     fmi2Logger logger;
@@ -15,7 +17,8 @@ typedef struct {
     void *environment;
 } fmi2Callbacks;
 
-#define FMI2(name, ...)                                                                                                \
+#define FMI(name, ...) FMI_NAMED(name, __VA_ARGS__)
+#define FMI_NAMED(name, ...)                                                                                           \
     EXPORT fmi2Status fmi2##name(__VA_ARGS__);                                                                         \
     fmi2Status fmi2##name(__VA_ARGS__)
 
@@ -50,73 +53,49 @@ void fmi2FreeInstance(instance *i)
     if (i) instance_free(i);
 }
 
-FMI2(SetDebugLogging, instance *i, int on, size_t n, const fmi2Text categories[])
-{
-    NEEDS_INSTANCE;
-    return set_logging(i, on, n, categories);
-}
+#define STATE FMUstate
+#define READ_STATE DeSerializeFMUstate
+#include "both.h"
 
 /* --- phases ---------------------------------------------------------------------------------------------------------- */
 
-FMI2(SetupExperiment, instance *i, int tolerance_defined, double tolerance, double start, int stop_defined, double stop)
+FMI(SetupExperiment, instance *i, int tolerance_defined, double tolerance, double start, int stop_defined, double stop)
 {
     NEEDS_INSTANCE;
     (void)tolerance_defined, (void)tolerance;
     OR_REFUSED(component_set_up(i->c, start, stop_defined, stop), STATUS_ERROR);
 }
 
-FMI2(EnterInitializationMode, instance *i)
+FMI(EnterInitializationMode, instance *i)
 {
     NEEDS_INSTANCE;
     OR_REFUSED(component_enter(i->c), STATUS_ERROR);
 }
 
-FMI2(ExitInitializationMode, instance *i)
-{
-    NEEDS_INSTANCE;
-    OR_REFUSED(component_leave(i->c), STATUS_ERROR);
-}
-
-FMI2(Terminate, instance *i)
-{
-    NEEDS_INSTANCE;
-    i->c->numbers[STATE_OF] = TERMINATED;
-    return STATUS_OK;
-}
-
-FMI2(Reset, instance *i)
-{
-    NEEDS_INSTANCE;
-    component_reset(i->c);
-    return STATUS_OK;
-}
-
-FMI2(DoStep, instance *i, double t, double h, int no_set_prior)
+FMI(DoStep, instance *i, double t, double h, int no_set_prior)
 {
     NEEDS_INSTANCE;
     (void)no_set_prior;
-    if (!component_step(i->c, t, h)) return refused(i, STATUS_ERROR), STATUS_DISCARD;
-    if (i->c->remark[0]) tell(i, STATUS_WARNING, i->c->remark);
-    return STATUS_OK;
+    return step_status(i, component_step(i->c, t, h));
 }
 
-FMI2(CancelStep, instance *i) { return unsupported(i, "fmi2CancelStep"); }
+FMI(CancelStep, instance *i) { return unsupported(i, "fmi2CancelStep"); }
 
 /* --- values ---------------------------------------------------------------------------------------------------------- */
 
-FMI2(GetReal, instance *i, const fmi2Reference vr[], size_t n, double value[])
+FMI(GetReal, instance *i, const fmi2Reference vr[], size_t n, double value[])
 {
     NEEDS_INSTANCE;
     OR_REFUSED(given(i, n, vr, value) && component_read(i->c, vr, n, REAL, value), STATUS_ERROR);
 }
 
-FMI2(SetReal, instance *i, const fmi2Reference vr[], size_t n, const double value[])
+FMI(SetReal, instance *i, const fmi2Reference vr[], size_t n, const double value[])
 {
     NEEDS_INSTANCE;
     OR_REFUSED(given(i, n, vr, value) && component_write(i->c, vr, n, REAL, value), STATUS_ERROR);
 }
 
-FMI2(GetInteger, instance *i, const fmi2Reference vr[], size_t n, int value[])
+FMI(GetInteger, instance *i, const fmi2Reference vr[], size_t n, int value[])
 {
     NEEDS_INSTANCE;
     double x;
@@ -128,7 +107,7 @@ FMI2(GetInteger, instance *i, const fmi2Reference vr[], size_t n, int value[])
     return STATUS_OK;
 }
 
-FMI2(SetInteger, instance *i, const fmi2Reference vr[], size_t n, const int value[])
+FMI(SetInteger, instance *i, const fmi2Reference vr[], size_t n, const int value[])
 {
     NEEDS_INSTANCE;
     double x;
@@ -141,12 +120,12 @@ FMI2(SetInteger, instance *i, const fmi2Reference vr[], size_t n, const int valu
 }
 
 #define ABSENT(name, type)                                                                                             \
-    FMI2(Get##name, instance *i, const fmi2Reference vr[], size_t n, type value[])                                     \
+    FMI(Get##name, instance *i, const fmi2Reference vr[], size_t n, type value[])                                     \
     {                                                                                                                  \
         NEEDS_INSTANCE;                                                                                                \
         OR_REFUSED(given(i, n, vr, value) && component_read(i->c, vr, n, OTHER, NULL), STATUS_ERROR);                  \
     }                                                                                                                  \
-    FMI2(Set##name, instance *i, const fmi2Reference vr[], size_t n, const type value[])                               \
+    FMI(Set##name, instance *i, const fmi2Reference vr[], size_t n, const type value[])                               \
     {                                                                                                                  \
         NEEDS_INSTANCE;                                                                                                \
         OR_REFUSED(given(i, n, vr, value) && component_write(i->c, vr, n, OTHER, NULL), STATUS_ERROR);                 \
@@ -154,54 +133,24 @@ FMI2(SetInteger, instance *i, const fmi2Reference vr[], size_t n, const int valu
 ABSENT(Boolean, int)
 ABSENT(String, fmi2Text)
 
-/* --- states ---------------------------------------------------------------------------------------------------------- */
-
-FMI2(GetFMUstate, instance *i, void **state)
+FMI(GetDirectionalDerivative, instance *i, const fmi2Reference unknown[], size_t n, const fmi2Reference known[], size_t m,
+     const double change[], double found[])
 {
     NEEDS_INSTANCE;
-    return state_get(i, state);
-}
-
-FMI2(SetFMUstate, instance *i, void *state)
-{
-    NEEDS_INSTANCE;
-    return state_set(i, state);
-}
-
-FMI2(FreeFMUstate, instance *i, void **state)
-{
-    NEEDS_INSTANCE;
-    return state_free(i, state);
-}
-
-FMI2(SerializedFMUstateSize, instance *i, void *state, size_t *size)
-{
-    NEEDS_INSTANCE;
-    return state_size(i, state, size);
-}
-
-FMI2(SerializeFMUstate, instance *i, void *state, char bytes[], size_t size)
-{
-    NEEDS_INSTANCE;
-    return state_write(i, state, bytes, size);
-}
-
-FMI2(DeSerializeFMUstate, instance *i, const char bytes[], size_t size, void **state)
-{
-    NEEDS_INSTANCE;
-    return state_read(i, bytes, size, state);
+    OR_REFUSED(given(i, n, unknown, found) && given(i, m, known, change) &&
+                   component_derivative(i->c, unknown, n, known, m, change, found), STATUS_ERROR);
 }
 
 /* --- status, and what there is not ------------------------------------------------------------------------------------- */
 
-FMI2(GetRealStatus, instance *i, int kind, double *value)
+FMI(GetRealStatus, instance *i, int kind, double *value)
 {
     if (!i || kind != 2 || !value) return unsupported(i, "fmi2GetRealStatus of another kind than fmi2LastSuccessfulTime");
     *value = i->c->numbers[i->c->numbers[READY] != 0.0 ? TIME : T0];
     return STATUS_OK;
 }
 
-FMI2(GetBooleanStatus, instance *i, int kind, int *value)
+FMI(GetBooleanStatus, instance *i, int kind, int *value)
 {
     if (!i || kind != 3 || !value) return unsupported(i, "fmi2GetBooleanStatus of another kind than fmi2Terminated");
     *value = 0; /* it never ends by itself */
@@ -217,7 +166,5 @@ FMI2(GetBooleanStatus, instance *i, int kind, int *value)
 NOTHING(GetStatus, int kind, fmi2Status *value)
 NOTHING(GetIntegerStatus, int kind, int *value)
 NOTHING(GetStringStatus, int kind, fmi2Text *value)
-NOTHING(GetDirectionalDerivative, const fmi2Reference unknown[], size_t n, const fmi2Reference known[], size_t m,
-        const double change[], double found[])
 NOTHING(SetRealInputDerivatives, const fmi2Reference vr[], size_t n, const int order[], const double value[])
 NOTHING(GetRealOutputDerivatives, const fmi2Reference vr[], size_t n, const int order[], double value[])

@@ -8,15 +8,18 @@ typedef int fmi3Status;
 typedef uint32_t Ref;
 typedef const char *Text;
 typedef const uint8_t *Bytes;
+typedef uint8_t Byte;
+typedef bool Boolean;
 typedef void (*fmi3Logger)(void *, fmi3Status, Text, Text);
 
-#define FMI3(name, ...)                                                                                                \
+#define FMI(name, ...) FMI_NAMED(name, __VA_ARGS__)
+#define FMI_NAMED(name, ...)                                                                                           \
     EXPORT fmi3Status fmi3##name(__VA_ARGS__);                                                                         \
     fmi3Status fmi3##name(__VA_ARGS__)
 #define NOTHING(name, ...)                                                                                             \
-    FMI3(name, instance *i, __VA_ARGS__) { return unsupported(i, "fmi3" #name); }
+    FMI(name, instance *i, __VA_ARGS__) { return unsupported(i, "fmi3" #name); }
 #define NOTHING_MORE(name)                                                                                             \
-    FMI3(name, instance *i) { return unsupported(i, "fmi3" #name); }
+    FMI(name, instance *i) { return unsupported(i, "fmi3" #name); }
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
@@ -70,42 +73,20 @@ void fmi3FreeInstance(instance *i)
     if (i) instance_free(i);
 }
 
-FMI3(SetDebugLogging, instance *i, bool on, size_t n, const Text categories[])
-{
-    NEEDS_INSTANCE;
-    return set_logging(i, on, n, categories);
-}
+#define STATE FMUState
+#define READ_STATE DeserializeFMUState
+#include "both.h"
 
 /* --- phases ---------------------------------------------------------------------------------------------------------- */
 
-FMI3(EnterInitializationMode, instance *i, bool tolerance_defined, double tolerance, double start, bool stop_defined,
+FMI(EnterInitializationMode, instance *i, bool tolerance_defined, double tolerance, double start, bool stop_defined,
      double stop)
 {
     NEEDS_INSTANCE;
     OR_REFUSED(component_set_up(i->c, start, stop_defined, stop) && component_enter(i->c), STATUS_ERROR);
 }
 
-FMI3(ExitInitializationMode, instance *i)
-{
-    NEEDS_INSTANCE;
-    OR_REFUSED(component_leave(i->c), STATUS_ERROR);
-}
-
-FMI3(Terminate, instance *i)
-{
-    NEEDS_INSTANCE;
-    i->c->numbers[STATE_OF] = TERMINATED;
-    return STATUS_OK;
-}
-
-FMI3(Reset, instance *i)
-{
-    NEEDS_INSTANCE;
-    component_reset(i->c);
-    return STATUS_OK;
-}
-
-FMI3(DoStep, instance *i, double t, double h, bool no_set_prior, bool *event, bool *terminate, bool *early, double *last)
+FMI(DoStep, instance *i, double t, double h, bool no_set_prior, bool *event, bool *terminate, bool *early, double *last)
 {
     NEEDS_INSTANCE;
     const int done = component_step(i->c, t, h);
@@ -113,9 +94,7 @@ FMI3(DoStep, instance *i, double t, double h, bool no_set_prior, bool *event, bo
     if (terminate) *terminate = false;
     if (early) *early = false;
     if (last) *last = i->c->numbers[TIME];
-    if (!done) return refused(i, STATUS_ERROR), STATUS_DISCARD;
-    if (i->c->remark[0]) tell(i, STATUS_WARNING, i->c->remark);
-    return STATUS_OK;
+    return step_status(i, done);
 }
 
 /* --- values ---------------------------------------------------------------------------------------------------------- */
@@ -129,7 +108,7 @@ static int alike(instance *i, size_t n, const void *vr, size_t m, const void *va
 
 static double time_of(const instance *i) { return i->c->numbers[i->c->numbers[READY] != 0.0 ? TIME : T0]; }
 
-FMI3(GetFloat64, instance *i, const Ref vr[], size_t n, double value[], size_t m)
+FMI(GetFloat64, instance *i, const Ref vr[], size_t n, double value[], size_t m)
 {
     NEEDS_INSTANCE;
     const Ref clock = (Ref)i->c->r.meta[N_VARIABLES];
@@ -144,13 +123,13 @@ FMI3(GetFloat64, instance *i, const Ref vr[], size_t n, double value[], size_t m
     return STATUS_OK;
 }
 
-FMI3(SetFloat64, instance *i, const Ref vr[], size_t n, const double value[], size_t m)
+FMI(SetFloat64, instance *i, const Ref vr[], size_t n, const double value[], size_t m)
 {
     NEEDS_INSTANCE;
     OR_REFUSED(alike(i, n, vr, m, value) && component_write(i->c, vr, n, REAL, value), STATUS_ERROR);
 }
 
-FMI3(GetInt64, instance *i, const Ref vr[], size_t n, int64_t value[], size_t m)
+FMI(GetInt64, instance *i, const Ref vr[], size_t n, int64_t value[], size_t m)
 {
     NEEDS_INSTANCE;
     double x;
@@ -162,7 +141,7 @@ FMI3(GetInt64, instance *i, const Ref vr[], size_t n, int64_t value[], size_t m)
     return STATUS_OK;
 }
 
-FMI3(SetInt64, instance *i, const Ref vr[], size_t n, const int64_t value[], size_t m)
+FMI(SetInt64, instance *i, const Ref vr[], size_t n, const int64_t value[], size_t m)
 {
     NEEDS_INSTANCE;
     double x;
@@ -175,12 +154,12 @@ FMI3(SetInt64, instance *i, const Ref vr[], size_t n, const int64_t value[], siz
 }
 
 #define ABSENT(name, type)                                                                                             \
-    FMI3(Get##name, instance *i, const Ref vr[], size_t n, type value[], size_t m)                                     \
+    FMI(Get##name, instance *i, const Ref vr[], size_t n, type value[], size_t m)                                     \
     {                                                                                                                  \
         NEEDS_INSTANCE;                                                                                                \
         OR_REFUSED(alike(i, n, vr, m, value) && component_read(i->c, vr, n, OTHER, NULL), STATUS_ERROR);              \
     }                                                                                                                  \
-    FMI3(Set##name, instance *i, const Ref vr[], size_t n, const type value[], size_t m)                               \
+    FMI(Set##name, instance *i, const Ref vr[], size_t n, const type value[], size_t m)                               \
     {                                                                                                                  \
         NEEDS_INSTANCE;                                                                                                \
         OR_REFUSED(alike(i, n, vr, m, value) && component_write(i->c, vr, n, OTHER, NULL), STATUS_ERROR);             \
@@ -200,50 +179,18 @@ NOTHING(SetBinary, const Ref vr[], size_t n, const size_t sizes[], const Bytes v
 NOTHING(GetClock, const Ref vr[], size_t n, bool value[])
 NOTHING(SetClock, const Ref vr[], size_t n, const bool value[])
 
-/* --- states ---------------------------------------------------------------------------------------------------------- */
-
-FMI3(GetFMUState, instance *i, void **state)
+FMI(GetDirectionalDerivative, instance *i, const Ref unknowns[], size_t n, const Ref knowns[], size_t m,
+     const double seed[], size_t n_seed, double found[], size_t n_found)
 {
     NEEDS_INSTANCE;
-    return state_get(i, state);
-}
-
-FMI3(SetFMUState, instance *i, void *state)
-{
-    NEEDS_INSTANCE;
-    return state_set(i, state);
-}
-
-FMI3(FreeFMUState, instance *i, void **state)
-{
-    NEEDS_INSTANCE;
-    return state_free(i, state);
-}
-
-FMI3(SerializedFMUStateSize, instance *i, void *state, size_t *size)
-{
-    NEEDS_INSTANCE;
-    return state_size(i, state, size);
-}
-
-FMI3(SerializeFMUState, instance *i, void *state, uint8_t bytes[], size_t size)
-{
-    NEEDS_INSTANCE;
-    return state_write(i, state, (char *)bytes, size);
-}
-
-FMI3(DeserializeFMUState, instance *i, const uint8_t bytes[], size_t size, void **state)
-{
-    NEEDS_INSTANCE;
-    return state_read(i, (const char *)bytes, size, state);
+    OR_REFUSED(alike(i, n, unknowns, n_found, found) && alike(i, m, knowns, n_seed, seed) &&
+                   component_derivative(i->c, unknowns, n, knowns, m, seed, found), STATUS_ERROR);
 }
 
 /* --- what there is not ------------------------------------------------------------------------------------------------- */
 
 NOTHING(GetNumberOfVariableDependencies, Ref vr, size_t *n)
 NOTHING(GetVariableDependencies, Ref vr, size_t at[], Ref of[], size_t from[], int kinds[], size_t n)
-NOTHING(GetDirectionalDerivative, const Ref unknowns[], size_t n, const Ref knowns[], size_t m, const double seed[],
-        size_t n_seed, double found[], size_t n_found)
 NOTHING(GetAdjointDerivative, const Ref unknowns[], size_t n, const Ref knowns[], size_t m, const double seed[],
         size_t n_seed, double found[], size_t n_found)
 NOTHING(GetOutputDerivatives, const Ref vr[], size_t n, const int32_t orders[], double value[], size_t m)

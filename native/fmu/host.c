@@ -36,6 +36,13 @@ int refused(const instance *i, int status)
     return status;
 }
 
+int step_status(const instance *i, int done)
+{
+    if (done <= 0) return refused(i, STATUS_ERROR), done < 0 ? STATUS_ERROR : STATUS_DISCARD;
+    if (i->c->remark[0]) tell(i, STATUS_WARNING, i->c->remark);
+    return STATUS_OK;
+}
+
 int unsupported(const instance *i, const char *function)
 {
     if (i) {
@@ -146,6 +153,7 @@ int state_set(instance *i, void *state)
 {
     if (!held(i, state)) return refused(i, STATUS_ERROR);
     memcpy(i->c->numbers, ((saved *)state)->numbers, bytes_of(i));
+    i->c->stepped = 0;
     return STATUS_OK;
 }
 

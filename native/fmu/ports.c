@@ -26,7 +26,7 @@ static int tried(component *c, const double *Q, double *answers, double *flows)
     double *const position = c->tried[0];
     memcpy(position, x + c->basis_shown, sizeof(double) * (size_t)c->n_position);
     if (!run_stretch(c, &s, position, x[BASIS_TIME], x[WAY] == HOLD ? Q : position + AT_DRIVE, Q)) return 0;
-    shown_of(c, s.program, s.parameters, position, s.venous, answers, flows);
+    shown_of(c, s.program, s.parameters, position, x[BASIS_TIME] + s.h, s.venous, answers, flows);
     return 1;
 }
 
@@ -37,10 +37,11 @@ static int tried_smooth(component *c, const double *Q, double *answers)
     const stretch s = basis_of(c);
     double *const position = c->tried[0];
     memcpy(position, x + c->basis_known, sizeof(double) * (size_t)c->n_position);
-    if (!run_stretch(c, &s, position, x[BASIS_TIME], position + AT_DRIVE, Q) ||
-        !run_stretch(c, &s, position, x[BASIS_TIME], Q, x + c->basis_shown + AT_DRIVE))
+    const double t = x[BASIS_KNOWN];
+    if (!run_stretch(c, &s, position, t, position + AT_DRIVE, Q) ||
+        !run_stretch(c, &s, position, t + s.h, Q, x + c->basis_shown + AT_DRIVE))
         return 0;
-    shown_of(c, s.program, s.parameters, position, s.venous, answers, NULL);
+    shown_of(c, s.program, s.parameters, position, t + 2.0 * s.h, s.venous, answers, NULL);
     return 1;
 }
 
@@ -80,13 +81,14 @@ static int impedances(component *c, const double *small_drives, const double *sm
 }
 
 /* The next step under the extrapolated drive; where it breaks down, the present position. */
-static const double *trial(component *c, const stretch *s)
+static const double *trial(component *c, const stretch *s, double *t)
 {
     double *const x = c->numbers, *const position = c->tried[0], *const Q = c->tried[1];
     memcpy(position, x + c->shown, sizeof(double) * (size_t)c->n_position);
     for (int32_t i = 0; i < c->r.n_inlets; i++) Q[i] = position[AT_DRIVE + i] + x[c->slope + i] * s->h;
     const int done = x[OWN] != 0.0 ? run_along(c, s, position, x[TIME])
                                    : run_stretch(c, s, position, x[TIME], x[WAY] == HOLD ? Q : position + AT_DRIVE, Q);
+    *t = x[TIME] + (done ? s->h : 0.0);
     return done ? position : x + c->shown;
 }
 
@@ -110,8 +112,9 @@ int ports(component *c, double *values)
         x[FOUND] = 1.0;
     }
     const stretch s = {x[LAST_H], x[LAST_DT], (int64_t)x[LAST_STEPS], program, x + c->now, x + c->last_venous};
-    const double *const next = trial(c, &s);
-    shown_of(c, program, s.parameters, next, s.venous, c->answers, c->flows);
+    double t;
+    const double *const next = trial(c, &s, &t);
+    shown_of(c, program, s.parameters, next, t, s.venous, c->answers, c->flows);
     for (int32_t i = 0; i < k; i++) {
         *values++ = c->answers[i] - x[c->Z + i] * next[AT_DRIVE + i] - x[c->Z_0 + i] * x[c->shown + AT_DRIVE + i];
         *values++ = x[c->Z + i];

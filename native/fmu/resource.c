@@ -18,7 +18,7 @@ typedef struct {
     int32_t kind, unused;
 } entry;
 
-enum { VERSION = 1 };
+enum { VERSION = 2 };
 static const char MAGIC[8] = {'A', 'R', 'T', 'E', 'R', 'I', 'A', 'L'};
 static const char FILE_NAME[] = "arterial.bin";
 static const size_t SIZE[] = {1, sizeof(int32_t), sizeof(double)};
@@ -99,6 +99,26 @@ static int whole(const void *bytes, size_t size)
     return 1;
 }
 
+/* The program of derivatives, where there is one. */
+static int derived(const resource *r, recorded *one, int32_t at)
+{
+    int32_t n, n_code, n_begin;
+    const int32_t *const meta = array(r, at + DERIVED_META, SOME_INTEGERS, &n);
+    one->derived.code = array(r, at + DERIVED_CODE, SOME_INTEGERS, &n_code);
+    one->derived.begin = array(r, at + DERIVED_BEGIN, SOME_INTEGERS, &n_begin);
+    one->derived.index = one->program.index;
+    one->derived.constant = one->program.constant;
+    if (!meta || !one->derived.code || !one->derived.begin) return 0;
+    if (!n) return 1;
+    if (n != 2 + D_PLACES || n_begin != D_PHASES + 1 || one->derived.begin[D_PHASES] != n_code) return 0;
+    for (int k = 0; k < D_PLACES; k++)
+        if (meta[2 + k] < 0) return 0;
+    one->derived.n_fixed = meta[0];
+    one->derived.n_work = meta[1];
+    one->derived_places = meta + 2;
+    return 1;
+}
+
 static int programs(resource *r)
 {
     for (int32_t i = 0; i < r->meta[N_PROGRAMS]; i++) {
@@ -109,14 +129,14 @@ static int programs(resource *r)
         one->meta = array(r, at + PROGRAM_META, SOME_INTEGERS, &n);
         p->code = array(r, at + CODE, SOME_INTEGERS, &n_code);
         p->begin = array(r, at + BEGIN, SOME_INTEGERS, &n_begin);
-        p->index = array(r, at + INDEX, SOME_INTEGERS, NULL);
-        p->constant = array(r, at + NUMBERS, SOME_NUMBERS, NULL);
+        p->index = array(r, INDEX, SOME_INTEGERS, NULL);
+        p->constant = array(r, NUMBERS, SOME_NUMBERS, NULL);
         if (!one->meta || !p->code || !p->begin || !p->index || !p->constant) return 0;
         if (n != AT_PLACES + PLACES + FURTHER + r->n_inlets + 2 * one->meta[N_MARGINS]) return 0;
         if (n_begin != SHOW + 2 || p->begin[SHOW + 1] != n_code) return 0;
         counts = one->meta + COUNTS;
         int32_t *const to[N_COUNTS] = {&p->n_fixed, &p->n_work, &p->n_y, &p->n_A, &p->n_Q,
-                                       &p->at_Q, &p->n_H, &p->n_inlets, &p->n_outlets, &p->n_report};
+                                       &p->at_Q, &p->n_H, &p->n_inlets, &p->n_outlets, &p->n_report, &p->n_sources};
         for (n = 0; n < N_COUNTS; n++) *to[n] = counts[n];
         memcpy(p->place, one->meta + AT_PLACES, PLACES * sizeof(int32_t));
         one->further = one->meta + AT_PLACES + PLACES;
@@ -125,6 +145,7 @@ static int programs(resource *r)
         for (n = OUT_Y_REST; n < FURTHER; n++)
             if (one->further[n] < 0 && (n < OUT_MARGINS + one->meta[N_MARGINS] || n >= OUT_MARGINS + MOST_MARGINS))
                 return 0;
+        if (!derived(r, one, at)) return 0;
         one->first = one->further + FURTHER;
         one->reasons = one->first + r->n_inlets;
     }
@@ -163,10 +184,13 @@ int resource_read(resource *r, const char *folder, char *why, size_t room)
         r->segments = array(r, SEGMENTS, SOME_INTEGERS, &r->n_segments);
         r->elements = array(r, ELEMENTS, SOME_INTEGERS, &r->n_elements);
         r->positions = array(r, POSITIONS, SOME_NUMBERS, NULL);
+        r->sources = array(r, SOURCES, SOME_INTEGERS, &r->n_sources);
+        r->source_periods = array(r, SOURCE_PERIODS, SOME_NUMBERS, NULL);
         r->periodic = array(r, PERIODIC, SOME_NUMBERS, &r->n_periodic);
         r->n_inlets /= PER_INLET;
         r->n_outlets /= PER_VENOUS;
         r->n_segments /= PER_SEGMENT;
+        r->n_sources /= PER_SOURCE;
         m = r->meta && n == N_META ? r->meta[N_PROGRAMS] : 0;
         if (m > 0 && m <= (r->n_arrays - PROGRAMS) / PER_PROGRAM && r->positions && r->strings && r->variables &&
             operations && arterial_fits(operations, PLACES, (int32_t)sizeof(arterial_program), "")) {

@@ -69,8 +69,8 @@ double *further(component *c, int32_t program, const memory *m, int which)
     return placed(m, c->r.recorded[program].further[which]);
 }
 
-double shown_of(component *c, int32_t program, const double *parameters, const double *position, const double *venous,
-                double *answers, double *flows)
+double shown_of(component *c, int32_t program, const double *parameters, const double *position, double t,
+                const double *venous, double *answers, double *flows)
 {
     const arterial_program *const p = &c->r.recorded[program].program;
     const double *const state = position + AT_DRIVE + c->r.n_inlets;
@@ -85,6 +85,7 @@ double shown_of(component *c, int32_t program, const double *parameters, const d
     memcpy(placed(&m, p->place[IN_Y_REPORT]), state, sizeof(double) * (size_t)p->n_y);
     memcpy(placed(&m, p->place[IN_H_REPORT]), state + p->n_y + p->n_A, sizeof(double) * (size_t)p->n_H);
     memcpy(further(c, program, &m, IN_VENOUS_SHOW), venous, sizeof(double) * (size_t)p->n_outlets);
+    memcpy(further(c, program, &m, IN_G_SHOW), acting_at(c, t, 0.0), sizeof(double) * (size_t)p->n_sources);
     run(p, &m, SHOW);
     if (answers) memcpy(answers, further(c, program, &m, OUT_ANSWERS), sizeof(double) * (size_t)p->n_inlets);
     if (flows) memcpy(flows, further(c, program, &m, OUT_VENOUS_FLOW), sizeof(double) * (size_t)p->n_outlets);
@@ -121,7 +122,7 @@ static double entered(const arterial_program *p, int32_t column, const double *b
 }
 
 /* The drive of one half of a step, by the same cubic. */
-static void half_of(const double *drive, int32_t n, int half, double *found)
+void half_of(const double *drive, int32_t n, int half, double *found)
 {
     for (int k = 0; k < 4; k++)
         for (int32_t i = 0; i < n; i++) {
@@ -150,8 +151,9 @@ static int advance(component *c, const stretch *s, double *position, double t, d
     as_long_as(p, c->spare, position[AT_DT], dt);
     memcpy(placed(&m, p->place[IN_DRIVE]), drive, sizeof(double) * 4 * (size_t)p->n_inlets);
     memcpy(placed(&m, p->place[IN_VENOUS]), s->venous, sizeof(double) * (size_t)p->n_outlets);
-    const int done = step(p, &m, dt, c->spare, c->after);
+    const int done = step(p, &m, dt, c->spare, c->after, acting_at(c, t, dt));
     if (done > 0) {
+        if (c->d && !derivative_step(c, s, t, dt, depth, own)) return 0;
         for (int32_t i = 0; i < p->n_inlets; i++)
             if (own || !c->r.inlets[PER_INLET * i + BY_FLOW])
                 position[V_IN] += entered(p, one->first[i], state, c->after, dt);
@@ -164,6 +166,7 @@ static int advance(component *c, const stretch *s, double *position, double t, d
     position[HALVED] += 1.0;
     for (int half = 0; half < 2; half++) {
         half_of(drive, p->n_inlets, half, c->drives[depth + 1]);
+        if (c->d) derivative_half(c, half, depth);
         if (advance(c, s, position, t + half * 0.5 * dt, 0.5 * dt, depth + 1, own) <= 0) return 0;
     }
     return 1;
@@ -184,10 +187,12 @@ int run_stretch(component *c, const stretch *s, double *position, double t, cons
     for (int64_t k = 0; k < s->steps; k++) {
         for (int32_t i = 0; i < n; i++)
             for (int j = 0; j < 4; j++) c->drives[0][4 * i + j] = c->given[i] + ((double)k + TIMES[j]) * c->given[n + i];
+        if (c->d) derivative_drive(c, k, s->steps);
         if (advance(c, s, position, t + (double)k * s->dt, s->dt, 0, 0) <= 0) return 0;
     }
     memcpy(position + AT_DRIVE, c->given + 2 * n, sizeof(double) * (size_t)n);
     position[V_IN] += flowed;
+    if (c->d) derivative_came(c, (double)s->steps * s->dt);
     return 1;
 }
 
@@ -196,6 +201,7 @@ int run_along(component *c, const stretch *s, double *position, double t)
     for (int64_t k = 0; k < s->steps; k++) {
         for (int32_t i = 0; i < c->r.n_inlets; i++)
             for (int j = 0; j < 4; j++) c->drives[0][4 * i + j] = drive_at(c, i, t + ((double)k + TIMES[j]) * s->dt);
+        if (c->d) derivative_drive(c, k, 0);
         if (advance(c, s, position, t + (double)k * s->dt, s->dt, 0, 1) <= 0) return 0;
     }
     for (int32_t i = 0; i < c->r.n_inlets; i++) position[AT_DRIVE + i] = c->drives[0][4 * i + 3];

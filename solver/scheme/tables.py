@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,11 @@ class _Place(NamedTuple):
 @dataclass(frozen=True)
 class NoTables:
     """Nothing acts beside the equations."""
+
+    tables: ClassVar[tuple[TableSource, ...]] = ()
+
+    def given(self, g: Array) -> NoTables:
+        return self
 
     def at(self, times: Array) -> list[Array | None]:
         return [None] * len(times)
@@ -56,7 +61,8 @@ class NoTables:
 @dataclass(frozen=True)
 class Tables:
     """momentum : (n_sources, n_e, N+1), nodes : (n_sources, n_nodes), of unit amplitude; shown : what they add to the
-    network's outputs, (n_sources, n_outputs). inlets, outlets : their nodes."""
+    network's outputs, (n_sources, n_outputs). inlets, outlets : their nodes. now : (n_sources,) the amplitudes of the
+    one moment that they are asked for, where others know the time."""
 
     tables: tuple[TableSource, ...]
     momentum: Array
@@ -64,6 +70,9 @@ class Tables:
     shown: Array
     inlets: slice
     outlets: slice
+    now: Array | None = field(default=None)
+
+    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = dict.fromkeys(("momentum", "nodes", "shown"))  # none has one
 
     @staticmethod
     def of(network: Network, mesh: Mesh) -> Tables | NoTables:
@@ -81,6 +90,10 @@ class Tables:
             mesh.topology.inlets,
             mesh.topology.outlets,
         )
+
+    def given(self, g: Array) -> Tables:
+        """The same with amplitudes g : (n_sources,), and no g(t)."""
+        return replace(self, tables=(), now=g)
 
     def at(self, times: Array) -> list[Array | None]:
         """g : (n_sources,) at each of some times [s]."""
@@ -104,7 +117,7 @@ class Tables:
     def add_to_momentum(self, R: Array, g: Array | None) -> None:
         """Add what they do to the momentum that is left over : (B, n_e, N+1) [Pa]."""
         if g is not None:
-            R += np.tensordot(g, self.momentum, 1)
+            R += (g @ self.momentum.reshape(len(g), -1)).reshape(self.momentum.shape[1:])
 
     def add_to_nodes(self, net: Array, scale: Array, g: Array | None) -> None:
         """Add what they do to ΣQ at the nodes : (B, n_nodes) [m³/s]."""
@@ -124,4 +137,6 @@ class Tables:
         result += self._values(np.array([t]))[0] @ self.shown
 
     def _values(self, times: Array) -> Array:
+        if self.now is not None:
+            return self.now[None]
         return np.stack([s.curve.at(times / s.curve.period) for s in self.tables], axis=-1)

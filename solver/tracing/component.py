@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from ..scheme.sdirk import GAMMA
 from ..scheme.step import State
 from .array import Traced, array, later
 from .known import Known
-from .program import Program, compiled
+from .program import Program, Shared, compiled
 from .recorder import Untraceable
 from .steps import CORE, PHASES, Recording
 
@@ -42,7 +42,7 @@ _BENDS = 1e-3  # any value that is not 0
 FURTHER = (
     "parameters", "dt", "element_length", "y_rest", "A_rest", "lost_at_rest", "small_drives", "small_venous",
     "end_impedance", "viscosity", "A0", "r", "lost", *(f"margin_{i}" for i in range(MARGINS)),
-    "venous_show", "V", "answers", "venous_flow",
+    "venous_show", "V", "answers", "venous_flow", "g_show",
 )  # fmt: skip
 
 
@@ -55,12 +55,31 @@ class Whole:
     reasons: tuple[tuple[str, str], ...]
 
 
-def whole(network: Network, settings: Settings, bent: bool = False) -> Whole:
-    """The program of a network's component. bent : whether it holds nonlinear walls, as any may become.
+def whole(network: Network, settings: Settings, bent: bool = False, shared: Shared | None = None) -> Whole:
+    """The program of a network's component. bent : whether it holds nonlinear walls, as any may become. shared : with
+    the programs before.
     Raises Untraceable, which says what cannot be recorded.
     """
-    if network.sources:
-        raise Untraceable("tables of sources are not recorded")
+    made = parts(network, settings, bent)
+    recording = _Component(made.recorder, made.m, GAMMA * made.step)
+    program = recording.whole(made.walls, made.places, shared)
+    return Whole(program, made.model, tuple(recording.reasons))
+
+
+class Parts(NamedTuple):
+    """A model m of traced coefficients, its walls at the sites and its step; places : what is given to the first
+    phase."""
+
+    recorder: Known
+    model: Model
+    m: Any
+    walls: Any
+    step: Traced
+    places: Mapping[str, Sequence[Traced]]
+
+
+def parts(network: Network, settings: Settings, bent: bool) -> Parts:
+    """What all programs of a component begin with: from parameters to coefficients."""
     values = network.parameters()
     c = coefficients(network, values, every=True)
     mesh = build_mesh(network, c.L[0], settings.element_length, settings.degree, coefficients(network, values).cuts)
@@ -81,9 +100,8 @@ def whole(network: Network, settings: Settings, bent: bool = False) -> Whole:
     walls = site_walls(m)
     recorder.lenient = False
     _same_mesh(recorder, mesh, made, length)
-    recording = _Component(recorder, m, GAMMA * step)
-    program = recording.whole(walls, {"parameters": [given], "dt": [step], "element_length": [length]})
-    return Whole(program, model, tuple(recording.reasons))
+    places = {"parameters": [given], "dt": [step], "element_length": [length]}
+    return Parts(recorder, model, m, walls, step, places)
 
 
 def _bent(name: str, value: float) -> float:
@@ -114,12 +132,13 @@ class _Component(Recording):
         super().__init__(recorder, m, tau)
         self.reasons: list[tuple[str, str]] = []
 
-    def whole(self, walls: Any, places: Mapping[str, Sequence[Traced]]) -> Program:
+    def whole(self, walls: Any, places: Mapping[str, Sequence[Traced]], shared: Shared | None) -> Program:
         self.rest()
         state, venous = self.steps(walls)
         self.explain(venous)
         self.show(state)
-        return compiled(self.recorder, len(self.phases), self.m.mesh.n_elements, {**self.given, **places}, self.out)
+        inputs = {**self.given, **places}
+        return compiled(self.recorder, len(self.phases), self.m.mesh.n_elements, inputs, self.out, shared=shared)
 
     def rest(self) -> None:
         """The state at rest, whether it can be, and what small changes of drive and P_venous are."""
@@ -152,7 +171,7 @@ class _Component(Recording):
         moment = replace(state, y=y, H=H)
         self.out["V"] = (volume_weights(self.m) * y).sum()
         self.out["answers"] = inlet_answers(self.m, moment)
-        self.out["venous_flow"] = venous_flow(self.m, moment, venous)
+        self.out["venous_flow"] = venous_flow(self.acting("g_show", "show"), moment, venous)
 
     def _full(self, x: Any) -> Any:
         return 1.0 * np.broadcast_to(x, self.m.wall.A0.shape)

@@ -15,14 +15,49 @@ import numpy as np
 
 from .array import ELEMENTWISE, Traced
 from .recorder import CONSTANT, Instruction, Operand, Recorder, Slot
+from .skipping import Block, blocks
 
 Array = np.ndarray
 
-_OTHER = ("gather", "scatter", "sums", "product", "inverse", "sum", "largest", "least", "require")
+_OTHER = ("gather", "scatter", "sums", "product", "inverse", "sum", "largest", "least", "require", "skip")
 OPERATIONS = (*ELEMENTWISE, *_OTHER)
 _CODES = {name: code for code, name in enumerate(OPERATIONS, 1)}
 _CONSTANT, _FIXED, _WORK, _HELD = range(4)
 _AT_ONCE = 256  # numbers of an operation
+
+
+class Pool:
+    """Arrays one after the other, each once, which programs may share: what is put there later moves nothing."""
+
+    def __init__(self, kind: type) -> None:
+        self.parts: list[Array] = [np.zeros(1, kind)]
+        self.size = 1
+        self._known: dict[bytes, int] = {}
+
+    def put(self, x: Array) -> int:
+        """Where it begins."""
+        x = x.astype(self.parts[0].dtype)
+        key = x.tobytes()
+        if key not in self._known:
+            self._known[key] = self.size
+            self.parts.append(x)
+            self.size += x.size
+        return self._known[key]
+
+    def all(self) -> Array:
+        return np.concatenate(self.parts)
+
+
+@dataclass
+class Shared:
+    """What programs of one network have in common."""
+
+    constants: Pool = field(default_factory=lambda: Pool(float))
+    index: Pool = field(default_factory=lambda: Pool(np.int32))
+
+    @property
+    def nbytes(self) -> int:
+        return 8 * self.constants.size + 4 * self.index.size
 
 
 @dataclass(frozen=True)
@@ -43,10 +78,12 @@ class Program:
 
 def compiled(
     r: Recorder, phases: int, units: int, inputs: Mapping[str, Sequence[Traced]], outputs: Mapping[str, Traced],
-    held: int | None = None,
+    held: int | None = None, shared: Shared | None = None,
 ) -> Program:  # fmt: skip
     """The program of all that was recorded and that outputs need; units : elements of the mesh; held : the phase that
-    makes blocks. What several phases take as one input has one place."""
+    makes blocks; shared : constants and indices of programs before, to which those of this one are added. What several
+    phases take as one input has one place."""
+    r.merge()
     ends = {name: r.operand(x, x.shape) for name, x in outputs.items()}
     for name, end in ends.items():
         if end.single and outputs[name].size > 1 or end.slot.phase == CONSTANT:
@@ -63,18 +100,21 @@ def compiled(
         kept[phase].reverse()
     given = {name: [x.buffer.slot for x in each] for name, each in inputs.items()}
     asked = {slot for each in given.values() for slot in each} | {end.slot for end in ends.values()}
-    place = _Places(units, asked, kept, held)
+    laid = blocks(kept, asked)
+    asked |= {item.of for each in laid.values() for item in each if isinstance(item, Block)}
+    shared = shared or Shared()
+    place = _Places(units, asked, kept, held, shared)
     for first, *others in given.values():
         place.address |= {slot: place.of(first) for slot in others}
-    written = [place.encoded(kept[phase]) for phase in range(phases)]
+    written = [place.encoded(laid[phase]) for phase in range(phases)]
     used = {slot for each in kept.values() for i in each for slot in (i.out, *(o.slot for o in i.operands))}
     address = {name: place.of(slot) for name, (slot, *_) in given.items() if slot.phase or slot in used}
     address |= {name: place.of(end.slot) + 4 * end.start for name, end in ends.items()}
     return Program(
         code=np.concatenate([np.array(code, np.int32) for code in written]),
         begin=np.cumsum([0, *map(len, written)]).astype(np.int32),
-        constants=np.concatenate([np.zeros(1), *place.constants]),
-        index=np.concatenate([np.zeros(1, np.int32), *place.indices]).astype(np.int32),
+        constants=shared.constants.all(),
+        index=shared.index.all(),
         n_fixed=place.size[_FIXED],
         n_work=place.size[_WORK],
         n_held=place.size[_HELD],
@@ -122,11 +162,9 @@ class _Places:
     lasting: set[Slot]
     kept: Mapping[int, list[Instruction]]
     held: int | None
+    shared: Shared
     address: dict[Slot, int] = field(default_factory=dict)
-    size: list[int] = field(default_factory=lambda: [1, 0, 0, 0])
-    constants: list[Array] = field(default_factory=list)
-    indices: list[Array] = field(default_factory=list)
-    n_index: int = 1
+    size: list[int] = field(default_factory=lambda: [0, 0, 0, 0])
     free: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
 
     def __post_init__(self) -> None:
@@ -140,19 +178,38 @@ class _Places:
             kind = {CONSTANT: _CONSTANT, 0: _FIXED, self.held: _HELD}.get(slot.phase, _WORK)
             kind = _WORK if kind != _CONSTANT and slot not in self.lasting else kind
             if kind == _CONSTANT:
-                self.constants.append(np.zeros(slot.size) if slot.data is None else slot.data)
-            if kind == _WORK and slot not in self.lasting and self.free[slot.size]:
+                data = np.zeros(slot.size) if slot.data is None else slot.data
+                self.address[slot] = 4 * self.shared.constants.put(data) + kind
+            elif kind == _WORK and slot not in self.lasting and self.free[slot.size]:
                 self.address[slot] = self.free[slot.size].pop()
             else:
                 self.address[slot] = 4 * self.size[kind] + kind
                 self.size[kind] += slot.size
         return self.address[slot]
 
-    def encoded(self, instructions: list[Instruction]) -> list[int]:
+    def encoded(self, items: Sequence[Instruction | Block]) -> list[int]:
         """The code of a phase."""
-        last = {slot: i for i, each in enumerate(instructions) for slot in (each.out, *(o.slot for o in each.operands))}
+        order = [i for item in items for i in (item.instructions if isinstance(item, Block) else [item])]
+        last = {slot: i for i in order for slot in (i.out, *(o.slot for o in i.operands))}
+        code, plain = list[int](), list[Instruction]()
+        for item in items:
+            if isinstance(item, Block):
+                code += self._straight(plain, last)
+                plain = []
+                code += self._skippable(item, last)
+            else:
+                plain.append(item)
+        return code + self._straight(plain, last)
+
+    def _skippable(self, block: Block, last: Mapping[Slot, Instruction]) -> list[int]:
+        """A block after the operation that may skip it: numbers that are looked at, result, words skipped."""
+        within, out = self._straight(block.instructions, last), block.instructions[-1].out
+        return [_CODES["skip"], 7, self.of(block.of), block.of.size, self.of(out), out.size, len(within), *within]
+
+    def _straight(self, instructions: Sequence[Instruction], last: Mapping[Slot, Instruction]) -> list[int]:
+        """Operations one after the other, neighbours in groups. last : of those of the phase that use a slot."""
         code, group = list[int](), _Group(0)
-        for i, each in enumerate(instructions):
+        for each in instructions:
             units = self._units(each)
             if units != group.units or any(o.slot in group.written for o in _apart(each)):
                 code += group.encoded()
@@ -163,7 +220,7 @@ class _Places:
                 code += self._elementwise(each) if each.name in ELEMENTWISE else self._other(each)
             # in order, so that the same network has the same program
             for slot in dict.fromkeys((each.out, *(o.slot for o in each.operands))):
-                if last[slot] == i and slot.phase != CONSTANT and slot not in self.lasting:
+                if last[slot] is each and slot.phase != CONSTANT and slot not in self.lasting:
                     self.free[slot.size].append(self.address[slot])
         return code + group.encoded()
 
@@ -210,11 +267,7 @@ class _Places:
 
     def _index(self, each: Instruction) -> int:
         """Where its places begin among all indices."""
-        if each.places is None:
-            return 0
-        self.indices.append(each.places)
-        self.n_index += len(each.places)
-        return self.n_index - len(each.places)
+        return 0 if each.places is None else self.shared.index.put(each.places)
 
     def _other(self, each: Instruction) -> list[int]:
         places = [self.of(o.slot) + 4 * o.start for o in each.operands]

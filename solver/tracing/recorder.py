@@ -115,6 +115,17 @@ class Recorder:
             operand.slot.read_in = max(operand.slot.read_in, phase)
         self.phases.setdefault(phase, []).append(instruction)
 
+    def merge(self) -> None:
+        """Make one gather of copies of single numbers that are written one after the other to the same array."""
+        for phase, each in self.phases.items():
+            found = list[Instruction]()
+            for i in each:
+                if found and (both := _together(found[-1], i)):
+                    found[-1] = both
+                else:
+                    found.append(i)
+            self.phases[phase] = found
+
     # --- writing to a part ----------------------------------------------------------------------------------------
 
     def assign(self, target: View, value: Any) -> None:
@@ -143,3 +154,18 @@ class Recorder:
             self.write(Instruction("copy", slot, start, (source,), (index.size,)))
         else:
             self.write(Instruction("scatter", slot, 0, (source,), (index.size,), index))
+
+
+def _together(one: Instruction, two: Instruction) -> Instruction | None:
+    """Two operations as one gather, where they are copies of the same numbers to neighbouring places."""
+    count, source = one.sizes[0] if one.sizes else 0, two.operands[0]
+    follows = two.name == "copy" and two.sizes == (1,) and one.out is two.out and one.start + count == two.start
+    if not follows or len(one.operands) != 1 or one.operands[0].slot is not source.slot or source.slot is two.out:
+        return None
+    if one.name == "copy" and count == 1:
+        places = np.array([one.operands[0].start, source.start])
+    elif one.name == "gather" and one.places is not None:
+        places = np.append(one.places, source.start)
+    else:
+        return None
+    return Instruction("gather", one.out, one.start, (Operand(source.slot, 0, False),), (count + 1,), places)

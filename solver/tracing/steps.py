@@ -23,6 +23,7 @@ from ..scheme.model import Model
 from ..scheme.sdirk import INFLOW_TIMES
 from ..scheme.stage import Operators, Stage, condense, largest, operators_about
 from ..scheme.step import State, tolerances
+from ..scheme.tables import NoTables
 from .array import Traced, array, later
 from .program import Program, compiled
 from .recorder import Recorder
@@ -35,7 +36,7 @@ PHASES = ("bind", "prepare", "start", "correct", "finite", "refresh", "correct_f
 PLACES = (
     "y", "H0", "drive", "venous", "begun", "given", "small_Q", "small_H", "start", "given_now", "Q", "H",
     "Q_new", "dH", "change_Q", "change_H", "Q_new_fresh", "dH_fresh", "change_Q_fresh", "change_H_fresh",
-    "finite", "end", "A_t", "margin", "y_report", "A_t_report", "H_report", "report",
+    "finite", "end", "A_t", "margin", "y_report", "A_t_report", "H_report", "report", "g_begin", "g", "g_report",
 )  # fmt: skip
 _PHASE = {name: number for number, name in enumerate(PHASES)}
 CORE = 32  # nodes that are inverted as a whole: compiled, a round costs less than in NumPy
@@ -51,7 +52,6 @@ class Recorded:
     program: Program
     places: tuple[int, ...]
     checked: bool = False
-    classes: Hashable = ()
 
 
 # --- a model as numbers and what they belong to --------------------------------------------------------------------
@@ -83,6 +83,9 @@ class Leaves:
             axes: Mapping[str, int | None] = getattr(x, "MEMBER_AXIS", {})
             found = {f.name: self.of(getattr(x, f.name), axes.get(f.name, 0)) for f in fields(x) if f.init}
             return replace(x, **found) if self.recorder else x
+        if isinstance(x, slice):
+            self.kind.append((x.start, x.stop, x.step))
+            return x
         if isinstance(x, tuple):
             parts = [self.of(part) for part in x]
             return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
@@ -117,7 +120,8 @@ def _facts(x: Network | Mesh | Layout) -> Hashable:
 
 def numbers(model: Model) -> tuple[Any, ...]:
     """All that a step and its outputs are made of."""
-    return replace(model, parameters={}, memo={}, mesh=replace(model.mesh, core=CORE)), site_walls(model)
+    tables = model.tables.given(np.zeros(len(model.tables.tables)))  # g(t) is given, moment by moment
+    return replace(model, parameters={}, memo={}, mesh=replace(model.mesh, core=CORE), tables=tables), site_walls(model)
 
 
 # --- recording -----------------------------------------------------------------------------------------------------
@@ -150,7 +154,6 @@ class Programs:
             recorder = Recorder()
             leaves = Leaves(recorder)
             found = record(recorder, leaves.of(own), leaves)
-            found.classes = tuple(looked.classes)
         while len(self.kept) >= _KEPT:
             self.kept.pop(next(iter(self.kept)), None)
         self.kept[key] = found
@@ -167,6 +170,7 @@ class Recording:
 
     def __init__(self, recorder: Recorder, m: Any, tau: float) -> None:
         self.recorder, self.m, self.n_H, self.shapes = recorder, m, m.mesh.n_nodes, m.layout.shapes
+        self.n_sources = 0 if isinstance(m.tables, NoTables) else len(m.tables.nodes)
         self.given, self.out = defaultdict[str, list[Any]](list), dict[str, Any]()
         self.tau = tau
         self.o = self.operators()
@@ -198,6 +202,11 @@ class Recording:
         program = compiled(self.recorder, len(self.phases), units, {**self.given, **places}, self.out, held)
         return Recorded(program, tuple(program.address.get(name, -1) for name in places))
 
+    def acting(self, name: str, phase: str) -> Any:
+        """The model whose tables have amplitudes that are given before a phase."""
+        n = self.n_sources
+        return replace(self.m, tables=self.m.tables.given(self.take(name, phase, n)[0])) if n else self.m
+
     def take(self, name: str, phase: str, *shape: int) -> Any:
         """An array that is given before a phase; one of the same name lies where that of an earlier phase does."""
         self.given[name].append(array(self.recorder, self.phases[phase], (1, *shape)))
@@ -213,14 +222,15 @@ class Recording:
         out["given"] = m.inlets.at_stages(drive)
         out["small_Q"], out["small_H"] = tolerances(m, state, m.inlets.gain * drive[:, -1].T)
         out["begun"] = y.copy()
-        m.inlets.begin(out["begun"], drive[:, 0])
+        m.inlets.begin(out["begun"], self.acting("g_begin", "prepare").tables.let_in(drive[:, 0], 0.0))
         return state, venous
 
     def start(self, venous: Any) -> Stage:
         """A stage, from the state vector where it starts."""
         y = self.take("start", "start", self.m.layout.size)
         given = self.take("given_now", "start", len(self.m.inlets.by_flow))
-        return Stage.of(self.m, self.o, y, given, venous, 0.0)
+        (g,) = self.acting("g", "start").tables.at(np.zeros(1))
+        return Stage.of(self.m, self.o, y, given, venous, 0.0, g)
 
     def correct(self, stage: Stage, phase: str, fresh: str, jacobian: Any) -> None:
         """A chord iteration, and how much it changes."""
@@ -250,4 +260,4 @@ class Recording:
         """The outputs of a state."""
         y, H = self.take("y_report", "report", self.m.layout.size), self.take("H_report", "report", self.n_H)
         moment = replace(state, y=y, A_t=self.take("A_t_report", "report", *self.shapes["A"]), H=H)
-        self.out["report"] = reporter(self.m, walls).report(moment)
+        self.out["report"] = reporter(self.acting("g_report", "report"), walls).report(moment)
