@@ -1,8 +1,9 @@
-"""Rivals of the best hypothesis: other laws, of any place, in the stead of each of its laws.
+"""Moves from the best hypothesis: another law, of any place, in the stead of one of its laws or of all, or beside it.
 
-The laws that were compared so far are those of the places of the source map. Other laws may explain the record as well:
-few sensors see an external pressure of one artery as one of its neighbour, and a law that is more flexible takes up
-what another one beside it does while that one is missing. A single name needs all of these refitted.
+The laws that were compared first are those of the places of the source map. Others may explain the record as well: few
+sensors see an external pressure of one artery as one of its neighbour, a law that is more flexible takes up what another
+one beside it does while that one is missing, and one that acts everywhere is no place of a map. A name needs all of these
+refitted.
 """
 
 from __future__ import annotations
@@ -25,10 +26,13 @@ from .scoring import Compared, names_of, there
 Array = np.ndarray
 
 
-def with_rivals(result: Compared, runs: Runs, left: bool, more: bool) -> Compared:
+def with_rivals(result: Compared, runs: Runs, left: bool = False, more: bool = False) -> Compared:
     """With the laws refitted that promise to explain the record in the stead of one of the best hypothesis, or of all
-    of it, and those whose search ended far above what they promise from there; left : whether it has left
-    something: they are then searched for from afar. more : whether another law may act beside it."""
+    of it, and those whose search ended far above what they promise from there.
+
+    left : whether the best leaves something; searches then begin with an error granted to the model. more : whether
+    another law may act beside it.
+    """
     best = min(result.every, key=lambda n: n.score).fit  # even one that is never named, as no sensor can show it
     problem, members = result.problem, dict[str, Member]()
     assert isinstance(problem, NetworkProblem)
