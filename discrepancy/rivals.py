@@ -1,9 +1,9 @@
 """Moves from the best hypothesis: another law, of any place, in the stead of one of its laws or of all, or beside it.
 
-The laws that were compared first are those of the places of the source map. Others may explain the record as well: few
-sensors see an external pressure of one artery as one of its neighbour, a law that is more flexible takes up what another
-one beside it does while that one is missing, and one that acts everywhere is no place of a map. A name needs all of these
-refitted.
+The laws that were compared first are those of the places of the source map. Others may explain the record as well:
+few sensors see an external pressure of one artery as one of its neighbour, a law that is more flexible takes up what
+another one beside it does while that one is missing, and one that acts everywhere is no place of a map. A name needs
+all of these refitted.
 """
 
 from __future__ import annotations
