@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations, product
 
 import numpy as np
 
@@ -17,9 +16,9 @@ from fitting.inference.fit import Fit, Member, sizes_of
 from fitting.inference.network import NetworkProblem
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.simulator import Runs
-from fitting.inference.source_map import SourceMap, is_noise
-from fitting.inference.terms import Term, effect_of, joins, placed
-from solver.effect import ALL_PLACES, CHANNEL
+from fitting.inference.source_map import SourceMap
+from fitting.inference.terms import Term, effect_of, placed
+from solver.effect import CHANNEL
 from solver.errors import InputError
 
 from . import thresholds as at
@@ -31,12 +30,6 @@ from .scoring import Compared, exact, promised, there
 Array = np.ndarray
 
 _ROUNDS = 3  # of rivals of the best hypothesis, at most, while these find a better one
-
-
-def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkProblem, SourceMap]:
-    """The problem with the free sources, and the map with the numbers that stand out, of all places but one."""
-    others = [j for j in range(len(found.signals)) if j != i]
-    return found.forced(problem, others), found.standing_out(others)
 
 
 def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
@@ -84,18 +77,6 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Te
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
-def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
-    """For every place the laws there that may explain the record beside the free sources of the other places, refitted
-    beside these; nearest first."""
-    fits = []
-    for i, some in enumerate(laws):
-        beside, walls = _beside(problem, found, i)
-        few = [[(b.term, b.x)] for b in _few(nearest(beside, base(beside, walls), some, runs))]
-        own = refitted(beside, walls, few, runs, explaining=True)
-        fits.append(sorted(own, key=lambda f: f.cost))
-    return fits
-
-
 def _few(begun: Sequence[Begun]) -> list[Begun]:
     """The laws that are refitted: the nearest, all that promise so much that they might not be ruled out beside the
     nearest (few sensors see many alike), and every outlet of another kind, which begins far off."""
@@ -103,38 +84,11 @@ def _few(begun: Sequence[Begun]) -> list[Begun]:
     return [b for k, b in enumerate(begun) if k < at.FEW or b.left < most or b.term.rewires]
 
 
-def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
-    """Laws of two places together, each of those that do nearly as well as the best at its place, refitted; where none
-    leaves noise alone beside the free sources of the other places, no law is what acts there."""
-    near = [
-        [f for f in some if f.cost < some[0].cost + at.NEAR][: at.BRANCHES]
-        for some in fits
-        if some and is_noise(some[0].chi2, len(some[0].z))
-    ]
-    both = [
-        [(a.terms[0], _own(a)), (b.terms[0], _own(b))]
-        for some, others in combinations(near, 2)
-        for a, b in product(some, others)
-        if a.terms[0].label != b.terms[0].label and joins(b.terms[0], a.terms) and joins(a.terms[0], b.terms)
-    ]
-    return refitted(found.forced(problem, []), found.standing_out(()), both, runs)
-
-
-def _own(fit: Fit) -> Array:
-    """Where a single law ended."""
-    x = dict(zip((u.name for u in fit.unknowns), fit.x, strict=True))
-    return np.array([x[u.name] for u in fit.terms[0].unknowns])
-
-
 def refitted(
-    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs,
-    explaining: bool = False,
+    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs
 ) -> list[Fit]:  # fmt: skip
     """Hypotheses searched for from the walls of the map, and where their laws begin: from afar first, with an error
-    granted to the model as in the map, and then to the noise.
-
-    explaining : those alone that may leave noise alone: what leaves more with an error granted leaves more without.
-    """
+    granted to the model as in the map, and then to the noise."""
     if not hypotheses:
         return []
     wide = problem.granted(at.AFAR)
@@ -142,40 +96,32 @@ def refitted(
     known = {u.name: column for u, column in zip(found.unknowns, begin.J.T, strict=True)}
     members = [begin.with_laws(problem, laws) for laws in hypotheses]
     seen = there(wide.searched_from(members, runs, known))
-    seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
     return there(problem.relaxed(problem.restated(seen, wide), runs))
 
 
 def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
     """What is known after every stage. found : the map of the problem's record."""
-    none = refitted(problem, found, [[]], runs)
+    none = refitted(problem, found, [[]], runs) or there(problem.refit([()], runs=runs))
     if not none:
         raise InputError("the model as given cannot be simulated with this record")
     result = Compared.of(problem, none, {}, terms)
     yield result
     laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
-    fits = [*none, *single(problem, found, laws, runs)]
-    yield (result := exact(problem, fits, {}, terms, runs))
-    if len(laws) > 1 and not result.best.explains:
-        fits += together(problem, found, alone(problem, found, laws, runs), runs)
-        yield (result := exact(problem, fits, {}, terms, runs))
+    yield (result := exact(problem, [*none, *single(problem, found, laws, runs)], {}, terms, runs))
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := result.with_columns(columns))
     if result.none.explains:
         yield (result := _also_promising(result, columns, runs))
         if implausible(result.none.fit):
             yield (result := _of_the_file(result, found, runs))
-    left = _left(result)
-    if not result.best.explains and (left or not result.best.fit.terms):
-        yield (result := _elsewhere(result, found, runs))
-        left = _left(result)
-    if left:
-        result = result.at_minimum(runs)
-        more = [*_refined(result, runs), *_with_one_more(result, found, left, runs)]
-        yield (result := result.joined_by(more).polished(runs))
     for _ in range(_ROUNDS):
-        best, result = result.best.key, with_rivals(result, runs)
-        yield result
+        best, left = result.best.key, _leaves(result)
+        if left and result.best.fit.terms:
+            result = result.at_minimum(runs)
+            yield (result := result.joined_by(_refined(result, runs)).polished(runs))
+        # where one place is enough for all that acts, a law that explains a part of it is the wrong one
+        more = left and not (found.explains and len(found.places) == 1 and not result.best.explains)
+        yield (result := with_rivals(result, runs, left, more))
         if result.best.key == best:
             break
     yield result.at_minimum(runs)
@@ -207,52 +153,10 @@ def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     return result.joined_by(refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)).polished(runs)
 
 
-def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
-    """With the laws that promise most from the walls of the map: those that act everywhere, as what changes every wave
-    is no source of a fixed shape, and those anywhere. A map that explains the record knows where it is: there, or where
-    its rivals are."""
-    problem, tried = result.problem, {n.label for n in result.ranked}
-    assert isinstance(problem, NetworkProblem)
-    plain, walls = found.forced(problem, []), found.standing_out(())
-    known = {p.segment for places in (found.places, *(r.places for r in found.rivals)) for p in places}
-    sought = [
-        t for t in result.terms if not t.rewires and (not found.explains or t.place == ALL_PLACES or t.place in known)
-    ]
-    # a part of a wall anywhere, too, also where every wall differs: it is whole walls that do
-    laws = [
-        each
-        for t in sought
-        for each in along(problem, t)
-        if each.moves_along or (t.label not in tried and t in result.sought)
-    ]
-    begin = base(plain, walls)
-    likely = [b.term for b in nearest(plain, begin, laws, runs, TYPICAL)[: 2 * at.FEW]]
-    chosen = nearest(plain, begin, likely, runs)[: at.FEW]
-    fits = refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
-    return result.joined_by(fits).polished(runs)
-
-
-def _left(result: Compared) -> tuple[Place, ...]:
-    """Where something acts beside the law, or the laws, of the best hypothesis."""
+def _leaves(result: Compared) -> bool:
+    """Whether something acts beside the best hypothesis."""
     assert isinstance(result.problem, NetworkProblem)
-    found = found_beside(result.problem, result.best.fit) if result.best.fit.terms else None
-    return () if found is None else found.places
-
-
-def _with_one_more(result: Compared, found: SourceMap, left: Sequence[Place], runs: Runs) -> list[Fit]:
-    """The best law with another, where something acts beside it, that adds evidence beside it by its columns. Where one
-    place is enough for all that acts, a law that explains a part of it is the wrong one, and no second one is missing.
-    """
-    first, problem = result.best.fit, result.problem
-    if len(first.terms) >= at.MOST_EFFECTS or (found.explains and len(found.places) == 1 and not result.best.explains):
-        return []
-    labels = {t.label for t in first.terms}
-    able = [t for t in result.sought if t.label not in labels and not t.rewires and joins(t, first.terms)]
-    others = [t for t in able if any(acts_at(t, place) or in_segment(t, place) for place in left)]
-    columns = problem.columns(first, others, runs)
-    best, gained = promised(first, others, columns)
-    both = [(*first.terms, t) for score, t in gained[: at.FEW] if score < best - at.SECOND]
-    return there(problem.refit(both, first, runs, columns)) if both else []
+    return not result.best.explains or found_beside(result.problem, result.best.fit) is not None
 
 
 def _refined(result: Compared, runs: Runs) -> list[Fit]:

@@ -39,7 +39,8 @@ def compared_with(found: Compared, near: Fit, runs: Runs) -> Iterator[Compared]:
     yield (found := _with_none(found, near))
     if near.unknowns != tuple(found.problem.hypothesis(())):
         return
-    beside = found.problem.refit([n.fit.terms for n in found.ranked[: at.FEW]], near, runs)
+    plain = [n.fit.terms for n in found.ranked if set(n.fit.terms) <= set(found.terms)]  # finer ones begin from these
+    beside = found.problem.refit(plain[: at.FEW], near, runs)
     again = exact(found.problem, [*found.fits, *there(beside)], found.columns, found.terms, runs)
     (fit,) = again.problem.refine(again.problem.restated([near], found.problem), runs)
     yield again if fit is None else _with_none(again, fit)

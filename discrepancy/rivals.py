@@ -1,8 +1,9 @@
-"""Rivals of the best hypothesis: other laws, of any place, in the stead of each of its laws.
+"""Moves from the best hypothesis: another law, of any place, in the stead of one of its laws or of all, or beside it.
 
-The laws that were compared so far are those of the places of the source map. Other laws may explain the record as well:
-few sensors see an external pressure of one artery as one of its neighbour, and a law that is more flexible takes up
-what another one beside it does while that one is missing. A single name needs all of these refitted.
+The laws that were compared first are those of the places of the source map. Others may explain the record as well:
+few sensors see an external pressure of one artery as one of its neighbour, a law that is more flexible takes up what
+another one beside it does while that one is missing, and one that acts everywhere is no place of a map. A name needs
+all of these refitted.
 """
 
 from __future__ import annotations
@@ -25,30 +26,40 @@ from .scoring import Compared, names_of, there
 Array = np.ndarray
 
 
-def with_rivals(result: Compared, runs: Runs) -> Compared:
+def with_rivals(result: Compared, runs: Runs, left: bool = False, more: bool = False) -> Compared:
     """With the laws refitted that promise to explain the record in the stead of one of the best hypothesis, or of all
-    of it, and those whose search ended far above what they promise from there."""
+    of it, and those whose search ended far above what they promise from there.
+
+    left : whether the best leaves something; searches then begin with an error granted to the model. more : whether
+    another law may act beside it.
+    """
     best = min(result.every, key=lambda n: n.score).fit  # even one that is never named, as no sensor can show it
     problem, members = result.problem, dict[str, Member]()
     assert isinstance(problem, NetworkProblem)
-    known = {n.key: n.fit.cost for n in result.ranked}
-    for rest in _rests(best.terms):
+    known, none = {n.key: n.fit.cost for n in result.ranked}, result.none.fit
+    for rest in _rests(best.terms, left, more):
         base, labels = without(problem, best, rest, runs), {t.label for t in rest}
         if base is not None:
             laws = [t for t in result.sought if t.label not in labels and joins(t, rest)]
-            for begun in promising(problem, base, laws, result.none.fit.cost, runs):
+            most = best.cost - at.SECOND if rest == best.terms else none.cost
+            for begun in promising(problem, base, laws, most, runs):
                 key = names_of((*rest, begun.term))
                 if begun.left < known.get(key, np.inf) - at.RULED_OUT:
                     members.setdefault(key, _begun(problem, base, begun))
     if not members:
         return result
-    found = there(problem.searched_from(list(members.values()), runs, best.columns, best.cost))
-    return result.joined_by(found).polished(runs)
+    chosen = list(members.values())
+    if left:
+        wide = problem.granted(at.AFAR)
+        seen = problem.restated(there(wide.searched_from(chosen, runs)), wide)
+        return result.joined_by(problem.relaxed(seen, runs)).polished(runs)
+    return result.joined_by(problem.searched_from(chosen, runs, best.columns, best.cost)).polished(runs)
 
 
-def _rests(terms: tuple[Term, ...]) -> list[tuple[Term, ...]]:
-    """What stays of a hypothesis: nothing, and of two laws each alone."""
-    return [(), *((t,) for t in terms if len(terms) > 1)] if terms else []
+def _rests(terms: tuple[Term, ...], left: bool, more: bool) -> list[tuple[Term, ...]]:
+    """What stays of a hypothesis: nothing, of two laws each alone, and all of it where another one may act beside."""
+    rests = [(), *((t,) for t in terms if len(terms) > 1)] if terms or left else []
+    return [*rests, terms] if terms and more and len(terms) < at.MOST_EFFECTS else rests
 
 
 def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Runs) -> Base | None:
