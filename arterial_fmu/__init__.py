@@ -18,6 +18,7 @@ from .packages import PACKAGES, AsOwn, check_own, own
 
 if TYPE_CHECKING:  # "as" marks a name as public for type checkers
     from build_fmu import build as build
+    from build_fmu import build_native as build_native
     from build_fmu import build_system as build_system
     from discrepancy import discover as discover
     from fitting.calibrate import calibrate as calibrate
@@ -44,6 +45,7 @@ _HOMES = {
     "Waveforms": "solver",
     "Network": "solver",
     "build": "build_fmu",
+    "build_native": "build_fmu",
     "build_system": "build_fmu",
     "run_fmu": "fmu_src.run",
     "FMUError": "fmu_src.run",

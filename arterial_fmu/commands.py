@@ -24,7 +24,7 @@ COMMANDS: Mapping[str, Command] = {
     "solve": Command("solver.__main__:main", "Simulate a network of arteries."),
     "list": Command("solver.commands:list_networks", "List the included networks."),
     "import": Command("solver.commands:importers", "Make a network file of another format."),
-    "export": Command("solver.commands:export_csv", "Write a network as a table with one row per vessel."),
+    "export": Command("solver.commands:export_csv", "Write a network as a table, or as a network file."),
     "build": Command("build_fmu:app", "Build FMUs of arteries, hearts, bodies and whole systems."),
     "run": Command("fmu_src.run:main", "Run an FMU from its start to a stop time."),
     "doctor": Command("fmu_src.doctor:main", "Check whether an FMU runs here, and list what is missing."),

@@ -7,41 +7,30 @@ size with which it comes nearest to the record. Walls that were fitted without i
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
 
 from fitting.inference.beside import found_beside
 from fitting.inference.fit import Fit, Member, sizes_of
-from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.network import NetworkProblem
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.simulator import Runs
 from fitting.inference.source_map import SourceMap, is_noise
 from fitting.inference.terms import Term, effect_of, joins, placed
-from fitting.inference.unknown import bounds, penalty, precisions
-from solver.effect import ALL_PLACES, CHANNEL, WALL
+from solver.effect import ALL_PLACES, CHANNEL
 from solver.errors import InputError
 
 from . import thresholds as at
 from .animal import implausible
-from .scoring import Compared, exact, names_of, promised, there
+from .law_starts import TYPICAL, Base, Begun, along, nearest
+from .rivals import with_rivals
+from .scoring import Compared, exact, promised, there
 
 Array = np.ndarray
 
-TYPICAL = (1.0,)  # sizes at which many laws are looked at
-SIZES = (0.3, *TYPICAL, 3.0)  # sizes at which a law may begin, beside its own starts
-FARTHER = 5.0  # times the size that was tried, at most, where its linear promise lies farther
-
-
-@dataclass(frozen=True)
-class Begun:
-    """A law at the size, or sizes, at which its search begins. left : the cost that is promised from there."""
-
-    term: Term
-    x: Array
-    left: float
+_ROUNDS = 3  # of rivals of the best hypothesis, at most, while these find a better one
 
 
 def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkProblem, SourceMap]:
@@ -65,7 +54,7 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
     for place in near:
         for t in terms:
             if acts_at(t, place) or (place is mine and in_segment(t, place)):
-                for each in _along(problem, t, place):
+                for each in along(problem, t, place):
                     chosen.setdefault((each.label, len(each.unknowns)), each)
     return list(chosen.values())
 
@@ -82,101 +71,16 @@ def acts_at(term: Term, place: Place) -> bool:
     return effect_of(term).source == place.kind and term.place == place.name
 
 
-def _along(problem: NetworkProblem, term: Term, place: Place | None = None) -> list[Term]:
-    """A law where it usually lies, and, of a part of a segment, begun where the map has it, or anywhere; a part of a
-    wall anywhere alone, as it is mostly whole walls that differ."""
-    whole = place is not None and (place.kind == NUMBER or effect_of(term).source == WALL)
-    moved = None if whole else placed(problem.network, term, [0.0] * len(term.unknowns))
-    if moved is None:
-        return [term]
-    first = len(term.unknowns)
-    if place is not None and place.at is not None:
-        (position, *_) = moved.unknowns[first:]
-        x = (place.at - position.nominal) / position.size
-        starts = [min(moved.starts, key=lambda start: abs(start[first] - x))]
-        starts = [(*starts[0][:first], x, *starts[0][first + 1 :])]
-    else:
-        starts = list(moved.starts)
-    return [term, replace(moved, starts=tuple(starts))]
-
-
-def _nearest(
-    problem: NetworkProblem, found: SourceMap, laws: Sequence[Term], runs: Runs, sizes: Sequence[float] = SIZES
-) -> list[Begun]:
-    """Laws at the size with which each promises to come nearest to the record, linear in the size and in the walls.
-
-    problem : with what acts beside them. sizes : that are tried.
-    """
-    trials = [(t, x) for t in laws for x in _sizes(t, sizes)]
-    (none,) = problem.observe([_member(problem, found, [])], runs)
-    if none is None:
-        return []
-    shown = problem.observe([_member(problem, found, [each]) for each in trials], runs)
-    z0, J = problem.residual(none), problem.target.whiten(found.J)
-    best: dict[int, Begun] = {}
-    for (t, x), X in zip(trials, shown, strict=True):
-        if X is not None:
-            begun = _promised(found, J, z0, problem.residual(X), t, x)
-            if id(t) not in best or begun.left < best[id(t)].left:
-                best[id(t)] = begun
-    return sorted(best.values(), key=lambda b: b.left)
-
-
-def _promised(found: SourceMap, J: Array, z0: Array, z: Array, term: Term, x: Array) -> Begun:
-    """A law where it may begin, with the residual z there and z0 without it: its size and the walls moved to where they
-    promise to leave least."""
-    sizes = np.array([u.of_size for u in term.unknowns])
-    lead = int(np.argmax(np.where(sizes, np.abs(x), -1.0)))
-    low, high = (
-        np.append(wall, own[lead]) for wall, own in zip(bounds(found.unknowns), bounds(term.unknowns), strict=True)
-    )
-    column = (z - z0) / x[lead] if x[lead] else np.zeros_like(z)
-    prior = np.append(precisions(found.unknowns), 0.0)
-    step = bounded_step(np.column_stack([J, column]), z, prior, np.append(found.x, x[lead]), low, high)
-    size = float(np.clip(x[lead] + step[-1], *sorted((x[lead] / FARTHER, x[lead] * FARTHER))))
-    begin = np.where(sizes, x * (size / x[lead] if x[lead] else 1.0), x)
-    left = z + J @ step[:-1] + column * step[-1]
-    return Begun(term, begin, float(left @ left) + penalty(prior[:-1], found.x + step[:-1]))
-
-
-def _sizes(term: Term, sizes: Sequence[float]) -> list[Array]:
-    """Where the search of a law may begin: its own starts, and these sizes, of either sign if it may be."""
-    low, high = bounds(term.unknowns)
-    found = [np.array(start) for start in term.starts if len(start) == len(term.unknowns)]
-    if effect_of(term).rewires:
-        return [np.clip(x, low, high) for x in (*found, np.zeros(len(low)))]
-    along = list(found) if term.moves_along else [np.zeros(len(term.unknowns))]
-    for start in along:
-        for size in (sign * size for size in (sizes if len(along) == 1 else TYPICAL) for sign in (1.0, -1.0)):
-            for which in _which(term):
-                x = start.copy()
-                x[which] = size
-                found.append(x)
-    inside = [x for x in found if np.all((x >= low) & (x <= high))]
-    return inside or [np.clip(found[0], low, high)]
-
-
-def _which(term: Term) -> list[list[int]]:
-    """Of a law's numbers that are sizes each by itself, and all of them together."""
-    sizes = [i for i, u in enumerate(term.unknowns) if u.of_size]
-    return [*([i] for i in sizes), *([sizes] if len(sizes) > 1 else [])]
-
-
-def _member(problem: NetworkProblem, found: SourceMap, laws: Sequence[tuple[Term, Array]]) -> Member:
-    """A hypothesis with the walls of the map and its laws where they begin."""
-    terms = tuple(t for t, _ in laws)
-    unknowns = problem.hypothesis(terms)
-    x = dict(zip((u.name for u in found.unknowns), found.x, strict=True))
-    for t, own in laws:
-        x |= dict(zip((u.name for u in t.unknowns), own, strict=True))
-    return Member(terms, unknowns, np.clip([x.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
+def base(problem: NetworkProblem, found: SourceMap) -> Base:
+    """The walls of the map."""
+    return Base(Member((), problem.hypothesis(()), found.x), problem.target.whiten(found.J))
 
 
 def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[Fit]:
     """Laws of any place of the map, refitted without what the map has at the others: one may be all that acts."""
     every = {(t.label, len(t.unknowns)): t for some in laws for t in some}
     plain, walls = found.forced(problem, []), found.standing_out(())
-    chosen = _few(_nearest(plain, walls, list(every.values()), runs))
+    chosen = _few(nearest(plain, base(plain, walls), list(every.values()), runs))
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
@@ -186,7 +90,7 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Ter
     fits = []
     for i, some in enumerate(laws):
         beside, walls = _beside(problem, found, i)
-        few = [[(b.term, b.x)] for b in _few(_nearest(beside, walls, some, runs))]
+        few = [[(b.term, b.x)] for b in _few(nearest(beside, base(beside, walls), some, runs))]
         own = refitted(beside, walls, few, runs, explaining=True)
         fits.append(sorted(own, key=lambda f: f.cost))
     return fits
@@ -234,9 +138,9 @@ def refitted(
     if not hypotheses:
         return []
     wide = problem.granted(at.AFAR)
-    white = wide.target.whiten(found.J)
-    known = {u.name: column for u, column in zip(found.unknowns, white.T, strict=True)}
-    members = [_member(problem, found, laws) for laws in hypotheses]
+    begin = base(wide, found)
+    known = {u.name: column for u, column in zip(found.unknowns, begin.J.T, strict=True)}
+    members = [begin.with_laws(problem, laws) for laws in hypotheses]
     seen = there(wide.searched_from(members, runs, known))
     seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
     return there(problem.relaxed(problem.restated(seen, wide), runs))
@@ -269,8 +173,11 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         result = result.at_minimum(runs)
         more = [*_refined(result, runs), *_with_one_more(result, found, left, runs)]
         yield (result := result.joined_by(more).polished(runs))
-    if alike := _one_replaced(result, runs):
-        yield (result := result.joined_by(alike).polished(runs))
+    for _ in range(_ROUNDS):
+        best, result = result.best.key, with_rivals(result, runs)
+        yield result
+        if result.best.key == best:
+            break
     yield result.at_minimum(runs)
 
 
@@ -295,7 +202,8 @@ def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     assert isinstance(problem, NetworkProblem)
     plain, walls = found.forced(problem, []), replace(found, x=np.zeros(len(found.x)))
     laws = [t for t in result.terms if t.rewires or t in result.sought]
-    chosen = _few(_nearest(plain.granted(at.AFAR), walls, laws, runs, TYPICAL))
+    wide = plain.granted(at.AFAR)
+    chosen = _few(nearest(wide, base(wide, walls), laws, runs, TYPICAL))
     return result.joined_by(refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)).polished(runs)
 
 
@@ -314,11 +222,12 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     laws = [
         each
         for t in sought
-        for each in _along(problem, t)
+        for each in along(problem, t)
         if each.moves_along or (t.label not in tried and t in result.sought)
     ]
-    likely = [b.term for b in _nearest(plain, walls, laws, runs, TYPICAL)[: 2 * at.FEW]]
-    chosen = _nearest(plain, walls, likely, runs)[: at.FEW]
+    begin = base(plain, walls)
+    likely = [b.term for b in nearest(plain, begin, laws, runs, TYPICAL)[: 2 * at.FEW]]
+    chosen = nearest(plain, begin, likely, runs)[: at.FEW]
     fits = refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
     return result.joined_by(fits).polished(runs)
 
@@ -344,26 +253,6 @@ def _with_one_more(result: Compared, found: SourceMap, left: Sequence[Place], ru
     best, gained = promised(first, others, columns)
     both = [(*first.terms, t) for score, t in gained[: at.FEW] if score < best - at.SECOND]
     return there(problem.refit(both, first, runs, columns)) if both else []
-
-
-def _one_replaced(result: Compared, runs: Runs) -> list[Fit]:
-    """The best two laws with one of them replaced by another law of its place that was found alone: of two that look
-    alike the more flexible one was the better while the other effect was missing, which it made up for. The best, be it
-    one that is never named for what the record cannot show."""
-    best, problem, members = min(result.every, key=lambda n: n.score).fit, result.problem, list[Member]()
-    assert isinstance(problem, NetworkProblem)
-    tried = {n.key for n in result.ranked}
-    x = dict(zip((u.name for u in best.unknowns), best.x, strict=True))
-    single = [n.fit for n in result.ranked if len(n.fit.terms) == 1 and not n.fit.terms[0].rewires]
-    for i, t in enumerate(best.terms if len(best.terms) > 1 else ()):
-        rest = (*best.terms[:i], *best.terms[i + 1 :])
-        for fit in (f for f in single if f.terms[0].place == t.place and joins(f.terms[0], rest)):
-            terms = (*rest, *fit.terms)
-            if names_of(terms) not in tried and fit.terms[0].label not in {r.label for r in rest}:
-                own = x | dict(zip((u.name for u in fit.terms[0].unknowns), _own(fit), strict=True))
-                unknowns = problem.hypothesis(terms)
-                members.append(Member(terms, unknowns, np.array([own.get(u.name, 0.0) for u in unknowns])))
-    return there(problem.searched_from(members, runs, best.columns)) if members else []
 
 
 def _refined(result: Compared, runs: Runs) -> list[Fit]:

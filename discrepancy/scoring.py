@@ -164,19 +164,6 @@ def apart(found: Sequence[Named]) -> tuple[Named, ...]:
     )
 
 
-def stated(probability: float, kind: str) -> float:
-    """A probability as it is said: its log-odds moved and stretched to what came true on tuning records.
-
-    kind : "bench" or "network", or "partial" of a name beside which more remains.
-
-    J. Platt, Advances in Large Margin Classifiers (1999) 61.
-    """
-    p = min(max(probability, 1e-12), 1.0 - 1e-12)
-    most, shift, slope = at.RELIABILITY[kind]
-    odds = shift + slope * min(math.log(p / (1.0 - p)), most)
-    return 1.0 / (1.0 + math.exp(-odds))
-
-
 def shares(all_ways: Sequence[Named]) -> list[float]:
     """Probabilities of hypotheses among themselves."""
     best = min((n.score for n in all_ways), default=0.0)

@@ -18,7 +18,7 @@ from fitting.inference.unknown import Reach
 
 from . import thresholds as at
 from .places import label_text
-from .scoring import Compared, Named, apart, ranked, shares, stated, with_errors
+from .scoring import Compared, Named, apart, ranked, shares, with_errors
 
 Array = np.ndarray
 Freed = Callable[[Named], Beside | None]
@@ -68,7 +68,9 @@ class Naming:
 def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True) -> Naming:
     """The verdict on what was compared. beside : an error of the model that a hypothesis may have beside it."""
     made = _decided(found, tuple(terms), beside)
-    return made if complete else replace(made, confidence=min(made.confidence, at.INCOMPLETE), complete=False)
+    surest = at.SUREST["partial" if made.verdict == "partial" else found.problem.kind] if made.members else 1.0
+    most = surest if complete else at.INCOMPLETE
+    return replace(made, confidence=min(made.confidence, most), complete=complete)
 
 
 def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
@@ -95,8 +97,7 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
     order = apart([*same, *rest])
     members = _class(order[: len(same)])
-    sure = stated(confidence, problem.kind)
-    return replace(unknown, verdict=_said(best, members), ranked=order, members=members, confidence=sure)
+    return replace(unknown, verdict=_said(best, members), ranked=order, members=members, confidence=confidence)
 
 
 def _with_shown(exact: Sequence[Named]) -> list[Named]:
@@ -175,7 +176,7 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
     anew = wide.columns(none.fit, found.terms) if wide.site else wide.rewhitened(found.columns, problem)
     return replace(
         unknown, verdict="partial", problem=wide, base=none, ranked=order, columns=anew,
-        members=tuple(n for n in order if n.key in labels), confidence=stated(unknown.confidence, "partial"),
+        members=tuple(n for n in order if n.key in labels), confidence=unknown.confidence,
         reason=_left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else ""),
     )  # fmt: skip
 

@@ -1,3 +1,3 @@
 """The FMI side: variable table, co-simulation, slave, modelDescription and documents; a driver that runs an FMU."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -1,118 +1,121 @@
-"""The binary of FMUs that need no Python: one for all networks, compiled once a platform, and kept.
+"""The binary of FMUs that need no Python: one for all networks, which wheels bring for every platform.
 
-Compiled by the machine's C compiler for the machine itself, or by that of the package ziglang for any of
-:data:`PLATFORMS`. Not part of the code of FMUs.
+In a checkout it is compiled when it is first needed, and kept. Not part of the code of FMUs.
 """
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
 import os
-import platform
-import shutil
 import struct
-import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
 
 from solver.errors import InputError
-from solver.native import LIBRARY
+from solver.native import ENGINES, PLATFORM, SOURCES
 
-SOURCES = Path(__file__).resolve().parents[1] / "native"
-ENGINE = ("engine.c", "engine.h", "run.h", "steps.c")  # what steps need
-FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-shared",
-         "-fvisibility=hidden", "-s")  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Platform:
-    """Where FMUs run. fmi2, fmi3 : its folder in ``binaries/``. target : what ziglang calls it."""
-
-    fmi2: str
-    fmi3: str
-    target: str
-    suffix: str
-
-
-PLATFORMS = {
-    "linux64": Platform("linux64", "x86_64-linux", "x86_64-linux-gnu.2.17", ".so"),
-    "aarch64-linux": Platform("aarch64-linux", "aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
-    "win64": Platform("win64", "x86_64-windows", "x86_64-windows-gnu", ".dll"),
-    "darwin64": Platform("darwin64", "x86_64-darwin", "x86_64-macos", ".dylib"),
-    "aarch64-darwin": Platform("aarch64-darwin", "aarch64-darwin", "aarch64-macos", ".dylib"),
-}
+from . import compiler
+from .compiler import PLATFORMS
 
 
 def here() -> str | None:
     """The platform of this machine, None where it is none of them."""
-    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
-    system = {"linux": "linux", "win32": "windows", "darwin": "darwin"}.get(sys.platform, sys.platform)
-    return next((name for name, p in PLATFORMS.items() if p.fmi3 == f"{machine}-{system}"), None)
+    return next((name for name, p in PLATFORMS.items() if p.fmi3 == PLATFORM), None)
 
 
 def sources() -> dict[str, bytes]:
     """The C files by path in ``native/``. Raises ValueError where they are not."""
-    files = [*(SOURCES / name for name in ENGINE), *sorted(SOURCES.glob("fmu/*.[ch]"))]
-    if not all(file.is_file() for file in files) or len(files) == len(ENGINE):
-        raise InputError(
-            f"{SOURCES}: the sources of FMUs that need no Python are not there; build in a checkout of the project."
-        )
-    return {file.relative_to(SOURCES).as_posix(): file.read_bytes() for file in files}
+    found = compiler.fmu_sources(SOURCES)
+    if not found:
+        raise InputError(f"{SOURCES}: the sources of FMUs without Python are not there; install arterial-fmu again.")
+    return found
 
 
 def binary(name: str) -> bytes:
-    """The library for a platform, from the cache or compiled now. Raises ValueError where nothing can compile it."""
+    """The library for a platform: the wheel's, one that was kept, or compiled now.
+
+    Raises ValueError where nothing can compile it. A compiled one is kept under a name with the hash of its sources.
+    Two processes may compile it at once: each has its own, and one of them stays.
+    """
     if name not in PLATFORMS:
         raise InputError(f"--platforms {name}: must be {', '.join(PLATFORMS)}.")
-    command = _compiler(name)
-    files = sources()
-    key = hashlib.sha256(repr((sorted(files.items()), FLAGS, command)).encode()).hexdigest()[:16]
-    kept = _cache() / f"{name}-{key}{PLATFORMS[name].suffix}"
-    if not kept.is_file():
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        content = _compiled(name, command)
-        beside = kept.with_name(f".{os.getpid()}-{kept.name}")
-        beside.write_bytes(content)
-        os.replace(beside, kept)
-        for old in set(kept.parent.glob(f"{name}-*")) - {kept}:  # of other sources
-            old.unlink(missing_ok=True)
-    return kept.read_bytes()
-
-
-def _cache() -> Path:
-    """Beside the engine, or where its folder cannot be written, in the temporary one."""
-    folder = LIBRARY.parent
-    writable = os.access(folder if folder.is_dir() else folder.parent, os.W_OK)
-    return folder if writable else Path(tempfile.gettempdir()) / f"arterial-fmu-{os.getuid()}"
+    files, target = sources(), PLATFORMS[name].target
+    known = compiler.fmu_library(name, files, target)
+    content = _kept(known)
+    if content is None:
+        command = _compiler(name)
+        known = known if target in command else compiler.fmu_library(name, files, command[0])
+        content = _kept(known)
+    if content is None:
+        try:
+            paths = [SOURCES / path for path in files if path.endswith(".c")]
+            content = compiler.compiled(command, paths, PLATFORMS[name].suffix)
+        except compiler.NotCompiled as error:
+            raise InputError(f"{error}.") from None
+        _keep(known, content, name)
+    return content
 
 
 def _compiler(name: str) -> list[str]:
     """What compiles for a platform."""
-    if importlib.util.find_spec("ziglang"):
-        return [sys.executable, "-m", "ziglang", "cc", "-target", PLATFORMS[name].target]
-    own = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-    if name == here() and own:
-        return [own]
+    portable = compiler.ziglang(PLATFORMS[name].target)
+    if portable:
+        return portable
+    own = compiler.own() if name == here() else []
+    if own:
+        return own[0]
     which = "no C compiler (cc, gcc, clang) is there" if name == here() else f"the one here makes no binary for {name}"
-    raise InputError(f"an FMU that needs no Python must be compiled once, and {which}: pip install ziglang.")
+    raise InputError(
+        "an FMU that needs no Python has a binary, which the published wheels of arterial-fmu bring; this installation "
+        f"has none for {name}, and {which}: pip install ziglang."
+    )
 
 
-def _compiled(name: str, command: Sequence[str]) -> bytes:
-    files = [str(SOURCES / path) for path in sources() if path.endswith(".c")]
-    extra = [] if name == "win64" else ["-fPIC", "-lm"]
-    extra += ["-Wl,--build-id=none"] if PLATFORMS[name].suffix == ".so" else []
-    with tempfile.TemporaryDirectory(prefix="arterial_compile_") as folder:
-        out = Path(folder) / f"arterial{PLATFORMS[name].suffix}"
-        done = subprocess.run(
-            [*command, *FLAGS, *files, "-o", str(out), *extra], capture_output=True, text=True, cwd=folder
-        )
-        if done.returncode:
-            raise InputError(f"{' '.join(command)} does not compile native/: {done.stderr.strip()}")
-        return out.read_bytes()
+# --- libraries that were compiled before --------------------------------------------------------------------------
+
+
+def cache() -> Path | None:
+    """Where compiled libraries are kept: in a checkout beside the engine, else in the user's own folder; None where
+    there is no home."""
+    if SOURCES.parent == ENGINES.parents[1] and os.access(ENGINES if ENGINES.is_dir() else ENGINES.parent, os.W_OK):
+        return ENGINES
+    try:
+        return _users() / "arterial-fmu"
+    except RuntimeError:
+        return None
+
+
+def _users() -> Path:
+    """The folder of the user's caches, as the operating system has it. Raises RuntimeError where there is no home."""
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+
+
+def _kept(file: str) -> bytes | None:
+    """A library of the wheel or of the cache; another process may remove it at any time."""
+    for folder in filter(None, dict.fromkeys((ENGINES, cache()))):
+        with suppress(OSError):
+            return (folder / file).read_bytes()
+    return None
+
+
+def _keep(file: str, content: bytes, name: str) -> None:
+    """Write a library aside, rename it, and remove those of other sources. Without a cache it is compiled again."""
+    folder = cache()
+    if folder is None:
+        return
+    with suppress(OSError):  # a full disk, or a file that another process has open: the library is in memory
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".new-") as aside:
+            made = Path(aside) / file
+            made.write_bytes(content)
+            os.replace(made, folder / file)
+        for old in set(folder.glob(f"{name}-*")) - {folder / file}:
+            old.unlink(missing_ok=True)
 
 
 def fat(x86_64: bytes, arm64: bytes) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +13,7 @@ from rich.table import Column, Table
 
 from .console import put, right, say, say_notes, say_written, sentences, show
 from .errors import InputError
-from .files import bundled_names, find_network, from_sections, read_network
+from .files import bundled_names, dumps, find_network, from_sections, loads, read_network
 from .importers import sections as written
 from .importers.openbf import read_openbf
 from .importers.sheet import read_sheet, to_sheet
@@ -119,19 +120,32 @@ def _write(
 @app.command("export")
 def export_csv(
     network: NetworkName,
-    out: Annotated[Path | None, typer.Option(help="The table to write; default: the network's name, here.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The table, or a network file (.toml); default: a table, the network's name.")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write a network as a table with one row per vessel."""
+    """Write a network as a table, or as a network file."""
     with sentences():
-        model = read_network(find_network(network))
+        source = find_network(network)
+        model = read_network(source)
         path = out or Path(f"{model.name}.csv")
         check_destinations(path, given=[network])
-        table = to_sheet(model)
-        check_new({path: table}, force)
-        write_whole(path, table)
+        text = _network_text(source, model) if path.suffix == ".toml" else to_sheet(model)
+        check_new({path: text}, force)
+        write_whole(path, text)
     if as_json:
         put(_plain(model) | {"written": [str(path)]})
     else:
         say_written(path)
+
+
+def _network_text(source: Path, model: Network) -> str:
+    """A network file that stands alone: the source's own text with its comments, or in SI if it names other files."""
+    if source.suffix == ".toml":
+        text = source.read_text(encoding="utf-8")
+        with suppress(InputError):
+            loads(text, source.name)
+            return text
+    return dumps(model)

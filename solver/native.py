@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import math
+import platform
 import sys
 from dataclasses import replace
 from functools import cache
@@ -28,9 +29,19 @@ from .tracing.steps import PLACES, Recorded, recorded
 Array = np.ndarray
 
 BACKENDS = ("numpy", "auto", "native")
+# processor and system, as FMI 3.0 names them
+PLATFORM = "-".join([
+    {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower()),
+    {"win32": "windows"}.get(sys.platform, sys.platform),
+])  # fmt: skip
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-LIBRARY = Path(__file__).with_name("engine") / f"arterial_engine{_SUFFIX}"
-_BUILD = "in a checkout, python native/build.py makes it"
+ENGINES = Path(__file__).with_name("engine")
+LIBRARY = ENGINES / f"arterial_engine-{PLATFORM}{_SUFFIX}"
+# the C files: a wheel brings them beside its libraries, one for every platform; a checkout builds from native/
+_BROUGHT = ENGINES / "sources"
+SOURCES = _BROUGHT if _BROUGHT.is_dir() else Path(__file__).parents[1] / "native"
+_WHEELS = "published wheels have it for Linux and macOS on x86-64 and arm64, and for Windows on x86-64"
+_BUILD = _WHEELS if _BROUGHT.is_dir() else "in a checkout, python native/build.py makes it"
 _EQUAL = 1e-10  # to which a step of the engine must be that of NumPy, in parts of the largest of each kind of number
 
 
@@ -51,7 +62,7 @@ class Program(ctypes.Structure):
 
 def sources() -> str:
     """A digest of the engine's sources, "" where they are not: a library of others is not used."""
-    files = sorted((Path(__file__).parents[1] / "native").glob("*.[ch]"))
+    files = sorted(SOURCES.glob("*.[ch]"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16] if files else ""
 
 

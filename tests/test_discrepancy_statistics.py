@@ -15,22 +15,10 @@ from scipy.stats import kstest, norm
 from discrepancy import thresholds
 from discrepancy.find import benjamini_yekutieli, find, mass_balances, wall_balances
 from discrepancy.isolability import DETECTABLE, isolability, smallest
-from discrepancy.scoring import stated
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown, precision
-
-# --- what a confidence is stated as -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("kind", "most"), [("bench", 0.933), ("network", 0.989), ("partial", 0.668)])
-def test_no_confidence_beyond_what_came_true(kind: str, most: float) -> None:
-    """It rises with the probability, and ends at 0.93 of a bench, 0.99 of a network, and 0.67 where more remains."""
-    told = [stated(p, kind) for p in (0.0, 0.2, 0.5, 0.8, 0.9, 0.95, 1.0)]
-    assert told == sorted(told) and told[0] < told[1]
-    assert told[-1] == pytest.approx(most, abs=1e-3)
-
 
 # --- misfit ----------------------------------------------------------------------------------------------------------
 

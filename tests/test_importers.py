@@ -12,7 +12,8 @@ from network_text import FORK
 from refused import refused
 from typer.testing import CliRunner
 
-from solver import Reflection, Windkessel, load, read_network
+from build_fmu import build
+from solver import Reflection, Windkessel, bundled, load, read_network
 from solver.commands import app
 from solver.files import bundled_names, from_sections, loads
 from solver.importers.openbf import read_openbf
@@ -291,6 +292,21 @@ def test_commands(tmp_path: Path) -> None:
             2,
             "Error: nowhere: cannot be read (No such file or directory); check the path.\n",
         )
+
+
+def test_a_network_file_to_edit(tmp_path: Path) -> None:
+    """export --out FILE.toml: an included network with its comments; one whose inflow is in a file, or that of an FMU,
+    whole in one file."""
+    run = CliRunner().invoke
+    for name in ("sheep", "cca"):
+        done = run(app, ["export", name, "--out", str(tmp_path / f"{name}.toml")])
+        assert done.exit_code == 0, done.output
+        assert read_network(tmp_path / f"{name}.toml") == load(name)
+    assert (tmp_path / "sheep.toml").read_bytes() == bundled("sheep").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cca.toml", "sheep.toml"]
+    fmu = build(load("cca"), tmp_path / "fmu")
+    assert run(app, ["export", str(fmu), "--out", str(tmp_path / "again.toml")]).exit_code == 0
+    assert read_network(tmp_path / "again.toml") == load("cca")
 
 
 def test_a_table_of_another_folder(tmp_path: Path) -> None:

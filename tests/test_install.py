@@ -1,13 +1,15 @@
 """What is published, as people install it: outside the checkout, from the wheel alone.
 
-The wheel is built from the source distribution, without a network. What it depends on is that of the Python which runs
-the tests: their folder is put on the path of the new environment.
+The wheel is built from the source distribution, without a network; ziglang compiles what it brings for all platforms,
+a minute of CPU the first time. What the wheel depends on is that of the Python which runs the tests: its folder is
+put on the path of the new environment.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -18,19 +20,23 @@ import venv
 import zipfile
 from pathlib import Path
 
+import fmpy.validation
 import numpy
 import pytest
 import pythonfmu
 from test_client_pythons import installed
 
 from arterial_fmu.commands import COMMANDS
-from build_fmu import build
+from build_fmu import build, build_native
+from fmu_src import compiler
 from solver import load
 from solver.files import bundled_names
+from solver.native import PLATFORM
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver", "fmu_src", "fitting", "discrepancy", "arterial_fmu")
-PARTS = ("pyproject.toml", "README.md", "LICENSE", "build_fmu.py", *PACKAGES)
+PARTS = ("pyproject.toml", "README.md", "LICENSE", "build_fmu.py", "native", *PACKAGES)
+ENGINE = "solver/engine"
 
 
 @pytest.fixture(scope="module")
@@ -87,14 +93,88 @@ def test_what_is_in_them(dist: Path) -> None:
     (wheel,), (source,) = dist.glob("*.whl"), dist.glob("*.tar.gz")
     files = {path.relative_to(ROOT).as_posix() for name in PACKAGES for path in (ROOT / name).rglob("*")
              if path.is_file() and not {"__pycache__", "engine"} & {*path.parts}} | {"build_fmu.py"}  # fmt: skip
+    native = {path.relative_to(ROOT / "native").as_posix() for path in (ROOT / "native").rglob("*.[ch]")}
+    brought = {f"{ENGINE}/{name}" for name in (*(f"sources/{path}" for path in native), *libraries())}
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
         (metadata,) = (archive.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
-    assert {name for name in names if ".dist-info/" not in name} == files
+    assert {name for name in names if ".dist-info/" not in name} == files | brought
     with tarfile.open(source) as archive:
         contents = {name.partition("/")[2] for name in archive.getnames()}
-    assert files <= contents and not [name for name in contents if name.startswith("examples/data/")]
+    assert files | {f"native/{path}" for path in native} <= contents and not [
+        name for name in contents if name.startswith("examples/data/")
+    ]
     assert "License-Expression: MIT" in metadata and "Requires-Python: >=3.11" in metadata
+
+
+def libraries() -> dict[str, compiler.Platform]:
+    """The names of the engine's libraries and of those of FMUs, for all platforms."""
+    fmu = compiler.fmu_sources(ROOT / "native")
+    return {f"arterial_engine-{p.fmi3}{p.suffix}": p for p in compiler.PLATFORMS.values()} | {
+        compiler.fmu_library(name, fmu, p.target): p for name, p in compiler.PLATFORMS.items()
+    }
+
+
+HEADS = {  # of a library: its format and its processor
+    "x86_64-linux": b"\x7fELF\x02\x01.{12}\x3e\x00",
+    "aarch64-linux": b"\x7fELF\x02\x01.{12}\xb7\x00",
+    "x86_64-windows": b"MZ.*?PE\x00\x00\x64\x86",
+    "x86_64-darwin": b"\xcf\xfa\xed\xfe\x07\x00\x00\x01",
+    "aarch64-darwin": b"\xcf\xfa\xed\xfe\x0c\x00\x00\x01",
+}
+
+
+@pytest.mark.slow
+def test_its_libraries(dist: Path) -> None:
+    """For the processor and the system that their names say, glibc 2.17 or older ones suffice, below 200 kB each; the
+    wheel has less than 2 MB, and it is for all platforms."""
+    (wheel,) = dist.glob("*.whl")
+    assert wheel.name.endswith("-py3-none-any.whl") and wheel.stat().st_size < 2_000_000
+    with zipfile.ZipFile(wheel) as archive:
+        for name, platform in libraries().items():
+            content = archive.read(f"{ENGINE}/{name}")
+            assert 20_000 < len(content) < 200_000, name
+            assert re.match(HEADS[platform.fmi3], content, flags=re.DOTALL), name
+            assert all(int(minor) <= 17 for minor in re.findall(rb"GLIBC_2\.(\d+)", content)), name
+            assert b"/tmp" not in content and os.fsencode(ROOT) not in content, name
+
+
+@pytest.mark.slow
+def test_it_needs_no_compiler(home: Path, dist: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The engine makes the steps; a native FMU for all platforms is built of the wheel's libraries, with nothing else
+    on the path and nothing compiled, and has no fault; all but its binaries is what the checkout builds."""
+    monkeypatch.setenv("XDG_CACHE_HOME", os.fspath(tmp_path / "cache"))
+    monkeypatch.setenv("PATH", "/nonexistent")
+    engine = next(name for name, p in libraries().items() if "engine" in name and p.fmi3 == PLATFORM)
+    assert f"steps by NumPy and the compiled engine ({engine})" in run(home, "arterial-fmu", "--version")
+    run(home, "arterial-fmu", "solve", "cca", "--dt", "5 ms", "--backend", "native")
+    options = ["--native", "--fmi", "3", "--platforms", ",".join(compiler.PLATFORMS), "--out", "native"]
+    run(home, "arterial-fmu", "build", "cca", *options)
+    fmu = home / "work" / "native" / "cca.fmu"
+    assert not (tmp_path / "cache" / "arterial-fmu").exists()
+    (wheel,) = dist.glob("*.whl")
+    with zipfile.ZipFile(fmu) as made, zipfile.ZipFile(wheel) as archive:
+        for name, p in libraries().items():
+            if "engine" not in name:
+                assert made.read(f"binaries/{p.fmi3}/cca{p.suffix}") == archive.read(f"{ENGINE}/{name}")
+    assert fmpy.validation.validate_fmu(os.fspath(fmu)) == []
+    found = json.loads(run(home, "arterial-fmu", "doctor", "native/cca.fmu", "--json"))["findings"]
+    assert found[-1]["found"] == "loaded, initialized, stepped, read, freed"
+    here = build_native(load("cca"), tmp_path, fmi=3)
+    guids = {fmpy.read_model_description(os.fspath(f)).guid for f in (here, fmu)}
+    assert len(guids) == 1
+
+
+@pytest.mark.slow
+def test_a_library_of_other_sources(home: Path) -> None:
+    """Where the sources beside it are other ones, the engine is not used, and --version says why."""
+    (source,) = (home / "venv").glob(f"lib/python3*/site-packages/{ENGINE}/sources/steps.c")
+    whole = source.read_bytes()
+    source.write_bytes(whole + b"\n")
+    try:
+        assert "NumPy; the compiled engine is of other sources" in run(home, "arterial-fmu", "--version")
+    finally:
+        source.write_bytes(whole)
 
 
 @pytest.mark.slow

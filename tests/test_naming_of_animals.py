@@ -61,3 +61,22 @@ def test_an_animal_that_there_hardly_is() -> None:
     naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
     assert (naming.verdict, naming.best.label) == ("effect", "terminal_compliance at FA")
     assert naming.best.explains and naming.complete
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("index", "alike"),
+    [
+        pytest.param(22, {"external_pressure at VA2"}, id="an external pressure of a neighbour, three pressures"),
+        pytest.param(23, {"channel_gain at BT.R"}, id="a gain of the radius for a taper of that artery, 20 dB"),
+    ],
+)
+def test_laws_that_explain_the_record_elsewhere_are_in_the_class(index: int, alike: set[str]) -> None:
+    """Records of the bank (`walls`, seed 20320201) in which another law, of another place, explains the record as well
+    as the hidden one (their separation is 2.3 and 6.0): both are told, and neither alone."""
+    cases, kind = whole("network", "walls", 20320201), "network"
+    made = make(cases[index], seed_of(kind, 20320201, index))
+    naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
+    (effect,) = cases[index].effects
+    assert naming.verdict == "ambiguous" and naming.complete
+    assert {f"{effect.name} at {effect.where[0]}", *alike} <= {n.label for n in naming.members}

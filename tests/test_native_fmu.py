@@ -20,7 +20,7 @@ from native_fmus import apart, elastic, half_sine, needs_compiler, pair, rows
 from test_toy import TissueSupport
 
 from build_fmu import build, build_native
-from fmu_src import binaries, doctor
+from fmu_src import binaries, compiler, doctor
 from fmu_src.resource import checksum
 from fmu_src.run import FMUError, run_fmu
 from solver import effects, load, simulate
@@ -215,10 +215,11 @@ def test_the_same_input_the_same_file(native: Path, tmp_path: Path) -> None:
 
 def test_no_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One sentence where nothing can compile it, and for a platform that there is not."""
-    monkeypatch.setattr(binaries, "LIBRARY", tmp_path / "engine" / "x.so")
-    monkeypatch.setattr(binaries.shutil, "which", lambda name: None)
-    monkeypatch.setattr(binaries.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match="must be compiled once, and no C compiler .* is there: pip install ziglang"):
+    monkeypatch.setattr(binaries, "ENGINES", tmp_path / "solver" / "engine")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(compiler, "own", list)
+    monkeypatch.setattr(compiler, "ziglang", lambda target: None)
+    with pytest.raises(InputError, match="has none for .*, and no C compiler .* is there: pip install ziglang"):
         build_native(load("sheep"), tmp_path)
     with pytest.raises(InputError, match="--platforms amiga: must be linux64, "):
         build_native(load("sheep"), tmp_path, platforms=["amiga"])

@@ -1,4 +1,4 @@
-"""Two laws in a network: each also replaced by another of its place."""
+"""Rivals of the best law, or laws, of a network: each of them replaced by another one, of any place."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import numpy as np
 from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term
 
-from discrepancy.at_places import _one_replaced
+from discrepancy.rivals import with_rivals
 from discrepancy.scoring import Compared
+from discrepancy.thresholds import RULED_OUT
 from fitting.inference.network_record import network_problem
 from fitting.inference.simulator import Runs
+from fitting.inference.terms import candidates
 from solver import Settings, simulate_periodic
 from solver.effects import BY_NAME
 
@@ -23,7 +25,7 @@ CHANNEL = next(name for name in NAMES if name.endswith(".P"))
 def test_a_law_that_made_up_for_the_other_effect_is_replaced() -> None:
     """A stenosis in C, and a sensor that is late by 3 ms, 40 dB. From the pair of a slow sensor and the stenosis, whose
     frequency the record cannot show, to that of the lag and the stenosis, which is the more probable one; the lag to
-    1 %. Single laws have none to replace."""
+    1 %. No law is tried beside itself."""
     hidden = BY_NAME["stenosis"].add(NETWORK, "C", {"K": 3.0})
     beat = simulate_periodic(hidden, inflow, T, settings=Settings(dt=T / 200, tolerance=1e-7), tolerance=1e-6)
     X = {n: np.fft.rfft(beat[n][:-1], norm="forward")[: N // 2 + 1] for n in ("inlet.Q", *NAMES)}
@@ -39,14 +41,29 @@ def test_a_law_that_made_up_for_the_other_effect_is_replaced() -> None:
     found = Compared.of(problem, fits, {}, (narrow, slow, late))
     (first, *_) = sorted(found.every, key=lambda n: n.score)
     assert [t.effect for t in first.fit.terms] == ["catheter_resonance", "stenosis"] and not first.shown
-    better = found.joined_by(_one_replaced(found, Runs())).best
+    better = with_rivals(found, Runs()).best
     assert {t.label for t in better.fit.terms} == {narrow.label, late.label} and better.score < first.score
     (x,) = (x * u.size for u, x in zip(better.fit.unknowns, better.fit.x, strict=True) if u.name == f"{CHANNEL}.lag")
     np.testing.assert_allclose(x, LAG, rtol=0.01)
-    single = Compared.of(problem, fits[:3], {}, (narrow, slow, late))
-    assert _one_replaced(single, Runs()) == []
     (same,) = problem.refit([(slow, late)], alone[0])
     assert same is not None
     both = Compared.of(problem, [*fits[:3], same], {}, (slow, late))
-    leads = tuple(replace(n, score=-math.inf) if n.fit is same else n for n in both.ranked)
-    assert _one_replaced(replace(both, ranked=leads), Runs()) == []  # no law beside itself
+    leads = replace(both, ranked=tuple(replace(n, score=-math.inf) if n.fit is same else n for n in both.ranked))
+    assert len(with_rivals(leads, Runs()).ranked) == len(both.ranked)
+
+
+def test_a_law_of_another_place_is_compared_with_the_best() -> None:
+    """A stenosis in C, 40 dB, of which only the reflection at the end of C was asked: the stenosis, of all laws of the
+    catalogue, takes its place, K to 10 %, and the reflection is ruled out beside it."""
+    hidden = BY_NAME["stenosis"].add(NETWORK, "C", {"K": 3.0})
+    beat = simulate_periodic(hidden, inflow, T, settings=Settings(dt=T / 200, tolerance=1e-7), tolerance=1e-6)
+    problem = network_problem(record({n: beat[n][:-1] for n in ("inlet.Q", *NAMES)}, 15, 0.01), NETWORK)
+    terms = candidates(NETWORK, (*problem.signals, "inlet.Q"))
+    (none,) = problem.refit([()])
+    (asked,) = problem.refit([(term("terminal_reflection", "C"),)], none)
+    assert none is not None and asked is not None
+    found = with_rivals(Compared.of(problem, [none, asked], {}, terms), Runs())
+    assert found.best.label == "stenosis at C" and found.best.explains
+    (K,) = (x * u.size for u, x in zip(found.best.fit.unknowns, found.best.fit.x, strict=True) if u.name == "C.K")
+    np.testing.assert_allclose(K, 3.0, rtol=0.1)
+    assert min(n.above_best for n in found.ranked if n.label == "terminal_reflection at C") > RULED_OUT

@@ -241,14 +241,15 @@ class NetworkProblem(Forward):
         return Search(begun, _RULES, Point(start.z, np.stack([own[u.name] for u in unknowns], axis=1)))
 
     def searched_from(
-        self, members: Sequence[Member], runs: Runs, known: Mapping[str, Array] | None = None
+        self, members: Sequence[Member], runs: Runs, known: Mapping[str, Array] | None = None, cost: float = np.inf
     ) -> list[Fit | None]:
         """The most probable unknowns of hypotheses, searched for from where they are.
 
-        known : whitened derivatives (n,) by unknowns, which need no simulation to begin with.
+        known : whitened derivatives (n,) by unknowns, which need no simulation to begin with. cost : of a hypothesis;
+        searches that promise to stay far above it end early.
         """
         rules = replace(_RULES, afar=True)
-        return self._searched([Search(m, rules, known=known) for m in members], runs)
+        return self._searched([Search(m, rules, known=known) for m in members], runs, cost)
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         return self._searched([Search(f.member, _RULES) for f in fits], runs or Runs())

@@ -78,18 +78,18 @@ class Group:
 _SPREADS = (0.5, 1.0, 1.5)
 _OWN = {"wall_stiffness": (0.35, 2.0, 0.4), "terminal_reflection": (0.1, 0.3, 0.5), "wall_radius": (0.07, 0.12, 0.5)}
 GROUPS = {
-    "standard": Group(11, 20320202, {"bench": 1200, "network": 400}, 0.25, 0.1, 0.1, least=0.0),
-    "walls": Group(21, 20320201, {"network": 560}, 0.4, walls=_SPREADS),
-    "sensors": Group(22, 20290613, {"bench": 240, "network": 120}, 0.4, sensors=tuple(SENSORS)),
-    "varying": Group(23, 20310122, {"bench": 240, "network": 140}, 0.6, varying=(0.03, 0.05)),
-    "offcentre": Group(24, 20310121, {"network": 100}, 0.0, walls=(0.0, 1.0), only=("stenosis", "side_branch"),
+    "standard": Group(11, 20321100, {"bench": 1200, "network": 400}, 0.25, 0.1, 0.1, least=0.0),
+    "walls": Group(21, 20321101, {"network": 560}, 0.4, walls=_SPREADS),
+    "sensors": Group(22, 20321102, {"bench": 240, "network": 120}, 0.4, sensors=tuple(SENSORS)),
+    "varying": Group(23, 20321103, {"bench": 240, "network": 140}, 0.6, varying=(0.03, 0.05)),
+    "offcentre": Group(24, 20321104, {"network": 100}, 0.0, walls=(0.0, 1.0), only=("stenosis", "side_branch"),
                        position=(0.15, 0.85)),
-    "outside_walls": Group(25, 20320203, {"bench": 120, "network": 120}, 0.0, 1.0, walls=_SPREADS),
-    "own": Group(26, 20320204, {"network": 90}, 0.0, 1 / 3, least=0.0, walls=_SPREADS, only=tuple(_OWN), sizes=_OWN),
-    "elastic": Group(27, 20320205, {"network": 60}, 0.0, pairs=0.5, least=2 / 3, walls=_SPREADS, channels="all",
+    "outside_walls": Group(25, 20321105, {"bench": 120, "network": 120}, 0.0, 1.0, walls=_SPREADS),
+    "own": Group(26, 20321106, {"network": 90}, 0.0, 1 / 3, least=0.0, walls=_SPREADS, only=tuple(_OWN), sizes=_OWN),
+    "elastic": Group(27, 20321107, {"network": 60}, 0.0, pairs=0.5, least=2 / 3, walls=_SPREADS, channels="all",
                      base="elastic"),
-    "pairs": Group(28, 20320208, {"network": 60}, 0.0, pairs=1.0, least=0.75, walls=_SPREADS, channels="all"),
-    "three": Group(29, 20320207, {"network": 60}, 0.0, least=2 / 3, walls=_SPREADS, channels="three pressures"),
+    "pairs": Group(28, 20321108, {"network": 60}, 0.0, pairs=1.0, least=0.75, walls=_SPREADS, channels="all"),
+    "three": Group(29, 20321109, {"network": 60}, 0.0, least=2 / 3, walls=_SPREADS, channels="three pressures"),
 }  # fmt: skip
 TUNING_SEED, REPORTED_SEED = GROUPS["standard"].tuning, GROUPS["standard"].reported
 REPORTED = GROUPS["standard"].records
