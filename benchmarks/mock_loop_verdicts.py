@@ -91,6 +91,8 @@ def main(
 ) -> None:
     """Measure and print."""
     rows = list[Row]()
+    if kept is not None:
+        kept.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as made:
         for path in sorted(folder.glob("*.csv"))[:files]:
             rows.append(studied(path, limit, kept or Path(made)))

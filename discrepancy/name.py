@@ -36,6 +36,7 @@ from . import thresholds as at
 from .animal import set_apart
 from .at_places import named_at
 from .intervals import profiled
+from .nearest import compared_with, nearest
 from .scoring import Compared, Named, last_of, names_of, there
 from .verdict import Naming, decided
 
@@ -60,8 +61,12 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     else:
         search = _of_bench(whole, terms, runs)
     known, complete = last_of(_with_what_stands_out(search, runs))
+    near = nearest(known, replace(runs, deadline=None))
+    if near is not None:
+        known, ended = last_of(compared_with(known, near, runs))
+        near, complete = known.none.fit, complete and ended
     naming = decided(known, terms, _freed(known, found, runs), complete)
-    return replace(profiled(naming, runs), map=found)
+    return replace(profiled(naming, runs), map=found, nearest=near)
 
 
 def _freed(found: Compared, where: SourceMap | None, runs: Runs) -> Callable[[Named], Beside | None]:

@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from fitting.first_search import ENOUGH, FAR, OTHER_STARTS
 from fitting.inference.fit import Fit, Member
+from fitting.inference.from_afar import left_of_pulsation
 from fitting.inference.network import NetworkProblem
 from fitting.inference.several import Several
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.source_map import is_noise
 from fitting.inference.terms import Term
 from fitting.inference.unknown import bounds, starting_points
-from fitting.records.noise import pulses
 from solver.errors import InputError
 
 from . import thresholds as at
@@ -45,9 +46,10 @@ def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs:
     """
     known, complete = last_of(_stages(problem, alone, terms, runs))
     complete &= all(naming.complete for naming in alone)
-    several = known.problem
+    several, none = known.problem, known.none.fit
     assert isinstance(several, Several)
-    return profiled(decided(known, terms, lambda n: several.beside(n.fit), complete), runs)
+    naming = profiled(decided(known, terms, lambda n: several.beside(n.fit), complete), runs)
+    return replace(naming, nearest=none if _far(several, none) else None)
 
 
 def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs) -> Iterator[Compared]:
@@ -120,8 +122,7 @@ def _far(problem: Several, fit: Fit) -> bool:
     left = []
     for part, rows in zip(problem.parts, problem.rows, strict=True):
         assert isinstance(part, NetworkProblem)
-        power = np.abs(part.target.unwhiten(fit.z[rows, None])[..., 0]) ** 2
-        left.append(np.sqrt(power[0] + 2.0 * power[1:].sum(axis=0)) / pulses(part.beats, part.signals))
+        left.append(left_of_pulsation(part, fit.z[rows]))
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2))) > FAR
 
 

@@ -34,7 +34,8 @@ class Naming:
     place either; of unknown, that what comes nearest does not act: small where it acts but leaves most of the gap.
     reason : for unknown; of partial, what remains. complete : whether the search came to its end.
     reaches : how far intervals of the best go, by unknown (:func:`discrepancy.intervals.profiled`). map : where
-    something acts, of a network.
+    something acts, of a network. nearest : the best model without effect where even that is far from the record, which
+    a name must do better than (:mod:`discrepancy.nearest`).
     """
 
     verdict: str
@@ -49,6 +50,7 @@ class Naming:
     complete: bool = True
     reaches: Mapping[str, Reach] = field(default_factory=dict)
     map: SourceMap | None = None
+    nearest: Fit | None = None
 
     @property
     def best(self) -> Named:

@@ -228,7 +228,9 @@ class _Work:
         best = naming.best.fit if added else naming.base.fit
         self.progress(0.75, "running the model with this subject's walls")
         wave = study.problem.wave(study.fitted, best)
-        base = animal_without(study.problem, best, naming.base.fit) if added else None
+        base = naming.nearest
+        if base is None and added:
+            base = animal_without(study.problem, best, naming.base.fit)
         base = naming.base.fit if base is None else base
         # a flow meter that is found to lie drove the model before
         drove = study.problem.measured_wave(study.fitted) if _has_sensor(best, INFLOW) else wave

@@ -85,7 +85,8 @@ def fit_command(
     """Fit the wall of one site from its pressure and radius."""
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
-        _check_destinations(out, figure, bench, parameters=out, given=[record, *(beside or ())])
+        how = Reading.asked(mapped, decimal, beside)
+        _check_destinations(out, figure, bench, parameters=out, given=[record, *how.beside])
         if figure is not None and figure.suffix.lower() != ".png":
             raise InputError(f"{figure}: a figure is a .png file; rename it.")
         if replicates < 0:
@@ -97,7 +98,7 @@ def fit_command(
             "lag_free": lag,
         }
         thickness = typed_quantity(h, "m", "--h")
-        measured = read_record(record, Reading.asked(mapped, decimal, beside))
+        measured = read_record(record, how)
         if not as_measured:
             check_plausible(measured, {site: Artery(options["R0"], thickness)})
         beats = align(measured, seconds(period, "--period"))
@@ -225,13 +226,12 @@ def check_command(
     from .pages.check_page import FILES, write_check  # matplotlib takes a second
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
-        check_destinations(
-            *(out / file for file in FILES), given=[parameters, fmu, record, *(beside or ())], folders=True
-        )
+        how = Reading.asked(mapped, decimal, beside)
+        check_destinations(*(out / file for file in FILES), given=[parameters, fmu, record, *how.beside], folders=True)
         report = check(
             read_set(parameters),
             fmu,
-            read_record(record, Reading.asked(mapped, decimal, beside)),
+            read_record(record, how),
             period=seconds(period, "--period"),
             filters=filters or (),
             as_measured=as_measured,

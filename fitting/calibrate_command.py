@@ -97,19 +97,17 @@ def calibrate_command(
 
     paths, judged = [record, *(further or ())], hold_out or []
     with sentences(NonPhysicalState, NotPeriodic), bar(quiet, pace=PACE) as progress:
-        if varies and not further:
-            raise InputError(f"--varies {varies[0]}: there is one recording to fit; give others with --and.")
         progress(0.0, "reading")
         check_one(beside, len(paths) + len(judged))
         sets = _sets(out, labels_of(list(map(str, paths))))
-        check_destinations(*sets, given=[*paths, *judged, *(beside or ()), network, start])
+        how = Reading.asked(mapped, decimal, beside)
+        check_destinations(*sets, given=[*paths, *judged, *how.beside, network, start])
         if out is not None:
             set_format(out)
         described = read_network(find_network(network))
         if start is not None:
             described = read_set(start).apply(described)
         described = with_filters(described, filters or ())
-        how = Reading.asked(mapped, decimal, beside)
         recordings = [_beats(path, how, described, as_measured, period) for path in paths]
         unseen = [_beats(path, how, described, as_measured, period) for path in judged]
         tried = calibrate_from(

@@ -53,9 +53,10 @@ Beside = Annotated[
     list[Path] | None,
     typer.Option(
         "--with",
-        metavar="FILE",
+        metavar="FILE[=SHIFT]",
         is_eager=True,
-        help="A further file of the same recording, repeatable: aligned by the times in the files.",
+        help="A further file of the same recording, repeatable: aligned by the times in the files, to which a shift, "
+        'as "Q.csv=0.3 s", is added; "Q.csv=start" starts with the first.',
     ),
 ]
 Filters = Annotated[

@@ -65,7 +65,8 @@ class Beta:
 
     def stretch(self, P: Array, K: Array, e: Array | None) -> Array:
         p = P / K
-        s = 1.0 + (p if e is None else 2.0 * p / (1.0 + np.sqrt(1.0 + 4.0 * e * p)))
+        with np.errstate(invalid="ignore"):  # a wall that softens bears no more than -K/(4 e)
+            s = 1.0 + (p if e is None else 2.0 * p / (1.0 + np.sqrt(1.0 + 4.0 * e * p)))
         return np.where(s > 0.0, s, np.nan)  # below -K the vessel has collapsed
 
     def energy(self, s: Array, K: Array, e: Array) -> Array:
@@ -103,7 +104,8 @@ class Regression:
     def stretch(self, P: Array, K: Array, e: Array | None) -> Array:
         # K (ε + e ε²) = P (1 + ε): the root that vanishes with P; none for P >= K when e = 0
         b = K - P
-        root = 2.0 * b if e is None else b + np.sqrt(b * b + 4.0 * K * e * P)
+        with np.errstate(invalid="ignore"):  # a wall that softens bears no more than K (1 - 2 e - 2 √(e² - e))
+            root = 2.0 * b if e is None else b + np.sqrt(b * b + 4.0 * K * e * P)
         return np.where(root > 0.0, 1.0 + 2.0 * P / np.where(root > 0.0, root, 1.0), np.nan)
 
     def energy(self, s: Array, K: Array, e: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,37 @@ def beats(T: float, seed: int | None = None, **channels: Array) -> Beats:
 
 def numbers(model: FirstModel) -> dict[str, float]:
     return {found.name: found.value for found in model.found}
+
+
+# --- doubts -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("late", "zero", "scale", "mass", "expected"),
+    [
+        (0.0, 0.0, 1.0, None, ()),
+        (0.2, 0.0, 1.0, None, (r"Ao.P rises 2\d\d ms after inlet.Q, ",)),
+        (-0.2, 0.0, 1.0, None, (r"Ao.P rises 1\d\d ms before inlet.Q, ",)),
+        (0.0, -60.0, 1.0, None, (r"inlet.Q is -(60|59.9) mL/s late in diastole, ",)),
+        (0.0, 20.0, 1.0, None, ()),
+        (0.0, 0.0, 0.06, None, ("the total resistance is 15 times that of an animal of 70 kg",)),
+        (0.0, 0.0, 0.06, 7.0, ()),
+    ],
+    ids=["none", "P late", "P early", "zero of the flow", "flow in diastole", "L/min as mL/s", "a small animal"],
+)
+def test_clocks_zeros_and_units(
+    late: float, zero: float, scale: float, mass: float | None, expected: tuple[str, ...]
+) -> None:
+    """A note for each that no channel shows by itself, and none where there is nothing: 1 mmHg·s/mL, 80 mL/s."""
+    T, R = 0.8, PER_ML
+    Q = ejection(T, 64.0 * ML)
+    P, _ = line(Q, T, 0.05 * R, 0.03, (0.05 * R, 0.95 * R), 1.2 / R)
+    flow = scale * (Q + zero * ML)
+    notes = first_model(beats(T, 1, inlet_Q=flow, Ao_P=np.roll(P, round(late / T * N))), mass=mass).notes
+    found = [note for note in notes if "by the times of the waves" not in note]
+    assert len(found) == len(expected)
+    for note, words in zip(found, expected, strict=True):
+        assert re.match(words, note), note
 
 
 # --- numbers and pressures ----------------------------------------------------------------------------------------

@@ -49,6 +49,21 @@ def test_a_linear_problem_takes_a_step() -> None:
     np.testing.assert_allclose(one.x, np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-6)
 
 
+def test_a_search_that_loses_its_derivatives_ends_where_it_is() -> None:
+    """z = (10 (x1 - x0²), 1 - x0) from (-1.2, 1), whose valley takes more than four steps: where no derivatives can be
+    found anew, a member beside it having no residual, the search ends below its start and has not failed."""
+
+    class Lost(Problem):
+        def points(self, trials: Sequence[Trial]) -> list[Point | None]:
+            anew = [len(t.by) > 0 and t.before is not None for t in trials]
+            return [None if lost else p for lost, p in zip(anew, super().points(trials), strict=True)]
+
+    problem = Lost(lambda x: np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]]))
+    one = found(problem, np.array([-1.2, 1.0]))
+    assert one.ended and not one.failed and not one.converged
+    assert problem.simulated == RULES.fresh and one.cost < one.history[0]
+
+
 def test_what_is_as_good_as_broken_down_says_nothing() -> None:
     """Beyond x0 = 1 the residual is 1e160, whose square overflows: shorter steps from where it was, and no warning."""
 

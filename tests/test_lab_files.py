@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +170,75 @@ def test_clock_times(tmp_path: Path, separator: str, mark: str, title: str) -> N
     record = read(tmp_path, "\n".join([separator.join([title, "AA.P [mmHg]", "AA.R [mm]"]), *lines]))
     check(record)
     assert record.time[0] == pytest.approx(86398.0, abs=1e-9)
+
+
+def half_day(t: float) -> str:
+    """11:59:58.250 AM of seconds after 11:59:58."""
+    hours, _, rest = clock(43198.0, t, ".").partition(":")
+    return f"{int(hours) % 12 or 12}:{rest} {'AM' if int(hours) < 12 else 'PM'}"
+
+
+@pytest.mark.parametrize(
+    ("time", "first"),
+    [
+        (half_day, 43198.0),
+        (lambda t: clock(58.0, t, ".")[3:], 58.0),
+        (lambda t: clock(58.0, t, ":"), 58.0),
+        (lambda t: f"01-May-2024 {clock(58.0, t, '.')}", 58.0),
+        (lambda t: f"01/05/24 {clock(58.0, t, '.')}", 58.0),
+    ],
+    ids=["AM and PM", "minutes and seconds", "colon before milliseconds", "name of the month", "year of two digits"],
+)
+@pytest.mark.parametrize("date", ["", "5/1/2024,"], ids=["alone", "beside a date"])
+def test_other_clocks(tmp_path: Path, time: Callable[[float], str], first: float, date: str) -> None:
+    """Past noon, and minutes:seconds.decimals as spreadsheets show them, a date in a column of its own or not."""
+    lines = [f"{date}{time(t)},{p:.8f},{r:.8f}" for t, p, r in zip(TIME, P_MMHG, R_MM, strict=True)]
+    record = read(tmp_path, "\n".join([f"{'Date,' if date else ''}Time,AA.P [mmHg],AA.R [mm]", *lines]))
+    check(record)
+    assert record.time[0] == pytest.approx(first, abs=1e-9)
+
+
+@pytest.mark.parametrize("remark", ["infusion on", '"infusion, on"', "5 mL bolus"])
+def test_a_column_of_remarks(tmp_path: Path, remark: str) -> None:
+    """Words among the samples, in a column that is no channel: left out; in one that is, line and column."""
+    lines = [f"{line},{remark if i == 300 else ''}" for i, line in enumerate(rows(",", "."))]
+    check(read(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm],Comment", *lines])))
+    said = refused(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm],BT.P [mmHg]", *lines]))
+    assert f"line 302, column 'BT.P [mmHg]': '{remark.strip(chr(34))}' is not a number" in said
+
+
+def test_lines_of_words_below_the_titles(tmp_path: Path) -> None:
+    """Titles, units and names of the converter's channels, in any order below the titles."""
+    for below in (["s,mmHg,mm", "Ch 1,Ch 2,Ch 3"], ["Ch 1,Ch 2,Ch 3", "(s),(mmHg),(mm)"]):
+        check(read(tmp_path, "\n".join(["Sheep 12", "Time,AA.P,AA.R", *below, *rows(",", ".")])))
+
+
+def test_what_stands_behind_the_samples(tmp_path: Path) -> None:
+    """Blank lines and words at the end of the file are no samples; a last line that is cut short is refused."""
+    lines = ["time [s],AA.P [mmHg],AA.R [mm]", *rows(",", ".")]
+    check(read(tmp_path, "\n".join([*lines, "", "End of file", "Recorded by the lab"])))
+    assert "2 fields where the header has 3" in refused(tmp_path, "\n".join([*lines, "5.0,80.0"]))
+
+
+def test_two_columns_of_one_title(tmp_path: Path) -> None:
+    """The option that is proposed leaves one of them out."""
+    lines = [f"{line},1.0" for line in rows(",", ".")]
+    content = "\n".join(["time [s],AA.P [mmHg],AA.R [mm],AA.R [mm]", *lines])
+    assert '--map "4=" leaves this one out' in refused(tmp_path, content)
+    check(read(tmp_path, content, names={"4": ""}))
+
+
+@pytest.mark.parametrize("mark", ["--", "-", "NA", "n/a", "#N/A", "null", "***"])
+@pytest.mark.parametrize("remark", ["", " # remark"], ids=["at once", "cell by cell"])
+def test_marks_of_gaps(tmp_path: Path, mark: str, remark: str) -> None:
+    """What programs write for no value is a gap, in the first sample, too."""
+    lines = rows(",", ".")
+    for i in (0, 400):
+        t, _, radius = lines[i].split(",")
+        lines[i] = f"{t},{mark},{radius}"
+    lines[2] += remark
+    record = read(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines]))
+    assert np.flatnonzero(np.isnan(record.channels["AA.P"])).tolist() == [0, 400]
 
 
 @pytest.mark.parametrize(

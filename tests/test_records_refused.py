@@ -136,8 +136,8 @@ def test_stamps_without_a_rate(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"R": np.full(N, 9.0)}, "column 'AA.R [mm]': the channel is constant (0.009 m), it does not pulsate"),
-        ({"R": np.where(TIME < 1, np.nan, 9.0)}, "column 'AA.R [mm]': the channel is constant (0.009 m)"),
+        ({"R": np.full(N, 9.0)}, "column 'AA.R [mm]': the channel is constant (9 mm), it does not pulsate"),
+        ({"R": np.where(TIME < 1, np.nan, 9.0)}, "column 'AA.R [mm]': the channel is constant (9 mm)"),
         ({"R": np.full(N, np.nan)}, "column 'AA.R [mm]': it holds gaps only"),
         ({"P": np.minimum(P_MMHG, 97.0)}, "column 'AA.P [mmHg]': the channel is clipped: it rests at its highest val"),
         ({"P": np.maximum(P_MMHG, 72.0)}, "column 'AA.P [mmHg]': the channel is clipped: it rests at its lowest valu"),
@@ -211,7 +211,7 @@ def test_a_flow_that_does_not_pulsate_is_no_channel(tmp_path: Path, flow: float)
 )
 def test_flows_that_must_pulsate(tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
     """The inflow, which drives a network, and the only channel of a record: refused if constant."""
-    assert "the channel is constant (0 m^3/s), it does not pulsate" in refusal(tmp_path, text(columns))
+    assert "the channel is constant (0 mL/s), it does not pulsate" in refusal(tmp_path, text(columns))
 
 
 def test_a_flow_may_rest_at_zero(tmp_path: Path) -> None:

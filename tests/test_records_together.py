@@ -99,11 +99,39 @@ def test_files_of_two_times(tmp_path: Path) -> None:
     """Nothing in common: one sentence with both spans. The same file twice: names that differ."""
     paths = files(tmp_path, (200.0, 200.0), (3.0, 30.0))
     with pytest.raises(
-        ValueError, match=r"P\.csv from 1\.71456e\+09 to .* s: their times do not overlap; give files of"
+        ValueError, match=r"P\.csv from 2024-05-01 10:\d\d:\d\d to 2024-.*: their times do not overlap; give files of"
     ):
         both(paths)
     with pytest.raises(ValueError, match="need names that differ, not P.csv, P.csv"):
         both((paths[0], paths[0]))
+
+
+@pytest.mark.parametrize(("behind", "shift"), [(30.0, "30 s"), (30.0, "30000 ms"), (32.0, "start")])
+def test_files_of_two_clocks(tmp_path: Path, behind: float, shift: str) -> None:
+    """The clock of Q is behind, by the 2 s that it began later, too, where both are said to start together: with the
+    shift both are one record."""
+    wanted = both(files(tmp_path, (200.0, 200.0), (30.0, 30.0 if shift == "start" else 32.0)))
+    P, Q = files(tmp_path, (200.0, 200.0), (30.0, 30.0 if shift == "start" else 32.0))
+    Q.write_text("\n".join(_behind(line, behind) for line in Q.read_text().splitlines()))
+    record = read_record(P, Reading.asked((), None, [f"{Q}={shift}"]))
+    np.testing.assert_allclose(record.channels["inlet.Q"], wanted.channels["inlet.Q"], rtol=1e-9)
+    np.testing.assert_allclose(record.time, wanted.time, rtol=1e-15)
+    assert record.told["shift"] == {str(Q): "start" if shift == "start" else 30.0}
+    assert any(said == f"+{behind:g} s were added to the times of {Q}." for said in record.said)
+    with pytest.raises(ValueError, match=r'--with .*Q\.csv = "3 m": the unit m does not convert'):
+        Reading.asked((), None, [f"{Q}=3 m"])
+
+
+def _behind(line: str, seconds: float) -> str:
+    """A line of Q whose clock is behind."""
+    time, comma, rest = line.partition(",")
+    if time == "time":
+        return line
+    minutes, own = time.removeprefix("2024-05-01T10:").split(":")
+    own_time = 3600.0 + 60.0 * int(minutes) + float(own) - seconds
+    return (
+        f"2024-05-01T{9 + int(own_time // 3600):02d}:{int(own_time) // 60 % 60:02d}:{own_time % 60:09.6f}{comma}{rest}"
+    )
 
 
 def test_commands_take_further_files(tmp_path: Path) -> None:

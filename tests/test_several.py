@@ -6,6 +6,7 @@ A fork of three vessels (tests/forked.py) under three inflows, with an outlet th
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -81,9 +82,11 @@ def test_more_recordings_tell_more() -> None:
 
 
 def test_one_is_one_of_several() -> None:
-    """A list of one recording gives every number of that recording, bit by bit; nothing varies with it."""
+    """A list of one recording gives every number of that recording, bit by bit; with it nothing can vary."""
     alone = calibrate(recording("a", 0.01), START, UNKNOWNS, settings=SETTINGS)
-    listed = calibrate([recording("a", 0.01)], START, UNKNOWNS, varies=VARIES, settings=SETTINGS)
+    listed = calibrate([recording("a", 0.01)], START, UNKNOWNS, settings=SETTINGS)
+    with pytest.raises(ValueError, match=f"--varies {re.escape(VARIES[0])}: there is one recording to fit"):
+        calibrate([recording("a", 0.01)], START, UNKNOWNS, varies=VARIES, settings=SETTINGS)
     assert listed.x.tolist() == alone.x.tolist() and listed.ci95 == alone.ci95
     assert listed.parameter_set() == alone.parameter_set() == alone.of(0).parameter_set()
 

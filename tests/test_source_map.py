@@ -182,6 +182,11 @@ def test_time_that_is_over() -> None:
 
     part: SourceMap = source_map(record_, Runs(deadline=60.0, clock=clock))
     assert len(part.places) <= 3 and part.n == len(CHANNELS) * (2 * record_.K + 1)
+    for deadline in (38.0, 40.0, 42.0, 89.0):  # just after a place was added, too: one without a size is none
+        looks[0] = 0
+        cut = source_map(record_, Runs(deadline=deadline, clock=clock))
+        assert all(signal.g.any() for signal in cut.signals)
+    looks[0] = 60
     with pytest.raises(OutOfTime):
         source_map(record_, Runs(deadline=0.0, clock=clock))
 

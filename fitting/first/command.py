@@ -53,12 +53,14 @@ def first_command(
     """Make a first model from a recording: resistance, compliance, impedance, delays, and the network they give."""
     with sentences(), bar(quiet) as progress:
         progress(0.0, "reading")
-        check_destinations(out, given=[record, *(beside or ())])
-        measured = read_record(record, Reading.asked(mapped, decimal, beside))
+        how = Reading.asked(mapped, decimal, beside)
+        check_destinations(out, given=[record, *how.beside])
+        measured = read_record(record, how)
         if not as_measured:
             check_plausible(measured, {})
+        beats = align(measured, seconds(period, "--period"))
         found = first_model(
-            align(measured, seconds(period, "--period")),
+            beats,
             like,
             mass=None if mass is None else typed_quantity(mass, "kg", "--mass"),
             P_venous=typed_quantity(venous, "Pa", "--venous"),
@@ -73,7 +75,7 @@ def first_command(
     elif not quiet:
         show(*tables(found))
     if not quiet:
-        say_notes(found.notes, aside=as_json)
+        say_notes([*found.notes, *beats.warnings], aside=as_json)
         say_written(out, aside=as_json)
 
 

@@ -57,12 +57,12 @@ def root_pressure(beats: Beats) -> str:
         other = f'; if {flows[0]} is that flow: --map "{flows[0]}={INFLOW}"' if flows else ""
         raise InputError(
             f"{beats.source}: a first model needs the flow into the root, {INFLOW}, beside a pressure there, and the "
-            f"record has {', '.join(beats.values)}; record it, or give a network file{other}."
+            f"record has {', '.join(beats.values)}; record it{other}."
         )
     if not pressures:
         raise InputError(
             f"{beats.source}: a first model needs a pressure at the root, such as Ao.P, beside {INFLOW}, and the "
-            f"record has {', '.join(beats.values)}; record it, or give a network file."
+            f"record has {', '.join(beats.values)}; record it."
         )
     if "inlet.P" in pressures:
         return "inlet.P"

@@ -25,6 +25,7 @@ from solver.units import INFLOW, MMHG
 from ..records.beats import Beats
 from ..records.spectral import coefficients, resample
 from . import text
+from .doubts import doubts
 from .estimates import Found, compliances, delay, impedance, reflection_time, resistance, root_pressure, sites
 from .species import Typical, typical
 from .stretches import parents, stretches
@@ -38,7 +39,6 @@ _MOST = 0.85  # of the compliance: upper limit of the tubes
 _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c
 _DISTANCE = 0.1  # the same of a length that is given
 _USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
-_ABOVE = 1.005  # times the mean pressure at the root: larger means get a note
 _FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
 _SAMPLES = 200  # a beat, of the comparison
 
@@ -93,12 +93,7 @@ def first_model(
     times = {site: found.value for site, found in delays.items()}
     tubes = stretches(beats, root, parents(paths, root, times), times, echo.value / 2.0, area)
     P = float(beats.mean(channel).mean())
-    notes = [
-        f"the mean of {site}.P is {(there - P) / MMHG:.2g} mmHg above that of {channel}, against the flow: the zero "
-        "or the height of a sensor is off."
-        for site in delays
-        if f"{site}.P" in beats.values and (there := float(beats.mean(f"{site}.P").mean())) > _ABOVE * P
-    ]
+    notes = list(doubts(beats, channel, R, usual.mass, list(delays)))
     if not _USUAL[0] <= c.value <= _USUAL[1]:
         notes.append(
             f"a wave speed of {c.value:.3g} m/s is not an artery's; give a distance, a radius or another species."
@@ -109,9 +104,9 @@ def first_model(
 
     def with_compliance(C: Found) -> FirstModel:
         walls = [made(tube, c.value, area, usual) for tube in tubes]
-        stored, most, doubts = sum(wall.stretch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
+        stored, most, said = sum(wall.stretch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
-            doubts.append(
+            said.append(
                 f"by the times of the waves, tubes would store {stored / C.value:.0%} of the compliance; they are made "
                 f"shorter and store {_MOST:.0%}."
             )
@@ -120,9 +115,9 @@ def first_model(
         rest = C.value - min(stored, most)
         ends = {wall.stretch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.stretch.end}
         found = (R, C, Z, *delays.values(), echo, c, radius)
-        file = text.network_file(source, found, walls, ends, doubts)
+        file = text.network_file(source, found, walls, ends, said)
         network = loads(file, f"first model of {beats.source}")
-        return FirstModel(network, file, found, _shown(beats, network), tuple(doubts))
+        return FirstModel(network, file, found, _shown(beats, network), tuple(said))
 
     models = [with_compliance(C) for C in compliances(beats, channel, P_venous, R.value)]
     return min(models, key=lambda model: next(row.rms for row in model.shown if row.channel == channel))

@@ -16,13 +16,15 @@ _POWER = 3.0 / 8.0  # of the body mass, for the radius of the aorta; pressure an
 
 @dataclass(frozen=True)
 class Typical:
-    """An aorta at its root. R : radius [m]; h_R : h/R; c : wave speed [m/s]; relaxation : φ0/E [s]; source : of all."""
+    """An aorta at its root. R : radius [m]; h_R : h/R; c : wave speed [m/s]; relaxation : φ0/E [s]; source : of all;
+    mass : of the body [kg]."""
 
     R: float
     h_R: float
     c: float
     relaxation: float
     source: str
+    mass: float
 
 
 # of a bundled network its first artery, for the mass that the network is of [kg] and the usual one of the species; the
@@ -55,4 +57,4 @@ def typical(species: str, mass: float | None = None) -> Typical:
     h_R = aorta.h / aorta.R0
     c = float(np.sqrt(aorta.E * h_R / (2.0 * network.fluid.rho * (1.0 - network.eta**2))))
     scaled = "" if mass == own else f", its radius scaled to {mass:g} kg by mass^(3/8) ({WEST})"
-    return Typical(R, h_R, c, aorta.phi0 / aorta.E, f"{aorta.name} of the bundled network {name}{scaled}")
+    return Typical(R, h_R, c, aorta.phi0 / aorta.E, f"{aorta.name} of the bundled network {name}{scaled}", mass)

@@ -78,9 +78,12 @@ def varied(
     """All unknowns of some recordings, and for each recording the numbers of its own: in common, but for some.
 
     varies : names with wildcards, "*.outlet.R2", of unknowns that have a value for each recording, or of all variables
-    of one. labels : of the recordings. Raises ValueError for one that names no unknown.
+    of one. labels : of the recordings. Raises ValueError for one that names no unknown, and where there is one
+    recording.
     """
     found, which = list[Unknown](), [list[int]() for _ in labels]
+    if varies and len(labels) == 1:
+        raise InputError(f"--varies {varies[0]}: there is one recording to fit; give others with --and.")
     for pattern in varies:
         if not any(named(unknown, pattern) for unknown in unknowns):
             names = ", ".join(unknown.name for unknown in unknowns)

@@ -273,8 +273,9 @@ def derive(evaluate: Evaluate, searches: Sequence[Search], everything: bool = Tr
     by = [s.asked(everything) for s in searches]
     trials = [Trial(s.member, i, s.here, np.zeros(len(s.x))) for s, i in zip(searches, by, strict=True)]
     for s, i, found in zip(searches, by, evaluate(trials), strict=True):
-        s.failed = found is None or not np.abs(found.J).max(initial=0.0) < _STEEPEST
-        if found is not None and not s.failed:
+        if found is None or not np.abs(found.J).max(initial=0.0) < _STEEPEST:
+            s.failed, s.ended = s.here is None, True  # one that has come somewhere ends there
+        else:
             J = np.empty((len(found.z), len(s.x)))
             for j, u in enumerate(s.member.unknowns):
                 J[:, j] = s.known.get(u.name, 0.0) if s.here is None else s.here.J[:, j]

@@ -229,7 +229,10 @@ class _Search:
     # --- what is told -------------------------------------------------------------------------------------------------
 
     def told(self, point: Point) -> SourceMap:
-        """The map of a point, weighted for it."""
+        """The map of a point, weighted for it; without places that the time was over for before they had a size."""
+        sized = [a for a, own in zip(point.active, slices(point.active), strict=True)
+                 if a.law is None or point.g[:, own].any()]  # fmt: skip
+        point = self.with_places(point, sized)
         self.model.weigh_at(point.x)
         normal = self.model.normal(point, 0.0)
         point = self.model.weighed(normal, point)

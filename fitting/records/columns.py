@@ -12,12 +12,14 @@ from typing import Any, NoReturn
 import numpy as np
 
 from solver.errors import InputError
+from solver.files import parse_quantity
 
 from .sensors import KINDS, TIME, Kind
 from .tables.table import Column, Place, Table, refuse
 from .tables.titles import factor, is_time, name_and_unit
 
 _EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]")
+_START = "start"
 CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
 
 
@@ -27,19 +29,21 @@ class Reading:
 
     names : title of a column, or its number from 1 -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]";
     "" leaves the column out. If any is given, all columns that neither it nor the variables' names mention are left
-    out. "Q.csv:2" is of the file of that name alone. beside : further files of the same recording.
+    out. "Q.csv:2" is of the file of that name alone. beside : further files of the same recording. shifts : file ->
+    seconds that are added to its times; None: it starts with the first file.
     """
 
     decimal: str | None = None
     names: Mapping[str, str] = field(default_factory=dict)
     beside: tuple[str, ...] = ()
+    shifts: Mapping[str, float | None] = field(default_factory=dict)
 
     @staticmethod
     def asked(
         pairs: Iterable[str] | None, decimal: str | None, beside: Iterable[str | os.PathLike[str]] | None = None
     ) -> Reading:
-        """Of the options ``--map TITLE=VARIABLE``, ``--decimal`` and ``--with``. Raises ValueError for a pair that is
-        none."""
+        """Of the options ``--map TITLE=VARIABLE``, ``--decimal`` and ``--with FILE`` or ``FILE=SHIFT``. Raises
+        ValueError for a pair or a shift that is none."""
         names: dict[str, str] = {}
         for pair in pairs or ():
             title, equals, variable = (part.strip() for part in pair.rpartition("="))
@@ -48,7 +52,9 @@ class Reading:
             if title in names:
                 raise InputError(f'--map "{pair}": the column {title!r} is given twice; keep one.')
             names[title] = variable
-        return Reading(decimal, names, tuple(os.fspath(file) for file in beside or ()))
+        files = [_shifted(os.fspath(file)) for file in beside or ()]
+        shifts = {file: shift for file, shift in files if shift != 0.0}
+        return Reading(decimal, names, tuple(file for file, _ in files), shifts)
 
     def each(self, tables: Sequence[Table]) -> list[Reading]:
         """The reading of each file of a recording, whose names are of its columns alone.
@@ -73,7 +79,8 @@ class Reading:
     def told(self) -> dict[str, Any]:
         """What was said beside the file, plain, for where a result comes from; empty if nothing was."""
         decimal = {} if self.decimal is None else {"decimal": self.decimal}
-        return decimal | ({"map": dict(self.names)} if self.names else {})
+        shifts = {file: _START if shift is None else shift for file, shift in self.shifts.items()}
+        return decimal | ({"map": dict(self.names)} if self.names else {}) | ({"shift": shifts} if shifts else {})
 
 
 @dataclass(frozen=True)
@@ -110,6 +117,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         titles = " and ".join(repr(column.title) for column, _ in times)
         refuse(place, None, times[1][0].title, f'{titles} are both a time; leave one out: --map "{times[1][0].title}="')
     titles_ = [column.title for column in columns]
+    _check_cells(times[0][0], place)
     found = [_chosen(column, target, titles_, place) for column, target in wanted if target[0] != "time"]
     if not found:
         raise InputError(
@@ -120,7 +128,9 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         for other in found[:i]:
             if other.name == each.name:
                 both = "a name twice" if other.kind is each.kind else "R and D of one site"
-                why = f'{both}; keep one of the two columns, --map "{each.column.title}=" leaves this one out'
+                same = other.column.title == each.column.title
+                this = next(i for i, c in enumerate(columns, 1) if c is each.column) if same else each.column.title
+                why = f'{both}; keep one of the two columns, --map "{this}=" leaves this one out'
                 refuse(place, None, each.column.title, why)
     return _chosen(*times[0], titles_, place), found
 
@@ -140,6 +150,14 @@ def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
         except InputError as error:
             found.append((False, str(error).rpartition(f"{column.title!r}: ")[2]))
     return found
+
+
+def _shifted(text: str) -> tuple[str, float | None]:
+    """The file and the seconds of FILE, FILE=SHIFT or FILE=start."""
+    file, equals, shift = text.rpartition("=")
+    if not equals or Path(text).exists():
+        return text, 0.0
+    return file, None if shift.strip() == _START else parse_quantity(shift, "s", f"--with {file}")
 
 
 # --- one column ---------------------------------------------------------------------------------------------------
@@ -180,9 +198,15 @@ def _target(column: Column, given: str | None, said: set[str], named: bool) -> t
         return (("time" if is_time(variable) else variable), own or unit) if given else None
     if is_time(name) or column.clock:
         return None if any(is_time(each) for each in said) else ("time", unit)
-    if named and (_kind(name) is None or name in said):
+    if _kind(name) is None and (named or _is_empty(column)):
         return None
-    return name, unit
+    return None if named and name in said else (name, unit)
+
+
+def _is_empty(column: Column) -> bool:
+    """Whether a column holds nothing, or only words: no channel, whatever its title."""
+    only_words = column.fault is None or column.fault.words
+    return only_words and len(column.values) > 0 and bool(np.isnan(column.values).all())
 
 
 def _kind(name: str) -> Kind | None:
@@ -198,11 +222,18 @@ def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], plac
         if name != name_and_unit(title)[0]:
             refuse(place, None, title, f"{name!r} is no variable of a network; allowed are {CHANNELS}, such as AA.P")
         refuse(place, None, title, f"no such channel; allowed are {CHANNELS}: {_advice(name, unit, short)}")
+    _check_cells(column, place)
     if column.problem:
         refuse(place, None, title, f'{column.problem}; leave it out: --map "{title}=", or export it alike')
     scale = _factor(kind, name, unit, title, titles, place)
     site, _, letter = name.rpartition(".")
     return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale)
+
+
+def _check_cells(column: Column, place: Place) -> None:
+    """Raise InputError for a cell that is no number."""
+    if column.fault is not None:
+        refuse(place, column.fault.sample, column.title, column.fault.why)
 
 
 def _advice(name: str, unit: str, title: str) -> str:

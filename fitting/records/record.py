@@ -13,6 +13,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,10 @@ import polars as pl
 
 from solver.errors import InputError
 from solver.files import write_whole
+from solver.units import of_signal
 
 from . import thresholds as limit
+from .artefacts import without_codes, without_still
 from .columns import Reading, choose
 from .sensors import KINDS, TIME, UnusableRecord, check_numbers, check_plateaus, check_ranges, constant_value, may_rest
 from .tables.kinds import read_table
@@ -34,6 +37,7 @@ Array = np.ndarray
 # A Hamming window of 16 slow intervals has a transition of 3.3/16 = 0.2 of the slow rate f: from 0.3 f, as it was,
 # to 0.5 f, gone
 _HALF, _CUTOFF = 8, 0.8
+_DATED = 1e8  # s: later times are since 1970
 
 
 @dataclass(frozen=True)
@@ -98,6 +102,7 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         records = [_one(tables.pop(0), own, digest.result()) for own, digest in zip(each, digests, strict=True)]
     if len(records) == 1:
         return records[0]
+    records = [records[0], *(_shifted(each, records[0], reading) for each in records[1:])]
     time, channels, said = together(records)
     told = {**reading.told, "with": {r.path: r.sha256 for r in records[1:]}}
     sampling = {r.path: r.told["sampling"] for r in records if "sampling" in r.told}
@@ -109,6 +114,17 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         told=told | ({"sampling": sampling} if sampling else {}),
         scales={name: scale for r in records for name, scale in r.scales.items()},
         said=(*(text for r in records for text in r.said), said),
+    )
+
+
+def _shifted(part: Record, first: Record, reading: Reading) -> Record:
+    """A further file with its times on the clock of the first."""
+    if part.path not in reading.shifts:
+        return part
+    shift = reading.shifts[part.path]
+    shift = float(first.time[0] - part.time[0]) if shift is None else shift
+    return replace(
+        part, time=part.time + shift, said=(*part.said, f"{shift:+.10g} s were added to the times of {part.path}.")
     )
 
 
@@ -127,6 +143,11 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
         with np.errstate(over="ignore"):
             channels[each.name] = each.column.values * each.factor
         check_numbers(channels[each.name], each.column.title, place)
+    said = list(axis.said)
+    for name in channels:
+        channels[name], codes = without_codes(channels[name], name, scales[name])
+        channels[name], still = without_still(channels[name], name, axis.dt, place)
+        said += [*codes, *still]
     check_ranges(channels, titles, place)
     for name, title in titles.items():
         constant = constant_value(channels[name])
@@ -136,11 +157,15 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
             del channels[name]
             resting[name] = constant
         else:
-            unit = KINDS[name.rpartition(".")[2]].unit
-            why = f"the channel is constant ({constant:g} {unit}), it does not pulsate; check the sensor, or remove"
-            raise UnusableRecord(f"{place}: column {title!r}: {why} the column.")
+            unit, shown = of_signal(name)
+            raise UnusableRecord(
+                f"{place}: column {title!r}: the channel is constant ({shown * constant:.6g} {unit}), it does not "
+                f'pulsate; check the sensor, or leave it out: --map "{title}=".'
+            )
     channels = {name: axis.of(values) for name, values in channels.items()}
-    return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, axis.said)
+    return Record(
+        place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, tuple(said)
+    )
 
 
 def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
@@ -157,8 +182,11 @@ def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
     low, high = max(p.time[0] for p in parts), min(p.time[-1] for p in parts)
     at = base.time[(base.time >= low - limit.LOST * base.dt) & (base.time <= high + limit.LOST * base.dt)]
     if len(at) < 2:
-        spans = ", ".join(f"{p.path} from {p.time[0]:.6g} to {p.time[-1]:.6g} s" for p in parts)
-        raise InputError(f"{spans}: their times do not overlap; give files of one recording, stamped by one clock.")
+        spans = ", ".join(f"{p.path} from {_told(p.time[0])} to {_told(p.time[-1])}" for p in parts)
+        raise InputError(
+            f"{spans}: their times do not overlap; give files of one recording, stamped by one clock, or say what to "
+            f'add to the times of one: --with "{parts[1].path}=SHIFT", as "0.3 s", or "start" if both start together.'
+        )
     channels: dict[str, Array] = {}
     for part in parts:
         for name, values in part.channels.items():
@@ -172,6 +200,13 @@ def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
     rates = ", ".join(f"{p.path} at {1.0 / p.dt:.6g} Hz from {p.time[0] - parts[0].time[0]:+.6g} s" for p in parts)
     said = f"{rates}: aligned by their times over {at[-1] - at[0]:.6g} s that all have, at {1.0 / base.dt:.6g} Hz"
     return at, channels, f"{said}, the rate of {base.path}{'' if base is parts[0] else ', the slowest'}."
+
+
+def _told(seconds: float) -> str:
+    """A time for people: since midnight or the start in seconds, and since 1970 as a date."""
+    if seconds < _DATED:
+        return f"{round(seconds, 3) + 0.0:.10g} s"
+    return f"{datetime.fromtimestamp(round(seconds, 3), UTC):%Y-%m-%d %H:%M:%S}"
 
 
 def _at(part: Record, values: Array, base: Record, at: Array) -> Array:

@@ -97,7 +97,7 @@ def check_plateaus(values: Array, name: str, title: str, place: Place) -> None:
             why = (
                 f"the channel is clipped: it rests at its {word} value, "
                 f"{top * sign * display_factor(kind.example):.6g} {kind.example}; "
-                "widen the sensor's range, or leave these fields empty"
+                f'widen the sensor\'s range, or leave these fields empty, or the channel out: --map "{title}="'
             )
             refuse(place, int(start[0]), title, why)
 

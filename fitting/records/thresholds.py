@@ -118,6 +118,13 @@ QUANTA = 12.0  # that a signal falls beside a plateau of a clipped channel; roun
 VALVE = 0.05  # of its range, within which a flow may rest near zero: a closed valve, not a clipped sensor
 WIDE = 0.03  # [m]; no radius but a pressure in the wrong column if the site's pressure is small
 
+# --- lines that are flushed, zeroed or calibrated ---
+STILL, QUIET = 0.5, 0.05  # [s] in which a channel varies by less than this part of its usual range
+ANY_BEAT = 2.0  # [s], of that range: longer than the beat of any heart above 30 a minute
+BEYOND = 0.5  # of the range, by which a level lies outside what beats reach
+STEEP_FOR, JUMP = 0.05, 0.5  # [s] in which a level is reached, from this part of the range away: a pulse falls slower
+AROUND = 0.3  # [s] on either side that go with it: the line rings
+
 # --- what arteries of mammals have ---
 HIGHEST_MEAN = 300.0 * MMHG  # mmHg read as kPa make any mean above 40 mmHg exceed it
 PULSE = (2.0 * MMHG, 200.0 * MMHG)  # mmHg read as Pa make 15 to 150 mmHg 0.1 to 1.1

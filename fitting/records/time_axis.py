@@ -36,6 +36,11 @@ class Axis:
     said: tuple[str, ...] = ()
     told: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def dt(self) -> float:
+        """Time between samples [s]."""
+        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
+
     def of(self, values: Array) -> Array:
         """A channel (k,) on the axis : (n,), NaN where a sample is lost."""
         if self.number is None:

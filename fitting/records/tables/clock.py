@@ -1,4 +1,5 @@
-"""Times as a clock shows them, 12:03:04.250 or 2024-05-01T12:03:04.250, as seconds since midnight or since 1970."""
+"""Times as a clock shows them, 12:03:04.250, 12:03:04.250 PM, 03:04.250 or 2024-05-01T12:03:04.250, as seconds since
+midnight, the hour or 1970."""
 
 from __future__ import annotations
 
@@ -13,17 +14,23 @@ from .table import Array
 _DAY = 86400.0  # s
 _ISO = r"[12]\d{3}-(?:0[1-9]|1[0-2])-[0-3]\d"
 # of other dates the order of day and month differs between countries: times of day, which midnight adds a day to
-_DATE = rf"(?:{_ISO}|\d{{4}}/\d{{1,2}}/\d{{1,2}}|\d{{1,2}}[./-]\d{{1,2}}[./-]\d{{4}})"
+_DATE = (
+    rf"(?:{_ISO}|\d{{4}}/\d{{1,2}}/\d{{1,2}}|\d{{1,2}}[./-]\d{{1,2}}[./-]\d{{2}}(?:\d{{2}})?"
+    r"|\d{1,2}[- ][A-Za-z]{3}[- ]\d{4})"
+)
 _ZONE = r"(?:Z|[+-]\d\d:?\d\d)?"  # left aside: it is the same throughout a record
+_HALF = r"(?: ?([AaPp])\.?[Mm]\b\.?)?"  # of the day
 
 
 def _clock(marks: str) -> str:
-    """Hours, minutes and seconds, a date before them or none; two of the three numbers may be either."""
-    return rf"(?:{_DATE}[T ]+)?\d{{1,2}}:[0-5]\d:[0-5]\d(?:[{marks}]\d+)?{_ZONE}"
+    """Hours, minutes and seconds, a date before them or none; or minutes and seconds with decimals, without which the
+    two may be hours and minutes."""
+    whole = rf"(?:{_DATE}[T ]+)?\d{{1,2}}:[0-5]\d:[0-5]\d(?:[{marks}]\d+|:\d{{3}})?{_HALF}{_ZONE}"
+    return rf"(?:{whole}|\d{{1,2}}:[0-5]\d[{marks}]\d+)"
 
 
 def is_clock(cell: str) -> bool:
-    """Whether a field is hours:minutes:seconds, perhaps with a date before them."""
+    """Whether a field is hours:minutes:seconds, perhaps with a date before them, or minutes:seconds.decimals."""
     return re.fullmatch(_clock(".,"), cell.strip()) is not None
 
 
@@ -48,11 +55,24 @@ def past_midnight(seconds: Array) -> Array:
 def _seconds(text: str, mark: str) -> str:
     if ":" not in text:
         return ""
-    day, _, clock = re.sub(rf"{_ZONE}$", "", text).replace("T", " ").rpartition(" ")
-    hours, minutes, rest = clock.replace(",", ".").split(":")
+    clock, half = _without_half(re.sub(rf"{_ZONE}$", "", text).replace("T", " "))
+    day, _, clock = clock.rpartition(" ")
+    *hours, minutes, rest = re.sub(r":(\d{3})$", r".\1", clock.replace(",", ".")).split(":")
     whole, point, decimals = rest.partition(".")
-    seconds = 3600 * int(hours) + 60 * int(minutes) + int(whole)
+    seconds = 3600 * _hour(int(hours[0]) if hours else 0, half) + 60 * int(minutes) + int(whole)
     if re.fullmatch(_ISO, day.strip()):
         year, month, number = map(int, day.split("-"))
         seconds += 86400 * (date(year, month, 1).toordinal() + number - 1 - date(1970, 1, 1).toordinal())
     return f"{seconds}{mark if point else ''}{decimals}"
+
+
+def _without_half(text: str) -> tuple[str, str]:
+    """A time without AM or PM, and which: "a", "p" or ""."""
+    match = re.search(rf"{_HALF}$", text)
+    half = (match[1] or "") if match else ""
+    return (text[: match.start()] if match and half else text).rstrip(), half.lower()
+
+
+def _hour(hour: int, half: str) -> int:
+    """The hour of the day; noon is 12 PM, and midnight 12 AM."""
+    return hour if not half else hour % 12 + (12 if half == "p" else 0)

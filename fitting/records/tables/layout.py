@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from solver.errors import InputError
 
 from .clock import is_clock, is_date
-from .numbers import COMMENT
+from .numbers import COMMENT, MISSING, without_remark
 from .titles import is_time, is_unit, name_and_unit
 
 _LOOKED_AT = 2000  # lines
@@ -69,7 +69,7 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
         titles, units = chart
     else:
         between = [row for row in rows[header + 1 : start] if any(cell.strip() for cell in row)]
-        units = [cell.strip(" []()") for cell in between[0]] if between and _is_units(between[0]) else []
+        units = next(([cell.strip(" []()") for cell in row] for row in between if _is_units(row)), [])
         titles, units = biopac(lines[:header], titles) or (titles, units or [""] * len(titles))
         if start == len(lines) or not (
             all(_beside(row, line) for row, line in zip(rows[header + 1 : start], lines[header + 1 :], strict=False))
@@ -128,12 +128,12 @@ def _is_sample(line: str, separator: str) -> bool:
     """Whether it is a line of two numbers at least, the first, a time, among them."""
     if separator not in line or line.lstrip().startswith(COMMENT):
         return False
-    cells = [cell.strip() for cell in _fields(line.partition("#")[0], separator)]
+    cells = [cell.strip() for cell in _fields(without_remark(line), separator)]
     there = [cell for cell in cells if cell]
     return (
         len(there) > 1
         and bool(cells[0])
-        and all(_NUMBER.fullmatch(cell) or is_clock(cell) or is_date(cell) for cell in cells)
+        and all(_NUMBER.fullmatch(cell) or cell in MISSING or is_clock(cell) or is_date(cell) for cell in cells)
     )
 
 
@@ -170,9 +170,15 @@ def _is_units(row: Sequence[str]) -> bool:
 
 
 def _beside(row: Sequence[str], line: str) -> bool:
-    """Whether a line between header and numbers is neither: empty, a comment, units, or counts of samples (Biopac)."""
-    empty = not any(cell.strip() for cell in row) or line.startswith(COMMENT)
-    return empty or _is_units(row) or (not row[0].strip() and all(_NUMBER.fullmatch(cell.strip()) for cell in row))
+    """Whether a line between header and numbers is neither: empty, a comment, units, words without a number, or counts
+    of samples (Biopac)."""
+    cells = [cell.strip() for cell in row]
+    if not any(cells) or line.startswith(COMMENT) or _is_units(row):
+        return True
+    numbers = [bool(_NUMBER.fullmatch(cell)) for cell in cells]
+    return not any(number and cell for number, cell in zip(numbers, cells, strict=True)) or (
+        not cells[0] and all(numbers)
+    )
 
 
 def _mark(rows: Sequence[Sequence[str]], separator: str, source: str, first: int) -> str:

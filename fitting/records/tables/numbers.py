@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from array import array
 from collections.abc import Iterator, Sequence
@@ -14,9 +15,10 @@ import polars as pl
 
 from solver.errors import InputError
 
-from .table import Array, Place, refuse
+from .table import Array, Fault, Place
 
 COMMENT = ("#", "%", "//")
+MISSING = ("NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "-", "--", "---", "...", "*", "**", "***")  # for a gap
 _NUMBER = re.compile(
     r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?)|nan|", re.IGNORECASE | re.ASCII
 )
@@ -31,6 +33,7 @@ def quickly(data: Path | bytes, skip: int, width: int, separator: str, mark: str
         frame = pl.read_csv(
             io.BytesIO(data) if isinstance(data, bytes) else data,
             has_header=False, skip_rows=skip, schema=schema, glob=False, separator=separator, decimal_comma=mark == ",",
+            null_values=list(MISSING),
         )  # fmt: skip
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException):  # its CSV reader panics on some broken files
         return None
@@ -50,57 +53,75 @@ def _count(data: Path | bytes, separator: bytes) -> int:
 
 def slowly(
     lines: Sequence[str], place: Place, titles: Sequence[str], separator: str, mark: str, grouped: bool
-) -> tuple[list[Array], list[int]]:
-    """The same cell by cell, and the line of each sample: for comments among the samples and spaces in the cells.
+) -> tuple[list[Array], list[int], list[Fault | None]]:
+    """The same cell by cell, the line of each sample, and of each column the first cell that is no number, which is NaN
+    like all such: for comments and words among the samples and spaces in the cells.
 
     lines : of the whole file; the samples begin at ``place.lines[0]``. grouped : digits may be grouped by threes.
     """
     assert place.lines is not None
     start = place.lines[0]
-    numbers, where, at = array("d"), [], [start - 1]
+    numbers, where, at = array("d"), list[int](), [start - 1]
+    faults: list[Fault | None] = [None] * len(titles)
     rows = csv.reader(_samples(lines, start, separator, len(titles), at), strict=True, delimiter=separator)
     try:
         for row in rows:
-            here = Place(place.source, place.header, [at[0]])
             if len(row) != len(titles):
                 raise InputError(
                     f"{place}: line {at[0]}: {len(row)} fields where the header has {len(titles)}; complete or remove "
                     "the line (gaps are empty fields; if decimal marks are commas, separate the fields by semicolons)."
                 )
-            numbers.extend(
-                _number(cell.strip(), here, title, mark, grouped) for cell, title in zip(row, titles, strict=True)
-            )
+            for i, cell in enumerate(row):
+                value = _number(cell.strip(), mark, grouped)
+                if value is None and faults[i] is None:
+                    faults[i] = _fault(len(where), cell.strip(), mark)
+                numbers.append(math.nan if value is None else value)
             where.append(at[0])
     except csv.Error as error:
         raise InputError(f"{place}: line {at[0]}: not CSV ({error}); correct the line.") from None
     if not numbers:
         raise InputError(f"{place}: line {start}: there are no samples below the header; add them.")
-    return list(np.ascontiguousarray(np.array(numbers).reshape(-1, len(titles)).T)), where
+    return list(np.ascontiguousarray(np.array(numbers).reshape(-1, len(titles)).T)), where, faults
+
+
+_BEGINS = re.compile(r"\s*[\"'+\-.,;\t\d]|\s*(?:nan|inf)\b", re.IGNORECASE)  # of a line that may be a sample
+
+
+def without_remark(line: str) -> str:
+    """A line up to the # of a remark, which that of #N/A is not."""
+    return re.split(r"#(?!N/A)", line, maxsplit=1)[0]
 
 
 def _samples(lines: Sequence[str], start: int, separator: str, width: int, at: list[int]) -> Iterator[str]:
     """The lines from ``start`` on without comments; at[0] becomes the number of the line."""
-    last = next((i for i in range(len(lines), start - 1, -1) if lines[i - 1]), start - 1)
+    # what stands behind the last number, such as "End of file", is no sample
+    last = next((i for i in range(len(lines), start - 1, -1) if _BEGINS.match(lines[i - 1])), start - 1)
     for number in range(start, last + 1):
         line, at[0] = lines[number - 1], number
         if line.lstrip().startswith(COMMENT):
             continue
         if "#" in line and '"' not in line:  # a remark behind the numbers, in a field of its own in LabChart
-            line = line.partition("#")[0].rstrip(" ")
+            line = without_remark(line).rstrip(" ")
             line = line.removesuffix(separator) if line.count(separator) == width else line
         yield f"{line}\n"
 
 
-def _number(text: str, place: Place, title: str, mark: str, grouped: bool) -> float:
+def _number(text: str, mark: str, grouped: bool) -> float | None:
+    """None of what is no number."""
+    if text in MISSING:
+        return math.nan
     other = "." if mark == "," else ","
     plain = text
     if grouped and re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(\{other}\d{{3}})+(\{mark}\d*)?", text):
         plain = text.replace(other, "")
     if mark == ",":
         plain = "?" if "." in plain else plain.replace(",", ".", 1)
-    if not _NUMBER.fullmatch(plain):
-        refuse(place, 0, title, f"{text[:40]!r} is not a number; {_advice(text, mark)}")
-    return float(plain or "nan")
+    return float(plain or "nan") if _NUMBER.fullmatch(plain) else None
+
+
+def _fault(sample: int, text: str, mark: str) -> Fault:
+    words = not re.fullmatch(r"[+-]?[\d.,:]+\S*", text)
+    return Fault(sample, f"{text[:40]!r} is not a number; {_advice(text, mark)}", words)
 
 
 def _advice(text: str, mark: str) -> str:

@@ -35,16 +35,27 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Fault:
+    """The first cell of a column that is no number: its sample, a clause of a sentence, and whether it is words."""
+
+    sample: int
+    why: str
+    words: bool
+
+
+@dataclass(frozen=True)
 class Column:
     """title as it is in the file; unit where the file says it elsewhere; values : (n,), NaN in gaps.
 
-    problem : why its values are not there, a clause of a sentence. clock : seconds, of a time as clocks show it.
+    problem : why its values are not there, a clause of a sentence. fault : of cells that are no numbers, which are
+    gaps. clock : seconds, of a time as clocks show it.
     """
 
     title: str
     values: Array
     unit: str = ""
     problem: str = ""
+    fault: Fault | None = None
     clock: bool = False
 
 

@@ -13,7 +13,7 @@ from solver.errors import InputError
 from .clock import in_seconds, past_midnight
 from .layout import SPACE, Layout, layout
 from .numbers import quickly, slowly
-from .table import Column, Place, Table
+from .table import Column, Fault, Place, Table
 
 _HEAD = 1 << 20  # bytes, in which the samples begin
 _ENDLESS = 1 << 62
@@ -45,13 +45,14 @@ def read_text_table(path: Path, decimal: str | None) -> Table:
             numbers = quickly(data, 0, len(titles), form.separator, form.mark)
     header = form.header or None
     place = Place(source, header, range(form.first, _ENDLESS))
+    faults: list[Fault | None] = [None] * len(titles)
     if numbers is None:
-        numbers, where = slowly(lines, place, titles, form.separator, form.mark, form.grouped)
+        numbers, where, faults = slowly(lines, place, titles, form.separator, form.mark, form.grouped)
         place = Place(source, header, where)
     columns = [
-        Column(title or f"column {i}", past_midnight(values) if clock else values, unit, clock=clock)
-        for i, (title, values, unit, clock) in enumerate(
-            zip(titles, numbers, form.units, form.clocks, strict=True), start=1
+        Column(title or f"column {i}", past_midnight(values) if clock else values, unit, "", fault, clock)
+        for i, (title, values, unit, clock, fault) in enumerate(
+            zip(titles, numbers, form.units, form.clocks, faults, strict=True), start=1
         )
         if title or not np.isnan(values).all()  # a separator at the end of every line makes a column of nothing
     ]

@@ -1,0 +1,66 @@
+"""What is doubtful in a recording, seen before any model: clocks, zeros and units that no channel shows by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from solver.units import INFLOW, MMHG, of_signal
+
+from ..records.beats import Beats
+from .estimates import Found
+from .waves import foot, later, smooth
+
+_TOGETHER = 0.1  # of the period: pressure and flow of one place rise within less of each other
+_DIASTOLE = (0.7, 0.9)  # of the beat from the foot of the flow on, where a valve is closed
+_BACKWARD = 0.05  # of the peak flow: more than that does not flow back into a heart
+_ABOVE = 1.005  # times the mean pressure at the root: larger means get a note
+_MANY = 6.0  # times the usual resistance or a sixth of it: L/min read as mL/s is 17 times, a carotid 8 to 20 times
+_USUAL, _MASS = 1.1 * MMHG / 1e-6, 70.0  # [Pa s/m³] of a human of 70 kg: 95 mmHg over 5 L/min; as mass^(-3/4)
+
+
+def doubts(beats: Beats, root: str, R: Found, mass: float, sites: list[str]) -> Iterator[str]:
+    """Sentences. root : the channel of the pressure there. R : the total resistance. mass [kg] of the animal."""
+    yield from _clocks(beats, root)
+    yield from _zero_of_flow(beats)
+    yield from _size(R, mass)
+    P = float(beats.mean(root).mean())
+    for site in sites:
+        if f"{site}.P" in beats.values and (there := float(beats.mean(f"{site}.P").mean())) > _ABOVE * P:
+            yield (
+                f"the mean of {site}.P is {(there - P) / MMHG:.2g} mmHg above that of {root}, against the flow: the "
+                "zero or the height of a sensor is off."
+            )
+
+
+def _clocks(beats: Beats, root: str) -> Iterator[str]:
+    late = later(foot(smooth(beats, root), beats.T) - foot(smooth(beats, INFLOW), beats.T), beats.T)
+    if abs(late) > _TOGETHER * beats.T:
+        yield (
+            f"{root} rises {1e3 * abs(late):.0f} ms {'after' if late > 0.0 else 'before'} {INFLOW}, and at one place "
+            "both rise together: one of the two is of another clock or another place; shift the times of its file "
+            '(--with "FILE=SHIFT").'
+        )
+
+
+def _zero_of_flow(beats: Beats) -> Iterator[str]:
+    Q = smooth(beats, INFLOW)
+    Q = np.roll(Q, -round(foot(Q, beats.T) / beats.T * len(Q)))
+    first, last = (int(part * len(Q)) for part in _DIASTOLE)
+    rest = float(Q[first:last].mean())
+    if rest < -_BACKWARD * (Q.max() - rest):
+        unit, shown = of_signal(INFLOW)
+        yield (
+            f"{INFLOW} is {shown * rest:.3g} {unit} late in diastole, when nothing flows back through a closed valve: "
+            "the zero of the meter is off, and the resistance with it; add what is missing to the column."
+        )
+
+
+def _size(R: Found, mass: float) -> Iterator[str]:
+    times = R.value / (_USUAL * (mass / _MASS) ** -0.75)
+    if not 1.0 / _MANY < times < _MANY:
+        yield (
+            f"the total resistance is {times:.2g} times that of an animal of {mass:g} kg: the unit of {INFLOW} may be "
+            "wrong (L/min read as mL/s: 17 times), the flow that of a branch alone, or the animal smaller (--mass)."
+        )

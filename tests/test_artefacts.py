@@ -1,0 +1,96 @@
+"""Lines that are flushed, zeroed or calibrated, and codes for no value: gaps, and said so; beats stay as they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting.records.align import align
+from fitting.records.artefacts import without_codes, without_still
+from fitting.records.record import read_record, write_record
+from fitting.records.sensors import UnusableRecord
+from fitting.records.tables.table import Place
+from solver.units import MMHG
+
+DT, T = 0.004, 0.8
+TIME = DT * np.arange(10000)  # 50 beats
+PLACE = Place("made.csv")
+Array = np.ndarray
+
+
+def pressure(time: Array = TIME, period: float = T) -> Array:
+    """Synthetic [Pa]: an upstroke of 100 ms to 120 mmHg and a decay to 80 mmHg, with noise of 0.1 mmHg."""
+    t = time % period
+    shape = np.where(t < 0.1, 0.5 - 0.5 * np.cos(np.pi * t / 0.1), np.exp(-(t - 0.1) / 0.25))
+    return (80.0 + 40.0 * shape + 0.1 * np.random.default_rng(1).normal(size=len(t))) * MMHG
+
+
+def at_levels(x: Array, levels: dict[tuple[int, int], float], noise: float) -> Array:
+    """With the line at some levels [mmHg] between samples."""
+    x, rng = x.copy(), np.random.default_rng(2)
+    for (start, stop), level in levels.items():
+        x[start:stop] = (level + noise * rng.normal(size=stop - start)) * MMHG
+    return x
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2], ids=["exact", "with noise"])
+@pytest.mark.parametrize(
+    "levels",
+    [
+        {(5000, 5600): 290.0},
+        {(0, 1000): 0.0},
+        {(0, 500): 0.0, (500, 1000): 100.0, (1000, 1500): 200.0},
+        {(9300, 10000): 300.0},
+    ],
+    ids=["flushed", "zeroed", "calibrated in steps, one of them among the beats", "flushed till the end"],
+)
+def test_a_line_that_stands_still(levels: dict[tuple[int, int], float], noise: float, tmp_path: Path) -> None:
+    """All of it is a gap, and no more than a second beside; the mean beat is that without, to 0.1 mmHg."""
+    P = pressure()
+    found, (said,) = without_still(at_levels(P, levels, noise), "AA.P", DT, PLACE)
+    mine = np.zeros(len(P), bool)
+    for start, stop in levels:
+        mine[start:stop] = True
+    assert np.isnan(found[mine]).all() and np.isnan(found).sum() <= mine.sum() + round(1.0 / DT)
+    assert said.startswith("AA.P stands still at ") and "taken for gaps" in said
+    Q = np.maximum(np.sin(2.0 * np.pi * TIME / T), 0.0) * 400e-6
+    path = tmp_path / "flushed.csv"
+    write_record(path, TIME, {"inlet.Q": Q, "AA.P": at_levels(P, levels, noise)}, {"AA.P": "mmHg"})
+    beats = align(read_record(path))
+    assert said in beats.warnings and beats.T == pytest.approx(T, rel=1e-4)
+    usual = P[: 50 * 200].reshape(50, 200).mean(axis=0)
+    assert np.nanmean(beats.values["AA.P"], axis=0).mean() == pytest.approx(usual.mean(), abs=0.1 * MMHG)
+
+
+def test_beats_stay_as_they_are() -> None:
+    """A radius in ten steps of its converter, a slow heart with a flat diastole of 1.4 s, a flow that rests, a record
+    of one second: nothing is taken."""
+    slow = pressure(period=2.0)
+    coarse = 1e-2 + 1e-4 * np.round((pressure() / MMHG - 80.0) / 4.0)
+    flow = np.maximum(np.sin(2.0 * np.pi * TIME / T), 0.0)
+    for name, x in (("AA.P", slow), ("AA.R", coarse), ("AA.Q", flow), ("AA.P", pressure()[:250])):
+        found, said = without_still(x, name, DT, PLACE)
+        assert said == () and found is x
+
+
+def test_a_record_that_mostly_stands_still() -> None:
+    """No mean beat of what is left: refused, with how long and where."""
+    x = at_levels(pressure(), {(0, 4200): 0.0, (9000, 10000): 0.0}, 0.2)
+    with pytest.raises(UnusableRecord, match=r"made.csv: AA.P stands still at .* mmHg for 20.* s, most of the record"):
+        without_still(x, "AA.P", DT, PLACE)
+
+
+def test_codes() -> None:
+    """-999 mmHg at 100 samples is a gap; two impossible numbers, or one sample, are a fault to be told."""
+    P = pressure()
+    coded = P.copy()
+    coded[::100] = -999.0 * MMHG
+    found, (said,) = without_codes(coded, "AA.P", MMHG)
+    assert np.flatnonzero(np.isnan(found)).tolist() == list(range(0, 10000, 100))
+    assert said == "AA.P: 100 samples are -999, which no artery has; they were taken for gaps."
+    for others in ((-999.0, -998.0), (-999.0,)):
+        wrong = P.copy()
+        wrong[: len(others)] = np.array(others) * MMHG
+        assert without_codes(wrong, "AA.P", MMHG) == (wrong, ())
