@@ -15,11 +15,11 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
+from fitting.pages.network_drawing import draw
 from fitting.pages.panels import DASHED, Curve, Drawing, drawing, loops, waveforms
+from fitting.pages.style import BLACK, BLUE, FAINT, ORANGE, STYLE, TEXT, VERMILION, Picture
 from solver.errors import InputError
 from solver.network import Network
-from solver.notebook.network import draw
-from solver.notebook.style import BLACK, BLUE, FAINT, ORANGE, STYLE, TEXT, VERMILION, Picture
 
 from .isolability import INSEPARABLE
 from .map_figure import map_figure, sites

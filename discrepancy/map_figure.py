@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from fitting.inference.places import NUMBER, Place
+from fitting.pages.network_drawing import below, draw
+from fitting.pages.style import BLUE, FAINT, ORANGE, PURPLE, TEXT, VERMILION, Picture
 from solver.effect import CHANNEL, JUNCTION, OUTLET
 from solver.layout import Lane, lanes
 from solver.network import Network
-from solver.notebook.network import below, draw
-from solver.notebook.style import BLUE, FAINT, ORANGE, PURPLE, TEXT, VERMILION, Picture
 from solver.units import readable
 
 from .map_text import axis_label, phrase

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fitting.estimate import Estimate
 from fitting.result_files import plain
+from solver.displays import Shown
 from solver.network import Network
-from solver.notebook.shown import Shown
 from solver.units import SIGNAL_UNITS
 
 from .isolability import Detectable as Detectable
@@ -19,9 +19,6 @@ from .isolability import Isolability as Isolability
 from .learned_law import LearnedLaw, law_json
 from .recorded import Pair, Recorded, pair_json
 from .shown_map import SourceMapShown, map_json
-
-if TYPE_CHECKING:
-    from solver.notebook.style import Picture
 
 Array = np.ndarray
 
@@ -260,19 +257,12 @@ class Outcome(Shown):
     def __repr__(self) -> str:
         return f"<Outcome {self.verdict}: {self.sentence}>"
 
-    @property
-    def _page(self) -> Any:
-        from . import notebook
-
-        return notebook
-
-    def plot(self, figure: str | None = None) -> Picture:
+    def plot(self, figure: str | None = None) -> Any:
         """A figure of the report: "map", "network", "z_map", "waveforms", "loops", "gap" or "isolability".
 
         Default: the first of them that this study has. Raises ValueError for one that it has not.
         """
-        picture: Picture = self._page.plotted(self, figure)
-        return picture
+        return self._figure(figure)
 
 
 def verdict_json(outcome: Outcome) -> dict[str, Any]:

@@ -269,7 +269,7 @@ def _objection(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[str
 
 
 def _drawn(fits: list[WallFit], beats: Beats) -> bytes:
-    from solver.notebook.style import png
+    from fitting.pages.style import png
 
     from .pages.figures import loop_figure  # matplotlib takes a second
 

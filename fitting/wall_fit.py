@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from solver.notebook.shown import Shown
+from solver.displays import Shown
 from solver.wall import Wall
 
 from . import wall_model
@@ -23,8 +23,6 @@ from .records import spectral
 from .wall_model import PARAMETERS, UNITS, WallModel, evaluate
 
 if TYPE_CHECKING:
-    from solver.notebook.style import Picture
-
     from .records.beats import Beats
 
 Array = np.ndarray
@@ -192,13 +190,6 @@ class WallFit(Shown):
     def __repr__(self) -> str:
         return f"<WallFit of {self.site}, model {self.model.name}, {self.source}>"
 
-    @property
-    def _page(self) -> Any:
-        from . import notebook
-
-        return notebook
-
-    def plot(self, beats: Beats | None = None) -> Picture:
+    def plot(self, beats: Beats | None = None) -> Any:
         """The loop, measured and fitted, and the spectrum of the residual. beats : fitted ones, each to be shown."""
-        picture: Picture = self._page.figure(self, beats)
-        return picture
+        return self._figure(beats)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from .quantity import Quantity, quantities, quantity
 from .table_source import TableSource, check
 from .units import SIGNAL_UNITS
 from .validation import check_network, check_parameters, check_terms, suggest
-
-if TYPE_CHECKING:
-    from .notebook.style import Picture
 
 _BOTH = ("network", "wall")
 
@@ -295,11 +292,11 @@ class Network:
         """The segment of that name. Raises KeyError if there is none."""
         return cast(Segment, cast(Parts, self.segments)[name])
 
-    def plot(self) -> Picture:
+    def plot(self) -> Any:
         """A figure of the network from left to right, for notebooks: vessels, inlets, outlets and sites."""
-        from .notebook.network import figure
+        from .displays import door
 
-        return figure(self)
+        return door().display(self).figure(self)
 
 
 # --- plain data, as stored in the FMU -----------------------------------------------------------------------------

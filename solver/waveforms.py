@@ -6,18 +6,15 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from .displays import Shown
 from .errors import InputError
 from .muscl.step import State as CellState
-from .notebook.shown import Shown
 from .scheme.step import State
 from .text import did_you_mean
-
-if TYPE_CHECKING:
-    from .notebook.style import Picture
 
 Array = np.ndarray
 
@@ -100,17 +97,10 @@ class Waveforms(Shown, Mapping[str, Array]):
     def __repr__(self) -> str:
         return f"<Waveforms of {len(self)} variables at {len(self.time)} times>"
 
-    @property
-    def _page(self) -> Any:
-        from .notebook import waveforms
-
-        return waveforms
-
-    def plot(self, *names: str) -> Picture:
+    def plot(self, *names: str) -> Any:
         """A figure with a panel for each variable. names : variables ("CA.P") or places ("CA") with all their
         variables.
 
         Default: P and Q of inlets and sites, for the first twelve places. Raises ValueError for an unknown name.
         """
-        picture: Picture = self._page.figure(self, names)
-        return picture
+        return self._figure(*names)

@@ -95,9 +95,19 @@ def test_contents(fmu: Path, sheep: Network) -> None:
     modules += ["drive", "saving", "variable", "variables", "wrapper"]
     assert {n for n in code if n.startswith("fmu_src/")} == {f"fmu_src/{module}.py" for module in modules}
     # the physics, and nothing of files, terminals, runs or drawings
-    others = ("__main__", "branching", "console", "files", "layout", "linear", "loop", "simulate", "waveforms")
+    others = (
+        "__main__",
+        "branching",
+        "console",
+        "displays",
+        "files",
+        "layout",
+        "linear",
+        "loop",
+        "simulate",
+        "waveforms",
+    )
     assert {"solver/effects.py", "solver/wall.py"} <= code and not {f"solver/{module}.py" for module in others} & code
-    assert not [n for n in code if n.startswith("solver/notebook/")]
     expected = {f"resources/_{name}/{n}" for n in code}
     expected |= {f"resources/{name}.py", f"resources/_{name}/__init__.py", "resources/network.toml"}
     expected |= {

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import rc_context
 
 from fitting.pages.panels import loops
-from solver.notebook.style import STYLE
+from fitting.pages.style import STYLE
 
 
 def test_radii_below_loops_do_not_touch() -> None:

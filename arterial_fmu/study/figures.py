@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from fitting.pages.channel_panels import by_place
 from fitting.pages.panels import Drawing, drawing, shown
-from solver.notebook.panels import by_place
-from solver.notebook.style import BLACK, BLUE, ORANGE, SKY, STYLE
+from fitting.pages.style import BLACK, BLUE, ORANGE, SKY, STYLE
 
 from .measures import POINTS
 from .outcome import Study

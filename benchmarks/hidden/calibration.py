@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from solver.notebook.style import BLACK, BLUE, STYLE, VERMILION, png
+from fitting.pages.style import BLACK, BLUE, STYLE, VERMILION, png
 
 from . import words as w
 from .counts import Share, markdown, share

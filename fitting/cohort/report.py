@@ -10,9 +10,9 @@ from typing import Any
 from rich.console import RenderableType
 from rich.table import Table
 
+from fitting.pages.style import png
 from solver.console import right
 from solver.legible import DASH, number, plus_minus
-from solver.notebook.style import png
 from solver.writing import write_folder
 
 from ..parameter_set import set_content

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 
+from fitting.pages.style import STYLE
 from solver.legible import DASH, NOT_DETERMINED, endless, interval, number, rounded, shown_in, signed
-from solver.notebook.style import STYLE
 from solver.units import of_signal, readable
 from solver.writing import write_folder
 

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 
+from fitting.pages.style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION, Picture
 from solver.legible import number
-from solver.notebook.style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION, Picture
 from solver.units import MMHG
 
 from ..records.beats import Beats

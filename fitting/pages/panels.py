@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from solver.notebook.panels import by_place
-from solver.notebook.style import BLACK, SKY, VERMILION, Picture, png
+from fitting.pages.channel_panels import by_place
+from fitting.pages.style import BLACK, SKY, VERMILION, Picture, png
 from solver.units import of_signal
 
 Array = np.ndarray

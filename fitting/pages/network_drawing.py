@@ -7,8 +7,9 @@ from collections.abc import Callable
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 
-from ..layout import Lane, lanes
-from ..network import Network
+from solver.layout import Lane, lanes
+from solver.network import Network
+
 from .style import ARTERY, FAINT, STYLE, TEXT, Picture
 
 Mark = Callable[[str, str], str | None]

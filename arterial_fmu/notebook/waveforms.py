@@ -10,12 +10,13 @@ import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.lines import Line2D
 
-from ..errors import InputError
-from ..legible import number
-from ..units import of_signal
-from ..waveforms import Waveforms
-from .panels import by_place
-from .style import BLUE, STYLE, Picture
+from fitting.pages.channel_panels import by_place
+from fitting.pages.style import BLUE, STYLE, Picture
+from solver.errors import InputError
+from solver.legible import number
+from solver.units import of_signal
+from solver.waveforms import Waveforms
+
 from .tables import table
 
 Array = np.ndarray
@@ -44,7 +45,7 @@ def columns(result: Waveforms) -> Mapping[str, Array]:
     return found
 
 
-def figure(result: Waveforms, names: Sequence[str] = ()) -> Picture:
+def figure(result: Waveforms, *names: str) -> Picture:
     """A panel for each variable; for a batch, a curve for each member, coloured from the first to the last."""
     shown = _named(result, names) if names else _usual(result)
     size = _size(result) or 1

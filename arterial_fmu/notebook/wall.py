@@ -6,19 +6,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fitting.indices import E_inc
+from fitting.pages.figures import loop_figure
+from fitting.pages.style import Picture
+from fitting.pages.tables import SHOWN
+from fitting.records.beats import Beats
+from fitting.wall_fit import WallFit
+from fitting.wall_model import PARAMETERS, UNITS
 from solver.legible import interval, number, rounded
 from solver.network import Segment
-from solver.notebook.style import Picture
-from solver.notebook.tables import table
 from solver.quantity import quantities
 from solver.units import printed
 
-from .indices import E_inc
-from .pages.figures import loop_figure
-from .pages.tables import SHOWN
-from .records.beats import Beats
-from .wall_fit import WallFit
-from .wall_model import PARAMETERS, UNITS
+from .tables import table
 
 
 def html(fitted: WallFit) -> str:
@@ -53,7 +53,7 @@ def columns(fitted: WallFit) -> Mapping[str, Sequence[Any]]:
     }
 
 
-def figure(fitted: WallFit, beats: Beats | None) -> Picture:
+def figure(fitted: WallFit, beats: Beats | None = None) -> Picture:
     """The loop, measured and fitted, and the spectrum of the residual."""
     return loop_figure([fitted], beats)
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
-from ..units import of_signal
+from solver.units import of_signal
+
 from .style import Picture
 
 _COLUMNS = 3  # panels in a row

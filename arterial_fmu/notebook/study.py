@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from solver.notebook.style import Picture
-from solver.notebook.tables import table
+from discrepancy import figures
+from discrepancy.command_tables import effect_rows, statements
+from discrepancy.outcome import Outcome
+from fitting.pages.style import Picture
 
-from . import figures
-from .command_tables import effect_rows, statements
-from .outcome import Outcome
+from .tables import table
 
 
 def html(outcome: Outcome) -> str:
@@ -33,6 +33,6 @@ def columns(outcome: Outcome) -> Mapping[str, Sequence[Any]]:
     return texts | {key: [getattr(c, key) for c in found] for key in numbers}
 
 
-def plotted(outcome: Outcome, name: str | None = None) -> Picture:
+def figure(outcome: Outcome, name: str | None = None) -> Picture:
     """One figure of the report, by default the first."""
     return figures.figure(outcome, name)
