@@ -12,35 +12,26 @@ import ast
 import io
 import os
 import re
+import runpy
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated
 
-import typer
-import typer.core
-
-from fmu_src import __version__, content, doctor, models, native_fmu, system
-from fmu_src.binaries import PLATFORMS
-from fmu_src.models import Model
-from fmu_src.species import SPECIES
-from fmu_src.variable import Variable
-from solver.console import faults, put, say, sentences
+from fmu_src import __version__, content
+from fmu_src.contents import models, system
+from fmu_src.contents.models import Model
+from fmu_src.native import native_fmu
 from solver.errors import InputError
-from solver.files import find_network, read_network, write_whole
-from solver.network import Network
-from solver.options import DefaultGroup, Json, NetworkName, Quiet
-from solver.progress import bar
+from solver.lumped.species import SPECIES
+from solver.network.description import Network
+from solver.network.files import write_whole
 from solver.scheme.model import Settings
-from solver.text import assignments
-from solver.writing import check_destinations
 
 ROOT = Path(__file__).resolve().parent  # with numpy and all else beside it where pip installed this
 _PACKAGES = ("solver", "fmu_src")  # that an FMU brings
@@ -67,7 +58,7 @@ def build(
 def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
     """Build ``<out>/<model.name>.fmu``, the code under names that carry a hash of the whole content."""
     target = Path(out) / f"{model.name}.fmu"
-    resources = {**model.resources, **_code(ROOT / "fmu_src" / f"{model.slave}.py")}
+    resources = {**model.resources, **_code(ROOT / "fmu_src" / f"{model.slave.replace('.', '/')}.py")}
     files = {f"resources/{path}": text.encode() for path, text in resources.items()} | model.documents
     files[content.SCRIPT] = _SCRIPT.format(model=model, name=content.NAME, guid=content.GUID).encode()
     digest = content.digest(files, execution_tool, version("pythonfmu"))
@@ -97,7 +88,8 @@ def build_native(
 ) -> Path:
     """Build ``<out>/<network.name>.fmu`` that needs no Python on its host, and return its path.
 
-    fmi : 2 or 3, the version of the standard. platforms : of :data:`fmu_src.binaries.PLATFORMS`; default this one's.
+    fmi : 2 or 3, the version of the standard. platforms : of :data:`fmu_src.native.binaries.PLATFORMS`; default this
+    one's.
     Raises ValueError as :func:`build`, where the network cannot be recorded, and where nothing can compile it.
     """
     target = Path(out) / f"{network.name}.fmu"
@@ -161,20 +153,22 @@ def build_system(
 @cache
 def _code(slave: Path) -> Mapping[str, str]:
     """The slave's module and all that it needs, by path in ``resources/``; PACKAGE stands for the hashed name."""
-    files = {f"{content.PACKAGE}{folder}/__init__.py": "" for folder in ("", "/solver", "/fmu_src")}
+    files = {f"{content.PACKAGE}/__init__.py": ""}
     first = [ROOT / "fmu_src" / f"{module}.py" for module in ("host", "wrapper")]  # that the script imports itself
     for module in sorted([*_needed(slave), *first]):
         text = module.read_text(encoding="utf-8")
         # inside the FMU the two packages are neighbours in one hashed package
-        text = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
-        files[f"{content.PACKAGE}/{module.relative_to(ROOT).as_posix()}"] = text
+        path = module.relative_to(ROOT)
+        text = re.sub(r"^from solver\b", f"from .{'.' * (len(path.parts) - 1)}solver", text, flags=re.MULTILINE)
+        files[f"{content.PACKAGE}/{path.as_posix()}"] = text
+        files |= {f"{content.PACKAGE}/{folder.as_posix()}/__init__.py": "" for folder in path.parents if folder.name}
     return MappingProxyType(files)
 
 
 def _needed(module: Path) -> list[Path]:
     """A module of this project and all those that it imports, directly or through others: no files, units, terminals.
 
-    The solver's and the slave's packages themselves are empty in an FMU.
+    Packages themselves are empty in an FMU.
     """
     found, todo = [], [module]
     while todo:
@@ -187,7 +181,6 @@ def _needed(module: Path) -> list[Path]:
                 folder = [file, *file.parents][node.level] if node.level else ROOT
                 inside = folder.joinpath(*(node.module or "").split("."))
                 todo += [inside.with_suffix(".py"), *(inside / f"{alias.name}.py" for alias in node.names)]
-                todo += [inside / "__init__.py"] if inside.parent not in (ROOT, ROOT.parent) else []
     return sorted(found)
 
 
@@ -268,123 +261,5 @@ def _clean_imports() -> Iterator[None]:
                 del sys.modules[name]
 
 
-app = typer.Typer(
-    cls=DefaultGroup,
-    add_completion=False,
-    rich_markup_mode=None,
-    help="Build FMUs of arteries and of what they are coupled to.",
-)
-_SPECIES = "|".join(SPECIES)
-SpeciesName = Annotated[str, typer.Option("--species", metavar=_SPECIES, help="Whose heart or body.")]
-Changes = Annotated[
-    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='Another start value: "heart.rate=1.3 Hz".')
-]
-Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
-ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
-
-
-@app.command("network")
-def main(
-    network: NetworkName = "sheep",
-    out: Out = Path("dist"),
-    execution_tool: ExecutionTool = True,
-    inlet: Annotated[
-        str | None,
-        typer.Option(metavar="flow|pressure", help="What drives the inlet; default as in the network file."),
-    ] = None,
-    change: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help='Another start value, such as "CA.phi0=0 kPa*s".'),
-    ] = None,
-    native: Annotated[bool, typer.Option("--native", help="An FMU that needs no Python on its host.")] = False,
-    fmi: Annotated[int, typer.Option(metavar="2|3", help="With --native: version of the standard.")] = 2,
-    platforms: Annotated[
-        str,
-        typer.Option(metavar="|".join(PLATFORMS), help="With --native: for which, by commas; default this machine."),
-    ] = "",
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Build the FMU of a network of arteries; the default: the word network may be left out."""
-    with sentences(), bar(quiet, "building"):
-        if inlet not in (None, "flow", "pressure"):
-            raise InputError(f"--inlet {inlet}: must be flow or pressure.")
-        arteries = read_network(find_network(network))
-        check_destinations(out / f"{arteries.name}.fmu", given=[network], folders=True)
-        arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
-        starts = _start_values(models.arteries_model(arteries, Settings()).table, change or [])
-        if native:
-            target = build_native(arteries, out, None, starts, fmi, [p for p in platforms.split(",") if p])
-        else:
-            if fmi != 2 or platforms:
-                raise InputError("--fmi and --platforms: for FMUs that need no Python; add --native.")
-            target = build(arteries, out, execution_tool=execution_tool, starts=starts)
-    _report(target, as_json, quiet)
-
-
-def _start_values(table: Iterable[Variable], changes: Sequence[str]) -> dict[str, float | str]:
-    """Start values from texts such as "CA.phi0=0 kPa*s". Raises ValueError."""
-    numbers = {v.name: v.quantity for v in table if v.quantity is not None}
-    return assignments(changes, {name: (q.unit, q.display) for name, q in numbers.items()})
-
-
-def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
-    """The command that builds a heart or a body."""
-
-    def command(
-        species: SpeciesName = "human",
-        out: Out = Path("dist"),
-        execution_tool: ExecutionTool = True,
-        change: Changes = None,
-        as_json: Json = False,
-        quiet: Quiet = False,
-    ) -> None:
-        with sentences(), bar(quiet, "building"):
-            known = model(species)
-            check_destinations(out / f"{known.name}.fmu", folders=True)
-            starts = _start_values(known.table, change or [])
-            target = build_model(model(species, starts), out, execution_tool)
-        _report(target, as_json, quiet)
-
-    return command
-
-
-app.command("heart", help="Build the FMU of a left heart.")(_lumped(models.heart_model))
-_VEINS = "Build the FMU of the veins, which close the volume between arteries and heart."
-app.command("body", help=_VEINS)(_lumped(models.body_model))
-
-
-@app.command("system")
-def system_command(
-    network: NetworkName = "human",
-    species: Annotated[
-        str | None,
-        typer.Option(metavar=_SPECIES, help="Whose heart and body; default as the network is called."),
-    ] = None,
-    out: Out = Path("dist"),
-    execution_tool: ExecutionTool = True,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Build heart, arteries and body as one system in SSP."""
-    with sentences(), bar(quiet, "building heart, arteries and body"):
-        arteries = read_network(find_network(network))
-        check_destinations(out / f"{arteries.name}.ssp", folders=True)
-        target = build_system(arteries, species, out, execution_tool)
-    _report(target, as_json, quiet)
-
-
-app.command("doctor")(doctor.main)
-
-
-def _report(target: Path, as_json: bool, quiet: bool) -> None:
-    size = target.stat().st_size
-    if as_json:
-        put({"written": [str(target)], "bytes": size})
-    elif not quiet:
-        say(f"wrote {target} ({size / 1024:.0f} kB)")
-
-
 if __name__ == "__main__":
-    with faults():
-        app()
+    runpy.run_module("arterial_fmu.cli.build", run_name="__main__")

@@ -21,20 +21,20 @@ if TYPE_CHECKING:  # "as" marks a name as public for type checkers
     from build_fmu import build_native as build_native
     from build_fmu import build_system as build_system
     from discrepancy import discover as discover
-    from fitting.calibrate import calibrate as calibrate
-    from fitting.check import check as check
+    from fitting.calibrate.network_calibration import calibrate as calibrate
+    from fitting.check.fmu_check import check as check
     from fitting.first.model import first_model as first_model
-    from fitting.parameter_set import ParameterSet as ParameterSet
-    from fitting.parameter_set import read_set as read_set
-    from fitting.parameter_set import write_set as write_set
-    from fitting.records.align import align as align
-    from fitting.records.record import Record as Record
-    from fitting.records.record import read_record as read_record
-    from fitting.records.record import write_record as write_record
-    from fitting.wall import fit as fit
+    from fitting.records.alignment.align import align as align
+    from fitting.records.read.record import Record as Record
+    from fitting.records.read.record import read_record as read_record
+    from fitting.records.read.record import write_record as write_record
+    from fitting.results.parameter_set import ParameterSet as ParameterSet
+    from fitting.results.parameter_set import read_set as read_set
+    from fitting.results.parameter_set import write_set as write_set
+    from fitting.wall.site_fit import fit as fit
     from fmu_src import __version__ as __version__
-    from fmu_src.run import FMUError as FMUError
-    from fmu_src.run import run_fmu as run_fmu
+    from fmu_src.importer.run import FMUError as FMUError
+    from fmu_src.importer.run import run_fmu as run_fmu
     from solver import *  # noqa: F403
 
 # modules of the names that scripts use most; all other names are those of solver
@@ -47,19 +47,19 @@ _HOMES = {
     "build": "build_fmu",
     "build_native": "build_fmu",
     "build_system": "build_fmu",
-    "run_fmu": "fmu_src.run",
-    "FMUError": "fmu_src.run",
-    "read_record": "fitting.records.record",
-    "write_record": "fitting.records.record",
-    "Record": "fitting.records.record",
-    "align": "fitting.records.align",
-    "fit": "fitting.wall",
+    "run_fmu": "fmu_src.importer.run",
+    "FMUError": "fmu_src.importer.run",
+    "read_record": "fitting.records.read.record",
+    "write_record": "fitting.records.read.record",
+    "Record": "fitting.records.read.record",
+    "align": "fitting.records.alignment.align",
+    "fit": "fitting.wall.site_fit",
     "first_model": "fitting.first.model",
-    "calibrate": "fitting.calibrate",
-    "read_set": "fitting.parameter_set",
-    "write_set": "fitting.parameter_set",
-    "ParameterSet": "fitting.parameter_set",
-    "check": "fitting.check",
+    "calibrate": "fitting.calibrate.network_calibration",
+    "read_set": "fitting.results.parameter_set",
+    "write_set": "fitting.results.parameter_set",
+    "ParameterSet": "fitting.results.parameter_set",
+    "check": "fitting.check.fmu_check",
     "discover": "discrepancy",
     "__version__": "fmu_src",
 }

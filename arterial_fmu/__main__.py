@@ -9,8 +9,8 @@ import typer
 from typer.core import TyperGroup
 
 from . import __version__
-from .apart import end_with_parent, is_apart, run_apart
-from .commands import COMMANDS, load
+from .cli.apart import end_with_parent, is_apart, run_apart
+from .cli.commands import COMMANDS, load
 
 
 class _Lazy(TyperGroup):
@@ -26,7 +26,7 @@ app = typer.Typer(cls=_Lazy, no_args_is_help=True, rich_markup_mode=None, pretty
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from solver.native import available  # takes a tenth of a second
+        from solver.tracing.native import available  # takes a tenth of a second
 
         typer.echo(f"arterial-fmu {__version__}\nsteps by {available()}")
         raise typer.Exit
@@ -58,7 +58,7 @@ def main() -> None:
     try:
         app(prog_name="arterial-fmu")
     except Exception:
-        from solver.console import faults  # takes a tenth of a second
+        from arterial_fmu.cli.terminal.console import faults  # takes a tenth of a second
 
         with faults():
             raise

@@ -45,13 +45,14 @@ def check_own(package: str) -> None:
 
 
 def own(module: str) -> Any:
-    """Import a module of this project by its plain name, "fitting.wall". Raises ImportError as above."""
+    """Import a module of this project by its plain name, "fitting.wall.site_fit". Raises ImportError as above."""
     check_own(module.partition(".")[0])
     return import_module(module)
 
 
 class AsOwn(MetaPathFinder, Loader):
-    """Find ``arterial_fmu.solver.network`` as the module ``solver.network``: one object under both names."""
+    """Find ``arterial_fmu.solver.network.description`` as the module ``solver.network.description``: one object under
+    both names."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None

@@ -27,10 +27,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from fitting.records.beats import Beats
-from fitting.starts import calibrate_from
+from fitting.calibrate.multistart import calibrate_from
+from fitting.records.alignment.beats import Beats
 from solver import Inlet, Network, Segment, Site, Windkessel, beat_harmonics
-from solver.files import write_whole
+from solver.network.files import write_whole
 
 Array = np.ndarray
 

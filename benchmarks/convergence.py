@@ -24,10 +24,10 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from arterial_fmu.cli.terminal.console import right, show
 from benchmarks.table import Small
 from solver import Network, NonPhysicalState, NotPeriodic, Settings, Waveforms, load, simulate_periodic
-from solver.console import right, show
-from solver.files import write_whole
+from solver.network.files import write_whole
 
 NETWORKS = ("cca", "uta", "ibif", "wang55", "matthys37", "circle_of_willis", "adan56")
 FINE = (1 / 4, 1 / 8)  # of the default step of 1 ms and of the default element of 5 cm

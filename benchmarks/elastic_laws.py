@@ -28,13 +28,13 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.wall_fits import Case, recording, series
-from fitting.indices import E_inc
-from fitting.records.align import align
+from fitting.records.alignment.align import align
 from fitting.records.virtual import VirtualWall, table_wall
-from fitting.wall import fit
-from fitting.wall_fit import WallFit
-from solver.files import write_whole
-from solver.laws import ELASTIC_LAWS
+from fitting.wall.indices import E_inc
+from fitting.wall.site_fit import fit
+from fitting.wall.wall_fit import WallFit
+from solver.laws.wall_laws import ELASTIC_LAWS
+from solver.network.files import write_whole
 
 NAMES = ("E_inc", "E", "R0", "phi0", "phiNL")
 

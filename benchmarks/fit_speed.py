@@ -22,16 +22,16 @@ import numpy as np
 import typer
 
 from benchmarks.table import Row, Small, best, show
-from fitting.calibrate import Calibration, calibrate
+from fitting.calibrate.network_calibration import Calibration, calibrate
 from fitting.cohort.file import read_cohort
 from fitting.cohort.fits import MODELS, fit_cohort
 from fitting.cohort.virtual import virtual_cohort, write_cohort
-from fitting.records.align import align
-from fitting.records.beats import Beats
-from fitting.records.record import Record, read_record
+from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
+from fitting.records.read.record import Record, read_record
 from fitting.records.virtual import measured
-from fitting.wall import bootstrap, fit
-from fitting.wall_model import model
+from fitting.wall.site_fit import bootstrap, fit
+from fitting.wall.wall_model import model
 from solver import load, simulate_periodic
 
 SITES = ("AA", "PD", "MD", "DD", "BT", "CA", "FA")

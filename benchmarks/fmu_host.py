@@ -44,8 +44,8 @@ COLD = time.perf_counter() - BEGAN
 import numpy as np
 
 from solver import load
-from solver.outputs import reporter
 from solver.scheme.model import build
+from solver.scheme.outputs import reporter
 from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.step import initial_state, step
 
@@ -90,7 +90,7 @@ def around() -> float:
     HOST.begin("linear")
     model = build(SHEEP)
     report, state = reporter(model), initial_state(model)
-    inside: Any = next(m for name, m in sys.modules.items() if name.endswith("fmu_src.stretch"))
+    inside: Any = next(m for name, m in sys.modules.items() if name.endswith("fmu_src.cosimulation.stretch"))
     taken, inside.parts = inside.parts, lambda model, state, *_: (state,)
     times: dict[str, list[float]] = {"calls": [], "report": []}
     for i in range(2500 * ROUNDS):

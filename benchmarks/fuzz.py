@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from build_fmu import build, build_model
-from fmu_src.models import body_model, heart_model
+from fmu_src.contents.models import body_model, heart_model
 from solver import Settings, load
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -31,23 +31,24 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.table import Small
-from discrepancy.learned_law import LearnedLaw
-from discrepancy.learning import Learnt, in_range, learns, learnt, stands
-from discrepancy.scoring import weighed
-from discrepancy.show import Run, free_run
-from discrepancy.source import build_fmu
-from discrepancy.study import Study, judge, prepare
-from discrepancy.verdict import Naming
-from fitting.fmu_run import RunFailed
-from fitting.inference.added import extended
+from discrepancy.add.learning import Learnt, in_range, learns, learnt, stands
+from discrepancy.find.model_source import build_fmu
+from discrepancy.find.study import Study, prepare
+from discrepancy.findings.learned_law import LearnedLaw
+from discrepancy.name.scoring import weighed
+from discrepancy.name.verdict import Naming
+from discrepancy.show.fmu_validation import Run, free_run
+from fitting.check.fmu_run import RunFailed
+from fitting.inference.extended_network import extended
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
-from fitting.inference.simulator import Runs
-from fitting.inference.terms import Term, searched
-from fitting.records.record import Record
-from solver.effects import BY_NAME
-from solver.files import write_network, write_whole
-from solver.network import Network
+from fitting.inference.hypothesis import Term, searched
+from fitting.inference.runs import Runs
+from fitting.records.read.record import Record
+from solver.laws.effects import BY_NAME
+from solver.network.description import Network
+from solver.network.files import write_network, write_whole
+from tests.judged import judge
 from tests.truth.anatomy import anatomy
 from tests.truth.beat import Beat, at_phase
 from tests.truth.detect import detect

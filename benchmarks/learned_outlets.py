@@ -28,16 +28,16 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.learned import fmu_of, record_of, rms
-from discrepancy.described import NOTHING, described, with_network
-from discrepancy.learning import learnt, stands
-from discrepancy.scoring import weighed
-from discrepancy.study import prepare
-from discrepancy.verdict import Naming
-from fitting.inference.added import extended
-from fitting.inference.network import NetworkProblem
-from fitting.inference.simulator import Runs
-from fitting.inference.source_map import source_map
-from solver.files import write_whole
+from discrepancy.add.described import NOTHING, described, with_network
+from discrepancy.add.learning import learnt, stands
+from discrepancy.find.study import prepare
+from discrepancy.name.scoring import weighed
+from discrepancy.name.verdict import Naming
+from fitting.inference.extended_network import extended
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.runs import Runs
+from fitting.inference.source_maps.source_map import source_map
+from solver.network.files import write_whole
 from tests.truth.detect import detect
 from tests.truth.plan import GROUPS, seed_of, whole
 from tests.truth.records import Case, make

@@ -34,20 +34,21 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from fitting.calibrate import Calibration, calibrate
+from fitting.calibrate.network_calibration import Calibration, calibrate
 from fitting.first.model import first_model
-from fitting.inference.simulator import HARMONICS_BEYOND, Runs, Simulator
-from fitting.records.align import align
-from fitting.records.beats import Beats
-from fitting.records.columns import Reading
-from fitting.records.filters import with_filters
-from fitting.records.inflow import inflow
-from fitting.records.record import read_record
+from fitting.inference.models.simulator import HARMONICS_BEYOND, Simulator
+from fitting.inference.runs import Runs
+from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
+from fitting.records.channels.filters import with_filters
+from fitting.records.channels.inflow import inflow
+from fitting.records.read.columns import Reading
+from fitting.records.read.record import read_record
 from solver import Settings
-from solver.files import read_network, write_whole
-from solver.legible import number
-from solver.network import Network
-from solver.units import INFLOW, MMHG
+from solver.network.description import Network
+from solver.network.files import read_network, write_whole
+from solver.quantities.legible import number
+from solver.quantities.units import INFLOW, MMHG
 
 COLUMNS = {"1": "time [s]", "2": "inlet.Q [mL/s]", "3": "Ao.P [mmHg]", "4": "Pe.P [mmHg]"}
 FILTERS = ("inlet.Q=lowpass 10 Hz", "Ao.P=lowpass 55 Hz", "Pe.P=lowpass 55 Hz")  # as the database says

@@ -29,14 +29,14 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.mock_loop import CHANNELS, COLUMNS, FILTERS, FREE, Clock, both
+from fitting.calibrate.multistart import calibrate_from
 from fitting.first.model import first_model
-from fitting.records.align import align
-from fitting.records.columns import Reading
-from fitting.records.filters import with_filters
-from fitting.records.record import read_record
-from fitting.starts import calibrate_from
-from solver.files import write_network, write_whole
-from solver.units import MMHG
+from fitting.records.alignment.align import align
+from fitting.records.channels.filters import with_filters
+from fitting.records.read.columns import Reading
+from fitting.records.read.record import read_record
+from solver.network.files import write_network, write_whole
+from solver.quantities.units import MMHG
 
 Row = dict[str, Any]
 
@@ -53,7 +53,7 @@ def studied(path: Path, limit: str, folder: Path) -> Row:
     model, out = folder / f"{path.stem}.toml", folder / path.stem
     write_network(with_filters(first_model(beats).network, FILTERS), model)
     mapped = [word for column, name in COLUMNS.items() for word in ("--map", f"{column}={name}")]
-    command = [sys.executable, "-m", "discrepancy", "discover", str(path), "--model", str(model), "--out", str(out)]
+    command = [sys.executable, "-m", "arterial_fmu", "discover", str(path), "--model", str(model), "--out", str(out)]
     begun, cpu = time.monotonic(), spent()
     done = subprocess.run([*command, *mapped, "--time-limit", limit, "--jobs", "1", "--quiet"], check=False)
     row: Row = {"file": path.stem, "exit": done.returncode, "cpu": spent() - cpu, "wall": time.monotonic() - begun}

@@ -27,13 +27,13 @@ import typer
 from benchmarks.size import fork, tree
 from benchmarks.table import Row, Small, best, show
 from solver import Network, Settings, beat_harmonics, load
-from solver.coefficients import Parameters
-from solver.inflow import drives_of
-from solver.native import Engine, NoEngine, library
-from solver.outputs import reporter
+from solver.network.coefficients import Parameters
+from solver.network.inflow import drives_of
 from solver.scheme.model import build
+from solver.scheme.outputs import reporter
 from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.step import initial_state, step
+from solver.tracing.native import Engine, NoEngine, library
 
 STRETCH, STRETCHES = 50, 6  # steps that are timed together, and how often
 SHEEP = load("sheep")

@@ -23,10 +23,10 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from arterial_fmu.cli.terminal.console import right, show
 from solver import Settings, Site, Waveforms, load, simulate, simulate_periodic
-from solver.console import right, show
-from solver.files import parse_quantity
-from solver.network import Network
+from solver.network.description import Network
+from solver.network.files import parse_quantity
 
 DIGEST = Path(__file__).resolve().parents[1] / "tests" / "data" / "openbf"
 PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)

@@ -28,8 +28,8 @@ import typer
 from openbf import PLACES, compared, last_beat, reference, with_sites  # type: ignore[import-not-found]
 from rich.table import Table
 
+from arterial_fmu.cli.terminal.console import right, show
 from solver import Network, Settings, Waveforms, Windkessel, load
-from solver.console import right, show
 from solver.muscl.slopes import van_albada
 
 Array = np.ndarray

@@ -34,8 +34,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy.signal import lfilter
 
-from fitting.records.period import usual_period
-from solver.files import write_whole
+from fitting.records.alignment.period import usual_period
+from solver.network.files import write_whole
 
 Array = np.ndarray
 

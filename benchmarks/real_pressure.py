@@ -29,10 +29,10 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.hidden.counts import Share
-from fitting.records.align import align
-from fitting.records.beats import Beats
-from fitting.records.record import Record, read_record
-from solver.files import write_whole
+from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
+from fitting.records.read.record import Record, read_record
+from solver.network.files import write_whole
 
 LENGTHS = (15.0, 30.0)  # of windows [s]
 TARGET = 0.95  # of the windows

@@ -21,7 +21,7 @@ import numpy as np
 import typer
 
 from benchmarks.table import Row, show
-from fitting.records.record import write_record
+from fitting.records.read.record import write_record
 
 PERIOD, STEP = 0.4724, 0.005
 RELAXATION = 17e-3  # φ0/E [s]
@@ -49,9 +49,9 @@ def make(path: Path, samples: int, channels: int) -> None:
 
 _RUN = """
 import json, resource, sys, time
-from fitting.records.align import align
-from fitting.records.record import read_record
-from fitting.wall import fit
+from fitting.records.alignment.align import align
+from fitting.records.read.record import read_record
+from fitting.wall.site_fit import fit
 unit = 1024**3 if sys.platform == "darwin" else 1024**2
 peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 start, busy = time.perf_counter(), time.process_time()

@@ -25,16 +25,16 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from arterial_fmu.cli.terminal.console import right, show
 from benchmarks.table import Small
 from solver import Network, NonPhysicalState, Settings, load
-from solver.coefficients import Parameters
-from solver.console import right, show
-from solver.files import write_whole
-from solver.inflow import drives_of
-from solver.native import Backend
+from solver.network.coefficients import Parameters
+from solver.network.files import write_whole
+from solver.network.inflow import drives_of
 from solver.scheme.model import Model, build
 from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.step import State, initial_state, step
+from solver.tracing.native import Backend
 
 NETWORKS = (
     "sheep", "sheep_nonlinear", "human", "cca", "uta", "ibif", "wang55", "matthys37", "circle_of_willis", "adan56"

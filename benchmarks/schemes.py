@@ -28,7 +28,7 @@ from rich.table import Table
 
 from benchmarks.table import Small
 from solver import MusclSettings, Settings, Waveforms, load, simulate
-from solver.files import write_whole
+from solver.network.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 FOUR = ("MD.P", "MD.Q", "CA.P", "CA.Q")

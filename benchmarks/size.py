@@ -26,8 +26,8 @@ import typer
 
 from benchmarks.table import Row, show
 from solver import Inlet, Junction, Network, Segment, Settings, Site, Windkessel
-from solver.outputs import reporter
 from solver.scheme.model import Model, build
+from solver.scheme.outputs import reporter
 from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.stage import operators
 from solver.scheme.step import initial_state, step

@@ -25,9 +25,9 @@ import typer
 
 from benchmarks.table import Row, Small, best, show
 from solver import Settings, load
-from solver.coefficients import Parameters
-from solver.outputs import reporter
+from solver.network.coefficients import Parameters
 from solver.scheme.model import build
+from solver.scheme.outputs import reporter
 from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.stage import operators
 from solver.scheme.step import State, initial_state, step

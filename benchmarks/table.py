@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from solver.files import write_whole
+from solver.network.files import write_whole
 
 Small = Annotated[bool, typer.Option("--small", help="The least that runs every part: whether it works, not how fast.")]
 

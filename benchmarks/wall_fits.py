@@ -33,14 +33,14 @@ from rich.progress import Progress
 from rich.table import Table
 from scipy.stats import norm
 
-from fitting.inference.errors_in_variables import solve
-from fitting.inference.loop import Loop
-from fitting.records.align import align
-from fitting.records.record import Record
+from fitting.inference.models.loop import Loop
+from fitting.records.alignment.align import align
+from fitting.records.read.record import Record
 from fitting.records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
-from fitting.wall import fit
-from fitting.wall_model import PARAMETERS, model
-from solver.files import write_whole
+from fitting.wall.errors_in_variables import solve
+from fitting.wall.site_fit import fit
+from fitting.wall.wall_model import PARAMETERS, model
+from solver.network.files import write_whole
 
 RATE, BEATS = 200.0, 15
 LAW = model("monotone", "regression")

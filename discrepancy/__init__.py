@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import fitting as fitting  # which finds modules by their former names, too
+
 if TYPE_CHECKING:
     from .workflow import discover
 

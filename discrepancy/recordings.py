@@ -13,38 +13,38 @@ from functools import partial
 
 import numpy as np
 
-from fitting.calibrated import labels_of
-from fitting.fmu_run import RunFailed
+from discrepancy.name.joint_record import Several
+from fitting.calibrate.calibrated import labels_of
+from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Fit, Member
 from fitting.inference.forward import Forward
+from fitting.inference.hypothesis import Term, candidates, rewired
 from fitting.inference.prior import Calibrated
-from fitting.inference.several import Several
-from fitting.inference.simulator import OutOfTime, Runs
-from fitting.inference.terms import Term, candidates, rewired
+from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import parameter_values
-from fitting.record_options import not_judged
-from fitting.records.record import Record
+from fitting.records.read.record import Record
+from fitting.records.recordings import not_judged
 from solver.errors import InputError
-from solver.network import Network
-from solver.units import INFLOW
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
 
-from .asked import Asked
-from .journal import Journal
-from .name import COMMON
-from .outcome import ADDED
-from .recorded import Recorded
-from .scoring import seen_by, weighed
-from .show import Gap, Run, confirmed, fall
-from .study import Study, prepare
-from .summary import Shown
-from .together import name_together
-from .usable import check_beats, check_record, check_waves
-from .verdict import Naming
+from .assemble import Shown
+from .checkpoint import Journal
+from .find.plausibility import check_beats, check_record, check_waves
+from .find.study import Study, prepare
+from .findings.outcome import ADDED
+from .findings.recorded import Recorded
+from .name.joint_selection import name_together
+from .name.model_selection import COMMON
+from .name.scoring import seen_by, weighed
+from .name.verdict import Naming
+from .options import Asked
+from .show.fmu_validation import Gap, Run, confirmed, fall
 
 Array = np.ndarray
 _VENOUS = "*.outlet.P_venous"  # what lies behind the arteries is no part of them
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of a stage; under a wave, with start values
-Namer = Callable[..., Naming]  # :func:`discrepancy.name.name`
+Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import math
 
 from scipy.stats import norm
 
-from fitting.inference.misfit import PART as PART  # price of each part of an error of a bench's law
+from fitting.inference.model_discrepancy import PART as PART  # price of each part of an error of a bench's law
 
 # --- the record ---
 HELD_OUT = 0.25  # of the beats, the last ones, are kept from every fit: judgement

@@ -20,47 +20,47 @@ from time import monotonic
 
 import numpy as np
 
-from fitting.fmu_run import RunFailed
-from fitting.inference.added import extended
+from fitting.calibrate.calibration_prior import Prior
+from fitting.check.fmu_run import RunFailed
+from fitting.inference.extended_network import extended
 from fitting.inference.fit import Fit
-from fitting.inference.simulator import Meter, OutOfTime, Runs
-from fitting.prior import Prior
-from fitting.provenance import software
-from fitting.record_options import check_one, not_judged
-from fitting.records.columns import Reading
-from fitting.records.filters import with_filters
+from fitting.inference.runs import Meter, OutOfTime, Runs
+from fitting.parallel.threads import single_threaded
+from fitting.parallel.workers import Workers
+from fitting.records.channels.filters import with_filters
 from fitting.records.plausible import arteries, check_plausible
-from fitting.records.record import Record, read_record
-from fitting.records.sensors import UnusableRecord
-from fitting.threads import single_threaded
-from fitting.workers import Workers
+from fitting.records.read.columns import Reading
+from fitting.records.read.record import Record, read_record
+from fitting.records.read.sensors import UnusableRecord
+from fitting.records.recordings import check_one, not_judged
+from fitting.results.provenance import software
 from solver import NonPhysicalState, Settings
 from solver.errors import InputError
-from solver.files import write_network
-from solver.network import Network, to_dict
-from solver.units import INFLOW
+from solver.network.description import Network, to_dict
+from solver.network.files import write_network
+from solver.quantities.units import INFLOW
 
-from .animal import animal_without
-from .asked import TIME_LIMIT, Asked
-from .described import NOTHING
-from .intervals import stated
-from .journal import Journal
-from .learned_law import LearnedLaw
-from .learned_text import with_law
-from .learning import law_of, learns
-from .name import name
-from .outcome import ADDED, NamedEffect, Outcome
-from .places import entry
-from .recorded import Pair
+from .add.described import NOTHING
+from .add.learning import law_of, learns
+from .assemble import Shown, decided, summary, unusable, weighted
+from .checkpoint import Journal
+from .find.model_source import build_fmu, first_of, read_model
+from .find.plausibility import check_record, check_waves
+from .find.study import Study, Unusable
+from .findings.learned_law import LearnedLaw
+from .findings.map_marks import entry
+from .findings.outcome import ADDED, NamedEffect, Outcome
+from .findings.recorded import Pair
+from .name.individual_walls import animal_without
+from .name.intervals import stated
+from .name.model_selection import name
+from .name.verdict import Naming
+from .options import TIME_LIMIT, Asked
+from .plan.second_state import second_state
 from .recordings import moved, recordings_of
-from .report import check_folder, holds_study, write_study
-from .second_state import second_state
-from .show import Run, agreement, free_run, own_parity, parity
-from .source import build_fmu, first_of, read_model
-from .study import Study, Unusable
-from .summary import Shown, decided, summary, unusable, weighted
-from .usable import check_record, check_waves
-from .verdict import Naming
+from .report.learned_text import with_law
+from .report.page import check_folder, holds_study, write_study
+from .show.fmu_validation import Run, agreement, free_run, own_parity, parity
 
 _LEARNING = 0.3  # of the time limit, which learning a law may take although it is over
 

@@ -22,7 +22,7 @@ def write(out: Path) -> None:
     pdoc.pdoc(*PACKAGES, output_directory=out)
     for page in out.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
-        page.write_text(text.replace("<code>~", "<code>"), encoding="utf-8")  # of :func:`~solver.start…`
+        page.write_text(text.replace("<code>~", "<code>"), encoding="utf-8")  # of :func:`~solver.periodic.start…`
 
 
 if __name__ == "__main__":

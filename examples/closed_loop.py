@@ -25,16 +25,16 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from arterial_fmu.cli.terminal.console import sentences
+from arterial_fmu.cli.terminal.progress import bar
 from build_fmu import build_model
-from fmu_src.models import arteries_model, body_model, heart_model, of
-from fmu_src.ports import INLET_PORTS
-from fmu_src.system import start_values
-from fmu_src.unpacking import unpacking_folder
+from fmu_src.contents.models import arteries_model, body_model, heart_model, of
+from fmu_src.contents.system import start_values
+from fmu_src.cosimulation.ports import INLET_PORTS
+from fmu_src.importer.unpacking import unpacking_folder
 from solver import Settings, load
-from solver.console import sentences
-from solver.files import write_whole
-from solver.progress import bar
-from solver.units import MMHG
+from solver.network.files import write_whole
+from solver.quantities.units import MMHG
 
 Array = np.ndarray
 Records = dict[str, Array]

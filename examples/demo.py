@@ -24,11 +24,11 @@ from rich.console import Console
 from rich.progress import Progress, TaskID
 from rich.table import Table
 
+from arterial_fmu.cli.terminal.console import sentences
 from build_fmu import build
-from fmu_src.run import FMUError, run_fmu
+from fmu_src.importer.run import FMUError, run_fmu
 from solver import Network, load
-from solver.console import sentences
-from solver.files import write_whole
+from solver.network.files import write_whole
 
 Array = np.ndarray
 

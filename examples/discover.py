@@ -21,13 +21,13 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
+from arterial_fmu.cli.tables.study import effects_table, gap_text
 from discrepancy import discover
-from discrepancy.command_tables import effects_table, gap_text
-from fitting.records.record import write_record
+from fitting.records.read.record import write_record
 from fitting.records.virtual import measured
 from solver import Network, Settings, load, simulate_periodic
-from solver.catalogue import observe
-from solver.files import write_network
+from solver.laws.catalogue import observe
+from solver.network.files import write_network
 
 Array = np.ndarray
 

@@ -23,12 +23,12 @@ from rich.progress import Progress
 from rich.table import Table
 
 from build_fmu import build
-from fitting.check import CheckReport, check
+from fitting.check.fmu_check import CheckReport, check
 from fitting.cohort.fits import fit_cohort, read_cohort
 from fitting.cohort.virtual import virtual_cohort, write_cohort
 from fitting.pages.check_page import write_check
-from fitting.parameter_set import write_set
-from fitting.records.record import read_record, write_record
+from fitting.records.read.record import read_record, write_record
+from fitting.results.parameter_set import write_set
 from solver import Network, load, simulate_periodic
 
 SEED = 1

@@ -15,7 +15,7 @@ import numpy as np
 import typer
 
 from build_fmu import build
-from fmu_src.run import run_fmu
+from fmu_src.importer.run import run_fmu
 from solver import read_network, sampled_inflow, simulate_periodic
 
 MMHG = 133.322387415  # Pa

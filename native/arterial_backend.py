@@ -67,7 +67,7 @@ def _write_libraries(name: str, folder: Path) -> None:
     """Compile the engine and the binary of FMUs for a platform. Raises NotCompiled."""
     platform = compiler.PLATFORMS[name]
     command, fmu = compiler.ziglang(platform.target) or [], compiler.fmu_sources(NATIVE)
-    # as solver.native, which this must not import, digests them
+    # as solver.tracing.native, which this must not import, digests them
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(NATIVE.glob("*.[ch]")))).hexdigest()[:16]
     engine = compiler.compiled(command, compiler.engine_files(NATIVE), platform.suffix, f'ARTERIAL_SOURCES="{digest}"')
     (folder / f"arterial_engine-{platform.fmi3}{platform.suffix}").write_bytes(engine)

@@ -1,10 +1,10 @@
-/* Harmonic balance: the beat that repeats, as solver/balance.py finds it, member by member. */
+/* Harmonic balance: the beat that repeats, as solver/periodic/harmonic_balance.py finds it, member by member. */
 #ifndef ARTERIAL_BALANCE_H
 #define ARTERIAL_BALANCE_H
 
 #include "engine.h"
 
-/* The phases after those of a step; in the order of solver/tracing/balance.py, as the places are. */
+/* The phases after those of a step; in the order of solver/periodic/balance_program.py, as the places are. */
 enum { ABOUT = PHASES, LINEARISE, MOMENT, FILL, REMEMBER, OBSERVE, RESPOND, RESPOND_MEAN, FILLED, RECALL, STORED,
        SCALED };
 enum {

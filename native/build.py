@@ -17,8 +17,8 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
 from fmu_src import compiler  # noqa: E402
-from solver.native import LIBRARY, sources  # noqa: E402
-from solver.writing import write_whole  # noqa: E402
+from solver.io.writing import write_whole  # noqa: E402
+from solver.tracing.native import LIBRARY, sources  # noqa: E402
 
 
 def compilers(wanted: str | None) -> list[list[str]]:

@@ -13,7 +13,7 @@
 /* The phases of a program: each depends on those before it. */
 enum { BIND, PREPARE, START, CORRECT, FINITE, REFRESH, CORRECT_FRESH, END, CHECK, REPORT, PHASES };
 
-/* Where programs take and leave their numbers; in the order of NAMES in solver/native.py. */
+/* Where programs take and leave their numbers; in the order of NAMES in solver/tracing/native.py. */
 enum {
     IN_Y, IN_H0, IN_DRIVE, IN_VENOUS,              /* PREPARE: the state at the start of the step, what drives it */
     OUT_BEGUN, OUT_GIVEN, OUT_SMALL_Q, OUT_SMALL_H,

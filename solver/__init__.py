@@ -5,13 +5,14 @@
 >>> beat["CA.P"].max()  # Pa
 """
 
+from . import former_names as former_names
 from .errors import InputError
-from .files import bundled, find_network, read_network, write_network
 from .harmonics import beat_harmonics
-from .inflow import sampled_inflow
+from .laws.outlets import Pressure, Reflection, Resistance, Windkessel
 from .muscl.settings import MusclSettings
-from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
-from .outlets import Pressure, Reflection, Resistance, Windkessel
+from .network.description import Channel, Fluid, Inlet, Junction, Network, Segment, Site
+from .network.files import bundled, find_network, read_network, write_network
+from .network.inflow import sampled_inflow
 from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
 from .simulate import NotPeriodic, repeating_beat, simulate, simulate_periodic

@@ -7,19 +7,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .balance import MOST, Waves, amplitudes, balanced, moments_of, samples, spectrum, steady, storable
-from .coefficients import Parameters
 from .errors import InputError
-from .inflow import Drives, Inflows, drives_of
-from .native import NoEngine, refuse_without
-from .native_balance import BalanceEngine, Unsolved, engine_for
-from .network import Network
-from .outputs import reporter
+from .mesh.sources import NO_FORCING, Forcing, Source, shown
+from .network.coefficients import Parameters
+from .network.description import Network
+from .network.inflow import Drives, Inflows, drives_of
+from .periodic.harmonic_balance import (
+    MOST,
+    Waves,
+    amplitudes,
+    balanced,
+    moments_of,
+    samples,
+    spectrum,
+    steady,
+    storable,
+)
+from .periodic.native_balance import BalanceEngine, Unsolved, engine_for
 from .scheme.guards import physical
 from .scheme.model import Model, Settings, build
+from .scheme.outputs import reporter
 from .scheme.step import State
 from .simulate import check_network
-from .sources import NO_FORCING, Forcing, Source, shown
+from .tracing.native import NoEngine, refuse_without
 
 Array = np.ndarray
 
@@ -36,14 +46,15 @@ def beat_harmonics(
 ) -> Array:  # fmt: skip
     """X : (B, K+1, m) complex harmonics of outputs of the beat that repeats: x(t) = X_0 + 2 Re Σ X_k e^{2πikt/T}.
 
-    By harmonic balance (:mod:`~solver.balance`): as the beat of :func:`~solver.simulate_periodic` with steps that
-    vanish, in the time of a few dozen of them. names : of the outputs. tolerance : of the last correction of the flows
-    that pulsate, relative to them; what is left is a part of it. more : harmonics that are kept beyond K, whose
-    products with others count below it. settings.dt plays no role. sources : terms that are added to the equations
-    (:mod:`~solver.sources`), with the harmonics ``amplitudes`` : (n, n_sources), the same for all members.
+    By harmonic balance (:mod:`~solver.periodic.harmonic_balance`): as the beat of :func:`~solver.simulate_periodic`
+    with steps that vanish, in the time of a few dozen of them. names : of the outputs. tolerance : of the last
+    correction of the flows that pulsate, relative to them; what is left is a part of it. more : harmonics that are kept
+    beyond K, whose products with others count below it. settings.dt plays no role. sources : terms that are added to
+    the equations (:mod:`~solver.mesh.sources`), with the harmonics ``amplitudes`` : (n, n_sources), the same for all
+    members.
     progress : called after every correction; what it raises ends the search. backend : "numpy"; "native", the compiled
-    engine (:mod:`~solver.native_balance`), whose answer is the same to 1e-9 of the largest of its kind; "auto", the
-    engine where it is built and can run the network. Other arguments as there.
+    engine (:mod:`~solver.periodic.native_balance`), whose answer is the same to 1e-9 of the largest of its kind;
+    "auto", the engine where it is built and can run the network. Other arguments as there.
 
     Members of a batch whose balance is not found, or has no room, are NaN; a simulation in time may find their beat.
     Raises ValueError as simulate_periodic, for names that are no outputs, and where a member has no steady state with

@@ -9,9 +9,9 @@ from itertools import count
 
 import numpy as np
 
-from .network import Network, Segment
-from .outlets import Outlet
-from .scheme.mesh import topology
+from .laws.outlets import Outlet
+from .mesh.mesh import topology
+from .network.description import Network, Segment
 
 Array = np.ndarray
 

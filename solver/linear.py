@@ -12,7 +12,7 @@ flow at its middle (s = x - L/2), which is regular at ω = 0, without friction, 
     P'(x) = P'_mid cosh γs - Q_mid Z_c sinh γs,     Q(x) = Q_mid cosh γs - P'_mid sinh(γs)/Z_c
 
 The sums belong to the effects unsteady_friction, stress_relaxation and fractional_viscosity, g to side_branch of
-:mod:`~solver.effects`; a stenosis vanishes at rest, and a tapered segment is an error.
+:mod:`~solver.laws.effects`; a stenosis vanishes at rest, and a tapered segment is an error.
 
 Joined ends share one pressure and have ΣQ = 0, in trees and loops alike. Valid for small strain and U/c; the nonlinear
 wall viscosity and convection vanish. Source: linear one-dimensional theory, Alastruey, Parker and Sherwin, ICPS (2012),
@@ -26,13 +26,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .coefficients import Coefficients, Parameters, changes, coefficients
-from .effect import Points
 from .errors import InputError
-from .network import Network
-from .scheme.mesh import Topology, topology
-from .table_source import refuse
-from .wall import Wall
+from .laws.effect import Points
+from .laws.wall import Wall
+from .mesh.mesh import Topology, topology
+from .network.coefficients import Coefficients, Parameters, changes, coefficients
+from .network.description import Network
+from .network.table_source import refuse
 
 Array = np.ndarray
 Inflows = Array | Mapping[str, Array]
@@ -44,7 +44,7 @@ _PLACES = np.linspace(0.0, 1.0, 21)  # x/L, to check that walls are uniform
 class Harmonics:
     """Complex amplitudes at angular frequencies omega : (n,) [rad/s]. A batch has a leading axis B on all other arrays.
 
-    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.scheme.mesh.Topology`. Q_inlet : (n,) [m³/s], for several
+    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.mesh.mesh.Topology`. Q_inlet : (n,) [m³/s], for several
     inlets (n_inlets, n).
     Q_outlet : (n_outlets, n) [m³/s].
     P_site [Pa], Q_site [m³/s], R_site [m] : (n_sites, n). At ω = 0 they are means: absolute pressure, whole radius.
@@ -80,7 +80,7 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     Q : (n,) or (B, n) [m³/s], complex amplitude at each ω, the mean at ω = 0; for a pressure-driven inlet that of the
     pressure [Pa]; for several inlets by driving variable, {"inlet.Q": …, "LSA.inlet.Q": …}. omega : (n,) [rad/s], not
     negative.
-    parameters : replaced by name, scalars or arrays of B, as in :func:`~solver.coefficients.coefficients`.
+    parameters : replaced by name, scalars or arrays of B, as in :func:`~solver.network.coefficients.coefficients`.
     Raises ValueError if the shapes do not fit, a wall is unstable at P_0, the mean pressure or the mean flow round a
     loop is undetermined, or ω is a resonance without damping.
     """
@@ -275,7 +275,7 @@ def _conditions(
     """Coefficients (B, n, n_nodes) of a F + b P' = r at each node, F = Z_ref · flow from the node into segments.
 
     Inlets, Q : (B, n) of each: F = Z_ref Q, or P' given. Junction: F = 0. Outlets: each kind's own
-    (:mod:`solver.outlets`).
+    (:mod:`solver.laws.outlets`).
     Raises ValueError if this leaves the mean undetermined.
     """
     wall = c.wall.at(nodes.outlet_segment)

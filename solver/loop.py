@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from .catalogue import neutral_value
-from .coefficients import Parameters, coefficients
 from .errors import InputError
-from .memory import Moment
-from .network import Network
-from .wall import Wall
+from .laws.catalogue import neutral_value
+from .laws.maxwell import Moment
+from .laws.wall import Wall
+from .network.coefficients import Parameters, coefficients
+from .network.description import Network
 
 Array = np.ndarray
 

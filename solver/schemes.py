@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from . import muscl, outputs, start
+from . import muscl
 from .errors import InputError
 from .muscl import MusclSettings
-from .outputs import Reporter
-from .scheme import model, step
+from .periodic import start
+from .scheme import model, outputs, step
 from .scheme.model import Settings
+from .scheme.outputs import Reporter
 
 AnySettings = Settings | MusclSettings
 

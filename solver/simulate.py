@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from .coefficients import Parameters
 from .errors import InputError
-from .inflow import Drives, Inflows, drives_of
-from .mixing import Beats, fills_slowly
-from .native import Backend
-from .network import Network
-from .outputs import Reporter
+from .network.coefficients import Parameters
+from .network.description import Network
+from .network.inflow import Drives, Inflows, drives_of
+from .periodic.anderson import Beats, fills_slowly
+from .quantities.units import SIGNAL_UNITS
 from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
+from .scheme.outputs import Reporter
 from .scheme.sdirk import INFLOW_TIMES
 from .schemes import AnySettings, Scheme, scheme_of
-from .units import SIGNAL_UNITS
+from .tracing.native import Backend
 from .waveforms import End, Waveforms
 
 Array = np.ndarray
@@ -66,11 +66,11 @@ def simulate(
     inlet; for several inlets by driving variable, {"inlet.Q": …, "LSA.inlet.Q": …}. parameters : values by FMU variable
     name, numbers or arrays of B numbers (a batch). The time grid is n·dt; it ends at or just after the duration.
     start : "rest", or "periodic": near the periodic state under this inflow at the inlet's period
-    (:mod:`~solver.start`).
+    (:mod:`~solver.periodic.start`).
     A batch shares one mesh, made for the longest of each segment, and stops at the first member that fails.
     scheme : "staggered", or "muscl", the paper's finite volumes (:mod:`~solver.muscl`), with its settings.
-    backend : "numpy"; "native", the compiled engine (:mod:`~solver.native`), which computes the same steps; "auto", the
-    engine if it is available and supports this run.
+    backend : "numpy"; "native", the compiled engine (:mod:`~solver.tracing.native`), which computes the same steps;
+    "auto", the engine if it is available and supports this run.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution fails.
     """
     check_network(network)
@@ -108,11 +108,11 @@ def simulate_periodic(
 
     Pressures and radii are compared relative to their mean-removed norm, flows to their norm. The result is the last
     beat, both ends included, with time from 0. The step is the period over a whole number, at most settings.dt.
-    start : "rest"; "periodic", near the result (:mod:`~solver.start`); or an earlier result, possibly with other
-    parameters, whose last state is the start: it saves beats if little has changed; the result of one parameter set can
-    start a batch. Default: rest, or periodic if that state exists and the arteries fill slowly.
-    accelerate : whether slow pressures are extrapolated from beat to beat (:mod:`~solver.mixing`), and the default
-    start may be the periodic one. In either case the result repeats the beat before.
+    start : "rest"; "periodic", near the result (:mod:`~solver.periodic.start`); or an earlier result, possibly with
+    other parameters, whose last state is the start: it saves beats if little has changed; the result of one parameter
+    set can start a batch. Default: rest, or periodic if that state exists and the arteries fill slowly.
+    accelerate : whether slow pressures are extrapolated from beat to beat (:mod:`~solver.periodic.anderson`), and the
+    default start may be the periodic one. In either case the result repeats the beat before.
     Raises ValueError, NonPhysicalState as :func:`simulate`, NotPeriodic after ``max_beats``, and ValueError if
     ``start`` has another mesh, step or batch.
     """

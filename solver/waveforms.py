@@ -13,8 +13,8 @@ import numpy as np
 from .displays import Shown
 from .errors import InputError
 from .muscl.step import State as CellState
+from .quantities.text import did_you_mean
 from .scheme.step import State
-from .text import did_you_mean
 
 Array = np.ndarray
 
@@ -85,7 +85,7 @@ class Waveforms(Shown, Mapping[str, Array]):
         """
         if any(value.ndim != 1 for value in self.columns.values()):
             raise InputError("a batch does not fit one table; write member(i).to_csv(...) for each parameter set.")
-        from .files import write_whole
+        from .network.files import write_whole
 
         header = ",".join(["time [s]", *map(self.heading, self.columns)])
         table = np.column_stack([self.time, *self.columns.values()])

@@ -16,7 +16,7 @@ from typing import Any
 import fmpy
 import pytest
 
-from fmu_src.interpreter import Interpreter, interpreter
+from fmu_src.importer.interpreter import Interpreter, interpreter
 
 SOURCE = Path(__file__).with_name("checker.c")
 

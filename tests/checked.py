@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.parameter_set import ParameterSet, Value
-from fitting.records.record import Record, read_record, write_record
+from fitting.records.read.record import Record, read_record, write_record
 from fitting.records.virtual import table_wall
+from fitting.results.parameter_set import ParameterSet, Value
 from solver import Settings
 
 Array = np.ndarray

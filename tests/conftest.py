@@ -46,12 +46,14 @@ def sheep() -> Network:
 
 @pytest.fixture(scope="module")
 def one_process() -> Iterator[None]:
-    """``python -m build_fmu`` and ``python -m fmu_src.run`` are run where the test runs, by the same command line.
+    """``python -m build_fmu`` and ``python -m arterial_fmu.cli.run`` are run where the test runs, by the same command
+    line.
 
     For tests whose claim is not about processes: those that start them for good are in test_build.py, test_run.py,
     test_fmu*.py, and in the examples.
     """
-    commands = {name: import_module(name).main for name in ("build_fmu", "fmu_src.run")}
+    doors = {"build_fmu": "arterial_fmu.cli.build", "arterial_fmu.cli.run": "arterial_fmu.cli.run"}
+    commands = {name: import_module(door).main for name, door in doors.items()}
     real = subprocess.run
 
     def run(line: list[str], **options: Any) -> Any:

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from fitting.records.beats import Beats
+from fitting.records.alignment.beats import Beats
 from solver import Inlet, Junction, Network, Reflection, Segment, Settings, Site, beat_harmonics, simulate_periodic
 
 Array = np.ndarray

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from fmu_src import body_slave, heart_slave
-from fmu_src.body import BodyComponent
-from fmu_src.cosimulation import CoSimulation
-from fmu_src.heart import OUTPUTS, HeartComponent
-from fmu_src.heart_parts import Heart
-from fmu_src.ports import INLET_PORTS
-from fmu_src.species import HUMAN_BODY, HUMAN_HEART
-from fmu_src.system import start_values
-from fmu_src.variable import Variable, with_starts
-from fmu_src.variables import variable_table
+from fmu_src.contents.system import start_values
+from fmu_src.cosimulation.arteries import CoSimulation
+from fmu_src.cosimulation.ports import INLET_PORTS
+from fmu_src.slaves import body_slave, heart_slave
+from fmu_src.variables.arteries_variables import variable_table
+from fmu_src.variables.variable import Variable, with_starts
 from solver import Network, Settings
+from solver.lumped.body import BodyComponent
+from solver.lumped.heart import OUTPUTS, HeartComponent
+from solver.lumped.heart_parts import Heart
+from solver.lumped.species import HUMAN_BODY, HUMAN_HEART
 
 Array = np.ndarray
 

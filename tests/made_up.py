@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from discrepancy.outcome import (
+from discrepancy.findings.outcome import (
     ADDED,
     Absorbed,
     Balance,
@@ -21,13 +21,13 @@ from discrepancy.outcome import (
     OwnNumber,
     Walls,
 )
-from discrepancy.report import figure_files, report_files
-from discrepancy.shown_map import Acting, SourceMapShown
-from fitting.estimate import Estimate
+from discrepancy.findings.shown_map import Acting, SourceMapShown
+from discrepancy.report.page import figure_files, report_files
 from fitting.inference.places import Place
-from fitting.inference.source_map import Rival
+from fitting.inference.source_maps.source_map import Rival
+from fitting.results.estimate import Estimate
 from solver import Network
-from solver.writing import write_folder
+from solver.io.writing import write_folder
 
 Array = np.ndarray
 

@@ -16,12 +16,12 @@ import numpy as np
 from nautilus import Sampler
 from scipy.stats import t as student
 
-from fitting.inference.bench import Bench, Seen
 from fitting.inference.fit import Fit, Member
 from fitting.inference.forward import Forward
 from fitting.inference.hierarchy import LARGE, LOG_RANGE
-from fitting.inference.loop import fourier
-from fitting.inference.network import NetworkProblem
+from fitting.inference.models.bench import Bench, Seen
+from fitting.inference.models.loop import fourier
+from fitting.inference.models.network import NetworkProblem
 from fitting.inference.unknown import TAILS, Unknown, bounds, precision
 from solver import loop as law
 

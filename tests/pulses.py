@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.records.record import Record
+from fitting.records.read.record import Record
 
 DT = 1.0 / 200.0
 HARMONICS = 20

@@ -6,10 +6,10 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
-from solver.network import Fluid, Inlet, Junction, Network, Segment, Site
-from solver.outlets import OUTLETS
-from solver.quantity import quantities
+from solver.laws.outlets import OUTLETS
+from solver.laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
+from solver.network.description import Fluid, Inlet, Junction, Network, Segment, Site
+from solver.quantities.quantity import quantities
 
 
 def numbers(kind: type) -> st.SearchStrategy[dict[str, float]]:

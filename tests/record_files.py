@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting.records.record import read_record
+from fitting.records.read.record import read_record
 
 T, DT, N = 0.5, 0.005, 1000
 TIME = np.arange(N) * DT

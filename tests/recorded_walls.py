@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from fitting.records.beats import Beats
+from fitting.records.alignment.beats import Beats
 from fitting.records.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius
 
 T, N, BEATS = 0.5, 100, 15

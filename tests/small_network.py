@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from forked import NETWORK
 
-from fitting.inference.terms import Term, candidates
+from fitting.inference.hypothesis import Term, candidates
 
 NAMES = ("A.P", "B.P", "B.Q", "C.P", "C.Q", "C.R")
 

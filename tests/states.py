@@ -14,7 +14,7 @@ from truth.records import BEATS, Case, truth_channels
 from truth.sensors import clock, measured, pulsatile
 from truth.shapes import MMHG, arteries, ejection
 
-from fitting.records.record import Record
+from fitting.records.read.record import Record
 
 _HARMONICS = {"bench": (60, 192), "network": (80, 256)}
 

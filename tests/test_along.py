@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from small_network import NETWORK, term, terms
 
-from discrepancy.scoring import Compared, Named, apart, seen_by
+from discrepancy.name.scoring import Compared, Named, apart, seen_by
 from fitting.inference.fit import Fit
-from fitting.inference.terms import Term, term_at
+from fitting.inference.hypothesis import Term, term_at
 from fitting.inference.unknown import Unknown, with_prior
-from solver import effects
-from solver.coordinate import SHIFT, Coordinate
-from solver.effect import Effect
-from solver.network import Network
+from solver.laws import effects
+from solver.laws.effect import Effect
+from solver.network.description import Network
+from solver.quantities.coordinate import SHIFT, Coordinate
 
 Array = np.ndarray
 OWN = Unknown("A.E of its own", SHIFT, (("A.E", 1.0),), -1.0, 1.0, group="E")

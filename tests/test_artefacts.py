@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting.records.align import align
-from fitting.records.artefacts import without_codes, without_still
-from fitting.records.record import read_record, write_record
-from fitting.records.sensors import UnusableRecord
-from fitting.records.tables.table import Place
-from solver.units import MMHG
+from fitting.records.alignment.align import align
+from fitting.records.read.artefacts import without_codes, without_still
+from fitting.records.read.record import read_record, write_record
+from fitting.records.read.sensors import UnusableRecord
+from fitting.records.read.table import Place
+from solver.quantities.units import MMHG
 
 DT, T = 0.004, 0.8
 TIME = DT * np.arange(10000)  # 50 beats

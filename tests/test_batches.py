@@ -10,9 +10,9 @@ from forked import NETWORK, clean, record
 from small_network import term
 
 from fitting.inference.fit import Member
-from fitting.inference.network import NetworkProblem
-from fitting.inference.network_record import network_problem
-from fitting.inference.terms import Term, placed
+from fitting.inference.hypothesis import Term, placed
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.network_record import network_problem
 
 Array = np.ndarray
 

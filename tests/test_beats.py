@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from pulses import DT, noisy, pressure, pulse, radius, record
 
-from fitting.records.align import align
-from fitting.records.beats import Beats
-from fitting.records.period import find_period
-from fitting.records.record import Record
+from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
+from fitting.records.alignment.period import find_period
+from fitting.records.read.record import Record
 
 # --- period -------------------------------------------------------------------------------------------------------
 
@@ -185,7 +185,7 @@ def test_a_rate_that_drifts_is_not_taken_for_a_steady_one(change: float, longest
 
 def test_an_unsteady_rate_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beats of 0.5 to 0.385 s whose upstrokes cannot be told: no period fits; nor does one that is given."""
-    monkeypatch.setattr("fitting.records.align.unequal", lambda *_: None)
+    monkeypatch.setattr("fitting.records.alignment.align.unequal", lambda *_: None)
     with pytest.raises(
         ValueError, match=r"not steady: beats come every 0\.43\d* s or so, but no period fits .* rate\.$"
     ):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from pulses import DT, noisy, pressure, radius, record
 
-from fitting.records.align import align
-from fitting.records.beats import Beats
+from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
 
 # --- timing -------------------------------------------------------------------------------------------------------
 

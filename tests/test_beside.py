@@ -11,17 +11,17 @@ from forked import NETWORK, N, T, clean, inflow, record
 from small_network import NAMES, term
 
 from discrepancy import thresholds
-from discrepancy.name import name
+from discrepancy.name.model_selection import name
 from fitting.inference import hierarchy
-from fitting.inference.beside import found_beside, map_beside
-from fitting.inference.network import NetworkProblem
-from fitting.inference.network_record import network_problem
-from fitting.inference.place_model import PlaceModel
-from fitting.inference.simulator import Runs
-from fitting.inference.source_map import source_map
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.network_record import network_problem
+from fitting.inference.runs import Runs
+from fitting.inference.source_maps.beside import found_beside, map_beside
+from fitting.inference.source_maps.place_model import PlaceModel
+from fitting.inference.source_maps.source_map import source_map
 from solver import Settings, simulate_periodic
-from solver.effects import BY_NAME
 from solver.errors import InputError
+from solver.laws.effects import BY_NAME
 
 Array = np.ndarray
 

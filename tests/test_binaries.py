@@ -15,9 +15,10 @@ from typing import Any
 import pytest
 from setuptools import Distribution
 
-from fmu_src import binaries, compiler
+from fmu_src import compiler
+from fmu_src.native import binaries
 from solver.errors import InputError
-from solver.native import SOURCES
+from solver.tracing.native import SOURCES
 
 NAME = "aarch64-linux"  # a platform that this machine is not
 

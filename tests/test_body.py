@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmu_src.body import BodyComponent
-from fmu_src.body_slave import table
-from fmu_src.species import HUMAN_BODY, SHEEP_BODY
-from solver.units import MMHG
+from fmu_src.slaves.body_slave import table
+from solver.lumped.body import BodyComponent
+from solver.lumped.species import HUMAN_BODY, SHEEP_BODY
+from solver.quantities.units import MMHG
 
 MS, ML = 1e-3, 1e-6
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver.branching import admittance, matched_modulus, murray_radius, reflection_coefficient, virtual_branch
-from solver.files import bundled, read_network
-from solver.laws import ELASTIC_LAWS, wave_speed
-from solver.network import Segment
+from solver.laws.wall_laws import ELASTIC_LAWS, wave_speed
+from solver.network.branching import admittance, matched_modulus, murray_radius, reflection_coefficient, virtual_branch
+from solver.network.description import Segment
+from solver.network.files import bundled, read_network
 
 SHEEP = read_network(bundled("sheep"))
 AA, PD, MD, DD, BT, CA, FA = (SHEEP.segment(name) for name in ("AA", "PD", "MD", "DD", "BT", "CA", "FA"))

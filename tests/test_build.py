@@ -22,10 +22,11 @@ from drawn import TUBE
 from fmpy.validation import validate_fmu
 from typer.testing import CliRunner
 
-from build_fmu import app, build
-from fmu_src import drawing
+from arterial_fmu.cli.build import app
+from build_fmu import build
+from fmu_src.documents import drawing
 from solver import Network, Settings
-from solver.files import loads
+from solver.network.files import loads
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -91,23 +92,15 @@ def test_contents(fmu: Path, sheep: Network) -> None:
     assert re.fullmatch(r"arterial_[0-9a-f]{8}", name)
     assert guid(fmu).startswith(f"{{{name.removeprefix('arterial_')}")
     code = {n.removeprefix(f"resources/_{name}/") for n in names if n.startswith(f"resources/_{name}/")}
-    modules = "__init__ base component cosimulation description host ports refusal slave stretch".split()
-    modules += ["drive", "saving", "variable", "variables", "wrapper"]
+    modules = "__init__ host wrapper slaves/arteries_slave slaves/base slaves/refusal slaves/saving".split()
+    modules += [f"cosimulation/{module}" for module in ("arteries", "drive", "ports", "stretch")]
+    modules += [f"variables/{module}" for module in ("arteries_variables", "description", "variable")]
+    modules += [f"{folder}/__init__" for folder in ("slaves", "cosimulation", "variables")]
     assert {n for n in code if n.startswith("fmu_src/")} == {f"fmu_src/{module}.py" for module in modules}
     # the physics, and nothing of files, terminals, runs or drawings
-    others = (
-        "__main__",
-        "branching",
-        "console",
-        "displays",
-        "files",
-        "layout",
-        "linear",
-        "loop",
-        "simulate",
-        "waveforms",
-    )
-    assert {"solver/effects.py", "solver/wall.py"} <= code and not {f"solver/{module}.py" for module in others} & code
+    others = ["branching", "files", "simulate", "linear", "loop", "layout", "waveforms", "displays", "former_names"]
+    assert {"solver/laws/effects.py", "solver/laws/wall.py", "solver/lumped/component.py"} <= code
+    assert not [n for n in code if n.endswith(tuple(f"/{module}.py" for module in others)) or "/muscl/" in n]
     expected = {f"resources/_{name}/{n}" for n in code}
     expected |= {f"resources/{name}.py", f"resources/_{name}/__init__.py", "resources/network.toml"}
     expected |= {

@@ -14,11 +14,11 @@ import pytest
 from compare import reference
 from forked import CHANNELS, NETWORK, SETTINGS, T, exact, inflow, record
 
-import fitting.inference.simulator
-from fitting.calibrate import calibrate
-from fitting.parameter_set import read_set, write_set
-from fitting.prior import read_prior
-from fitting.records.beats import Beats
+import fitting.inference.models.simulator
+from fitting.calibrate.calibration_prior import read_prior
+from fitting.calibrate.network_calibration import calibrate
+from fitting.records.alignment.beats import Beats
+from fitting.results.parameter_set import read_set, write_set
 from solver import Inlet, Network, NonPhysicalState, Segment, Settings, Site, Windkessel, beat_harmonics, linear
 
 UNKNOWNS = ("all.E", "all.phi0", "C.outlet.R_t")
@@ -159,7 +159,7 @@ def test_parameter_set(tmp_path: Path) -> None:
 @pytest.mark.parametrize("how", ["a wall collapses", "no balance is found"])
 def test_a_breakdown_halves_the_step(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first trial step breaks down: the next is half as long, and the search still finds the truth."""
-    real, tried = fitting.inference.simulator.beat_harmonics, []
+    real, tried = fitting.inference.models.simulator.beat_harmonics, []
 
     def fragile(*args, parameters, **kwargs):
         tried.append(float(np.log(parameters["A.E"][0] / (1.2 * 8e5))))
@@ -170,7 +170,7 @@ def test_a_breakdown_halves_the_step(how: str, monkeypatch: pytest.MonkeyPatch) 
                 raise NonPhysicalState("the area fell to zero", "A", 0.0, 0.1, "lower the inflow")
         return X
 
-    monkeypatch.setattr(fitting.inference.simulator, "beat_harmonics", fragile)
+    monkeypatch.setattr(fitting.inference.models.simulator, "beat_harmonics", fragile)
     found = calibrate(record(exact()), START, UNKNOWNS, settings=SETTINGS)
     assert tried[0] == 0.0 and tried[2] == pytest.approx(tried[1] / 2.0, rel=1e-10)
     np.testing.assert_allclose(found.x, TRUTH, atol=1e-7)
@@ -181,7 +181,7 @@ def test_in_time_where_a_balance_has_no_room(monkeypatch: pytest.MonkeyPatch) ->
 
     Steps of 1 ms then move x by 5e-6 (measured).
     """
-    monkeypatch.setattr("solver.balance._STORAGE", 0.0)
+    monkeypatch.setattr("solver.periodic.harmonic_balance._STORAGE", 0.0)
     found = calibrate(record(exact()), START, UNKNOWNS, settings=Settings(dt=1e-3))
     np.testing.assert_allclose(found.x, TRUTH, atol=2e-5)
     assert found.converged
@@ -194,8 +194,8 @@ def test_no_balance_of_the_finer_elements(monkeypatch: pytest.MonkeyPatch) -> No
         X = real(*args, settings=settings, **kwargs)
         return X if settings.element_length == SETTINGS.element_length else np.nan * X
 
-    real = fitting.inference.simulator.beat_harmonics
-    monkeypatch.setattr(fitting.inference.simulator, "beat_harmonics", nowhere)
+    real = fitting.inference.models.simulator.beat_harmonics
+    monkeypatch.setattr(fitting.inference.models.simulator, "beat_harmonics", nowhere)
     found = calibrate(record(exact()), START, UNKNOWNS, settings=SETTINGS)
     np.testing.assert_allclose(found.x, TRUTH, atol=1e-4)
     assert found.report == ("no beat was found with shorter elements, so the solver's own error was not measured",)

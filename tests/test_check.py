@@ -19,16 +19,16 @@ import pytest
 from checked import COARSE, Array, N, T, bench_set, recorded
 
 from build_fmu import build
-from fitting import fmu_run
-from fitting.agreement import Waveform, compare_loops
-from fitting.bench import bench_network
-from fitting.check import CheckReport, check
-from fitting.fmu_run import RunFailed, fourier
+from fitting.check import fmu_run
+from fitting.check.agreement import Waveform, compare_loops
+from fitting.check.fmu_check import CheckReport, check
+from fitting.check.fmu_run import RunFailed, fourier
+from fitting.inference.models.bench_network import bench_network
 from fitting.pages.check_page import page, write_check
-from fitting.parameter_set import ParameterSet, Value, read_set
-from fitting.records.record import Record
+from fitting.records.read.record import Record
+from fitting.results.parameter_set import ParameterSet, Value, read_set
 from solver import Inlet, Network, Segment, Settings, Site, Windkessel, simulate_periodic
-from solver.host_died import HostDied
+from solver.io.host_died import HostDied
 
 pytestmark = pytest.mark.usefixtures("one_process")
 SITES = ("AA", "MD", "CA")
@@ -201,8 +201,8 @@ def test_says_when_it_is_not_periodic(
     """After three beats the last differs from the second, by more than what is asked for here: a warning."""
     monkeypatch.setattr(fmu_run, "BEATS", (3,))
     monkeypatch.setattr(fmu_run, "_SHOTS", 1)
-    for module in ("fmu_run", "check"):
-        monkeypatch.setattr(f"fitting.{module}.PERIODIC", 1e-14)
+    for module in ("fmu_run", "fmu_check"):
+        monkeypatch.setattr(f"fitting.check.{module}.PERIODIC", 1e-14)
     report = check(table1, fmu, quiet)
     assert re.match(
         r"The FMU is not periodic after 3 beats: the last differs by .* from the one before\.", report.warnings[0]

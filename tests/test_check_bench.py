@@ -10,12 +10,12 @@ import pytest
 from checked import BEATS, COARSE, Array, T, bench_set, recorded
 
 from build_fmu import build
-from fitting.bench import LENGTH, bench_network
-from fitting.check import check
-from fitting.fmu_run import RunFailed
-from fitting.parameter_set import ParameterSet, Value, read_set
-from fitting.records.record import read_record, write_record
+from fitting.check.fmu_check import check
+from fitting.check.fmu_run import RunFailed
+from fitting.inference.models.bench_network import LENGTH, bench_network
+from fitting.records.read.record import read_record, write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.results.parameter_set import ParameterSet, Value, read_set
 from solver import load
 
 

@@ -14,7 +14,7 @@ from c_host import CHost
 from test_clients import job, run_c
 
 from fmu_src.host import TESTED
-from fmu_src.interpreter import Interpreter, interpreter
+from fmu_src.importer.interpreter import Interpreter, interpreter
 
 VERSIONS = [(3, minor) for minor in range(TESTED[0][1], TESTED[1][1] + 1)]
 pytestmark = pytest.mark.slow

@@ -25,9 +25,9 @@ import pytest
 from c_host import CHost, unpack
 
 from build_fmu import build, build_model
-from fmu_src import doctor
-from fmu_src.models import body_model, heart_model
-from fmu_src.variables import INTERPOLATIONS
+from fmu_src.contents.models import body_model, heart_model
+from fmu_src.importer import doctor
+from fmu_src.variables.arteries_variables import INTERPOLATIONS
 from solver import Network, load
 
 CLIENTS = Path(__file__).parent / "clients"

@@ -10,11 +10,11 @@ import pytest
 from loops import Run, loop
 from test_examples import run as run_example
 
-from fmu_src.heart_parts import Heart
-from fmu_src.species import HUMAN_HEART, SHEEP_HEART
 from solver import Network, Windkessel, load
+from solver.lumped.heart_parts import Heart
+from solver.lumped.species import HUMAN_HEART, SHEEP_HEART
+from solver.quantities.units import MMHG
 from solver.scheme.failure import NonPhysicalState
-from solver.units import MMHG
 
 Array = np.ndarray
 

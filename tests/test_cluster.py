@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from fitting import tasks
-from fitting.threads import ENVIRONMENT
+from fitting.parallel import tasks
+from fitting.parallel.threads import ENVIRONMENT
 
 ROOT = Path(__file__).resolve().parents[1]
 LONGEST = 500.0  # s that a scheduler or a worker lives, whatever happens to the test

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from arterial_fmu.cli.tables.cohort import tables as cohort_tables
 from fitting.cohort import report as cohort_report
 from fitting.cohort.figures import cohort_figures
 from fitting.cohort.fits import MODELS, Cohort, Summary, fit_cohort, read_cohort
 from fitting.cohort.virtual import VirtualCohort, virtual_cohort, write_cohort
-from fitting.parameter_set import read_set
-from fitting.records.record import write_record
+from fitting.records.read.record import write_record
 from fitting.records.virtual import table_wall
+from fitting.results.parameter_set import read_set
 from solver import Network
 
 SITES = ("AA", "PD", "MD", "DD", "BT", "CA", "FA")
@@ -201,7 +202,7 @@ def test_files_of_a_cohort(fitted: Cohort, tmp_path: Path) -> None:
     assert content["recordings"][0]["fits"]["linear"]["values"]["phiNL"] == 0.0
     assert content["failures"][0]["sentence"].endswith("record it or ask for what is there.")
     assert read_set(paths[4]) == read_set(paths[5]) == fitted.mean_set()
-    assert len(cohort_report.tables(fitted)) == 3
+    assert len(cohort_tables(fitted)) == 3
 
 
 def test_nothing_is_written_if_a_part_cannot_be_made(
@@ -230,7 +231,7 @@ def test_the_label_says_what_is_virtual(fitted: Cohort) -> None:
         (named(("S1", "virtual/a.csv")), "1 animal, measured"),
     ):  # fmt: skip
         assert cohort.label == label
-        title = cohort_report.tables(cohort)[0].title
+        title = cohort_tables(cohort)[0].title
         assert str(title).startswith(f"{label}; monotone model")
         assert all(label in figure.get_suptitle() for figure in cohort_figures(cohort).values())
         assert (
@@ -273,7 +274,7 @@ def test_words_are_those_of_the_file(fitted: Cohort, tmp_path: Path) -> None:
     assert any("no site has two patients" in text for text in texts)
     figures = cohort_figures(cohort)
     texts += [text.get_text() for f in figures.values() for ax in f.axes for text in ax.get_legend().get_texts()]
-    texts += [str(f.get_suptitle()) for f in figures.values()] + [str(t.title) for t in cohort_report.tables(cohort)]
+    texts += [str(f.get_suptitle()) for f in figures.values()] + [str(t.title) for t in cohort_tables(cohort)]
     assert "patients" in texts and not [text for text in texts if "animal" in text or "subject" in text]
 
 
@@ -287,7 +288,7 @@ def test_one_site_alone(fitted: Cohort) -> None:
     for ax in figures["stiffness_and_viscosity"].axes:
         (bar,), (low, high) = ax.patches, ax.get_xlim()
         assert bar.get_width() / (high - low) < 0.2 and low + high == pytest.approx(0.0)
-    assert len(cohort_report.tables(one)) == 2
+    assert len(cohort_tables(one)) == 2
 
 
 def test_one_animal_and_the_linear_model(fitted: Cohort) -> None:
@@ -298,7 +299,7 @@ def test_one_animal_and_the_linear_model(fitted: Cohort) -> None:
     assert json.loads(cohort_report.to_json(one))["table"]["linear"]["AA"]["E"]["sd"] is None
     assert one.mean_set().values["AA.E"].ci95 is None
     assert list(cohort_figures(one)) == ["unstressed_radius", "stiffness_and_viscosity", "relaxation_time"]
-    assert len(cohort_report.tables(one)) == 2
+    assert len(cohort_tables(one)) == 2
 
 
 @pytest.mark.slow

@@ -19,16 +19,17 @@ from test_discrepancy_cli import outcome, plan
 from typer.testing import CliRunner
 
 import arterial_fmu.__main__
-import discrepancy.__main__
-import fitting.__main__
-import solver.commands
-from arterial_fmu.commands import COMMANDS, load
-from discrepancy.outcome import verdict_json
-from discrepancy.sensor_plan import plan_json
-from fitting.parameter_set import read_set
-from solver import exit_codes, progress
-from solver.exit_codes import ExitCode
-from solver.options import networks_for
+import arterial_fmu.cli.discover
+import arterial_fmu.cli.fit
+import arterial_fmu.cli.networks
+from arterial_fmu.cli.commands import COMMANDS, load
+from arterial_fmu.cli.terminal import progress
+from arterial_fmu.cli.terminal.options import networks_for
+from discrepancy.findings.outcome import verdict_json
+from discrepancy.plan.sensor_plan import plan_json
+from fitting.results.parameter_set import read_set
+from solver.io import exit_codes
+from solver.io.exit_codes import ExitCode
 
 ROOT = Path(__file__).resolve().parents[1]
 HEAVY = {"numpy", "scipy", "matplotlib", "polars", "fmpy", "pint", "rich.progress", "solver", "fitting", "discrepancy"}
@@ -66,14 +67,17 @@ def test_help_imports_nothing_heavy() -> None:
 
 def test_the_same_functions() -> None:
     """Whatever ``python -m`` and build_fmu.py have is here, and is the same function."""
-    there = {module: import_module(module).main for module in ("solver.__main__", "fmu_src.run", "fmu_src.doctor")}
+    there = {
+        module: import_module(module).main
+        for module in ("arterial_fmu.cli.solve", "arterial_fmu.cli.run", "arterial_fmu.cli.doctor")
+    }
     known = {command.where for command in COMMANDS.values()}
     assert {f"{module}:main" for module in there} <= known
-    for app in (fitting.__main__.app, discrepancy.__main__.app, solver.commands.app):
+    for app in (arterial_fmu.cli.fit.app, arterial_fmu.cli.discover.app, arterial_fmu.cli.networks.app):
         for each in app.registered_commands:
             assert each.callback is not None
             assert f"{each.callback.__module__}:{each.callback.__name__}" in known
-    assert {"build_fmu:app", "solver.commands:importers"} <= known
+    assert {"arterial_fmu.cli.build:app", "arterial_fmu.cli.networks:importers"} <= known
 
 
 def commands() -> list[tuple[str, ...]]:
@@ -157,7 +161,7 @@ def test_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("solver.__main__.simulate_periodic", stop)
+    monkeypatch.setattr("arterial_fmu.cli.solve.simulate_periodic", stop)
     done = run("solve", "sheep")
     assert (done.exit_code, done.stderr) == (ExitCode.INTERRUPTED, "Interrupted: nothing was written.\n")
 
@@ -251,7 +255,7 @@ def test_json_of_fits(tmp_path: Path) -> None:
 def test_json_of_diagnoses(monkeypatch: pytest.MonkeyPatch) -> None:
     """discover: what verdict.json holds; isolability: the plan."""
     monkeypatch.setattr("discrepancy.workflow.discover", lambda *_, **__: outcome())
-    monkeypatch.setattr("discrepancy.sensor_plan.plan_sensors", lambda *_, **__: plan())
+    monkeypatch.setattr("discrepancy.plan.sensor_plan.plan_sensors", lambda *_, **__: plan())
     assert printed("discover", "r.csv", "--model", "sheep", "--out", "o") == verdict_json(outcome())
     assert printed("isolability", "sheep", "--channels", "AA.P") == plan_json(plan())
     unusable = outcome(verdict="unusable", effects=(), gap_before=None, gap_after=None, reason="too short.")

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discrepancy.intervals import _lower
-from discrepancy.outcome import NamedEffect, OwnNumber, Walls
-from discrepancy.scoring import Compared, Named, ranked, shares
-from discrepancy.show import Gap
-from discrepancy.summary import _bent, sentence
-from discrepancy.verdict import Naming, _said, decided
-from fitting.estimate import Estimate
+from discrepancy.assemble import _bent, sentence
+from discrepancy.findings.outcome import NamedEffect, OwnNumber, Walls
+from discrepancy.name.intervals import _lower
+from discrepancy.name.scoring import Compared, Named, ranked, shares
+from discrepancy.name.verdict import Naming, _said, decided
+from discrepancy.show.fmu_validation import Gap
 from fitting.inference.fit import Fit
-from fitting.inference.terms import Term
+from fitting.inference.hypothesis import Term
+from fitting.results.estimate import Estimate
 
 
 def named(effect: str, cost: float, log_volume: float) -> Named:

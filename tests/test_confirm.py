@@ -11,21 +11,21 @@ import pytest
 from forked import CHANNELS, NETWORK, N, clean, record
 from small_network import NAMES, term
 
-from discrepancy import show
-from discrepancy.name import name
-from discrepancy.outcome import NamedEffect
-from discrepancy.places import label_text
-from discrepancy.recorded import Recorded
-from discrepancy.show import Gap, Run, agreement, change, changed, compared, fall, left
-from discrepancy.study import Study
-from discrepancy.summary import sentence
-from discrepancy.verdict import Naming
-from discrepancy.wording import late_drive
-from fitting.estimate import Estimate
+from discrepancy.assemble import sentence
+from discrepancy.find.study import Study
+from discrepancy.findings.map_marks import label_text
+from discrepancy.findings.outcome import NamedEffect
+from discrepancy.findings.recorded import Recorded
+from discrepancy.name.model_selection import name
+from discrepancy.name.verdict import Naming
+from discrepancy.report.verdict_text import late_drive
+from discrepancy.show import fmu_validation
+from discrepancy.show.fmu_validation import Gap, Run, agreement, change, changed, compared, fall, left
 from fitting.inference.fit import Fit
-from fitting.inference.network_record import network_problem
-from fitting.inference.terms import sensor_terms
+from fitting.inference.hypothesis import sensor_terms
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import absent
+from fitting.results.estimate import Estimate
 
 E = "B.E"
 NOTHING = Fit((), (), np.zeros(0), np.zeros(0), np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))
@@ -64,7 +64,7 @@ def confirmed(s: Study, naming: Naming, before: Run, after: Run | None) -> Namin
     if after is not None:
         fallen, sd = fall(s, before, after)
         each = replace(each, fallen=fallen, sd=sd)
-    return show.confirmed(naming, [each], before.gap, after and after.gap)
+    return fmu_validation.confirmed(naming, [each], before.gap, after and after.gap)
 
 
 # --- the gap must fall ------------------------------------------------------------------------------------------------

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from compare import elastic
 
-from fmu_src.cosimulation import CoSimulation
-from fmu_src.variables import variable_table
+from fmu_src.cosimulation.arteries import CoSimulation
+from fmu_src.variables.arteries_variables import variable_table
 from solver import Network, NonPhysicalState, Settings, load, sampled_inflow, simulate
-from solver.outputs import reporter
 from solver.scheme.model import build
+from solver.scheme.outputs import reporter
 from solver.scheme.step import initial_state, step
 
 Array = np.ndarray

@@ -11,11 +11,11 @@ import pytest
 from network_text import FORK
 from refused import refused
 
-from fmu_src.variables import variable_table
+from fmu_src.variables.arteries_variables import variable_table
 from solver import Settings, read_network, simulate
-from solver.curve import Curve
-from solver.files import dumps, loads
-from solver.network import Network, from_dict, to_dict
+from solver.network.curve import Curve
+from solver.network.description import Network, from_dict, to_dict
+from solver.network.files import dumps, loads
 
 COARSE = Settings(dt=5e-3, element_length=0.1)
 ROWS = "time [ms],Q [mL/s]\n0,10\n100,60\n250,20\n400,15\n800,10\n"

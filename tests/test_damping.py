@@ -7,8 +7,8 @@ import pytest
 from compare import elastic
 
 from solver import Network, Settings, load, simulate
+from solver.mesh.element import element
 from solver.scheme.damping import HighDegrees, NoDamping
-from solver.scheme.element import element
 from solver.scheme.model import build
 
 Array = np.ndarray

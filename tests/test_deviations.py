@@ -7,13 +7,13 @@ import pytest
 from forked import NETWORK
 from small_network import term
 
-from fitting.inference.added import estimates, extended
+from fitting.inference.extended_network import estimates, extended
 from fitting.inference.fit import Fit
-from fitting.inference.terms import Term, about_common, candidates, deviations, nuisances
+from fitting.inference.hypothesis import Term, about_common, candidates, deviations, nuisances
 from fitting.inference.unknown import Unknown, interval, values
 from solver import Network, load
-from solver.coordinate import SCALE, SHIFT
-from solver.quantity import Quantity
+from solver.quantities.coordinate import SCALE, SHIFT
+from solver.quantities.quantity import Quantity
 
 ELASTIC = NETWORK.with_parameters({f"{s}.phi0": 0.0 for s in "ABC"})
 SPREADS = {"R0": 0.02, "E": 0.08, "phi0": 0.2, "R_t": 0.03}

@@ -7,11 +7,11 @@ import pytest
 from forked import NETWORK
 from small_network import NAMES, term
 
-from fitting.inference.added import estimates, extended
+from fitting.inference.extended_network import estimates, extended
 from fitting.inference.fit import Fit
-from fitting.inference.terms import Term, candidates, followers, nuisances
-from solver import effects
-from solver.files import dumps, loads
+from fitting.inference.hypothesis import Term, candidates, followers, nuisances
+from solver.laws import effects
+from solver.network.files import dumps, loads
 
 RATIOS = {"wall_viscosity": "E", "nonlinear_wall_viscosity": "phi0", "nonlinear_elasticity": "E"}
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from judged import judge
 from truth.anatomy import anatomy
 from truth.animal import Nuisance
 from truth.beat import Beat
@@ -16,20 +17,20 @@ from truth.records import Case, hidden_model, make, truth_channels
 from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
 
-from discrepancy import verdict
-from discrepancy.scoring import Named, shares
-from discrepancy.study import judge, prepare
-from discrepancy.verdict import Naming
-from fitting.inference.added import estimates
-from fitting.inference.bench import Bench, fit
+from discrepancy.find.study import prepare
+from discrepancy.name import verdict
+from discrepancy.name.scoring import Named, shares
+from discrepancy.name.verdict import Naming
+from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
-from fitting.inference.loop import Loop
-from fitting.inference.observation import chain
-from fitting.inference.terms import Term, candidates
+from fitting.inference.hypothesis import Term, candidates
+from fitting.inference.models.bench import Bench, fit
+from fitting.inference.models.bench_observation import chain
+from fitting.inference.models.loop import Loop
 from fitting.inference.unknown import quantile
-from fitting.records.record import Record
-from solver import catalogue
-from solver.sensors import CatheterResonance
+from fitting.records.read.record import Record
+from solver.laws import catalogue
+from solver.laws.sensors import CatheterResonance
 
 SITE = "CA"
 BEAT = Beat(0.5, 40, 128)

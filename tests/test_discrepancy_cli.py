@@ -17,24 +17,24 @@ from forked import NETWORK
 from rich.console import Console
 from typer.testing import CliRunner
 
+from arterial_fmu.cli.discover import app
+from arterial_fmu.cli.tables.study import effects_table, plan_table
 from build_fmu import build
 from discrepancy import workflow
-from discrepancy.__main__ import app
-from discrepancy.command_tables import effects_table, plan_table
-from discrepancy.isolability import isolability
-from discrepancy.outcome import Isolability, NamedEffect, Outcome, OwnNumber, Walls
-from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
-from discrepancy.source import build_fmu
-from fitting.bench import on_bench
-from fitting.estimate import Estimate
+from discrepancy.find.model_source import build_fmu
+from discrepancy.findings.isolability import isolability
+from discrepancy.findings.outcome import Isolability, NamedEffect, Outcome, OwnNumber, Walls
+from discrepancy.plan.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
 from fitting.inference.fit import Fit
-from fitting.inference.terms import Term
-from fitting.records.record import write_record
+from fitting.inference.hypothesis import Term
+from fitting.inference.models.bench_network import on_bench
+from fitting.parallel.workers import cores
+from fitting.records.read.record import write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
-from fitting.workers import cores
+from fitting.results.estimate import Estimate
 from solver import load, read_network
-from solver.effects import ALL
-from solver.files import write_network
+from solver.laws.effects import ALL
+from solver.network.files import write_network
 
 T, BEATS, SAMPLES = 0.5, 20, 100
 
@@ -315,7 +315,7 @@ def plan() -> SensorPlan:
 def test_isolability_is_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Table, what is invisible, what to add; the same as JSON."""
     given: list[Any] = []
-    monkeypatch.setattr("discrepancy.sensor_plan.plan_sensors", lambda *each: given.append(each) or plan())
+    monkeypatch.setattr("discrepancy.plan.sensor_plan.plan_sensors", lambda *each: given.append(each) or plan())
     out = tmp_path / "plan.json"
     done = run("isolability", "sheep", "--channels", "AA.P, CA.P", "--dB", 30, "--beats", 12, "--out", out)
     assert done.exit_code == 0, done.output
@@ -347,7 +347,7 @@ def test_the_meter_of_the_inflow_is_a_sensor_too(monkeypatch: pytest.MonkeyPatch
         judged.append({label: float(np.linalg.norm(columns[label])) for label in sensors})
         return isolability(base, columns, seen)
 
-    monkeypatch.setattr("discrepancy.sensor_plan.isolability", kept)
+    monkeypatch.setattr("discrepancy.plan.sensor_plan.isolability", kept)
     plan_sensors(NETWORK, ("B.P",), beats=8)
     own = min(judged, key=len)  # without a further sensor
     assert {label.rpartition(" at ")[2] for label in own} == {"B.P", "inlet.Q"} and len(own) == 8

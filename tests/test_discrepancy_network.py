@@ -16,22 +16,24 @@ import pytest
 from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term, terms
 
-from discrepancy.journal import Journal
-from discrepancy.name import name
-from discrepancy.verdict import Naming
-from fitting.inference.added import estimates, extended, sensor_parameters
+from discrepancy.checkpoint import Journal
+from discrepancy.name.model_selection import name
+from discrepancy.name.verdict import Naming
+from fitting.inference.extended_network import estimates, extended, sensor_parameters
 from fitting.inference.fit import Fit, Member
-from fitting.inference.network import NetworkProblem
-from fitting.inference.network_record import network_problem
-from fitting.inference.observation import sense
-from fitting.inference.simulator import OutOfTime, Runs, Simulator
-from fitting.inference.terms import Term, candidates, joins, sensor_terms
+from fitting.inference.hypothesis import Term, candidates, joins, sensor_terms
+from fitting.inference.models.bench_observation import sense
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.network_record import network_problem
+from fitting.inference.models.simulator import Simulator
+from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import quantile
-from fitting.records.beats import Beats
-from solver import NonPhysicalState, Settings, catalogue, effects, simulate_periodic
-from solver.effect import Effect, Values
-from solver.quantity import Quantity
-from solver.wall import Wall
+from fitting.records.alignment.beats import Beats
+from solver import NonPhysicalState, Settings, simulate_periodic
+from solver.laws import catalogue, effects
+from solver.laws.effect import Effect, Values
+from solver.laws.wall import Wall
+from solver.quantities.quantity import Quantity
 
 EFFECTS = ("wall_stiffness", "terminal_reflection", "channel_gain")
 

@@ -10,15 +10,15 @@ from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term, terms
 
 from discrepancy import thresholds as at
-from discrepancy.intervals import stated
-from discrepancy.name import name
-from discrepancy.verdict import Naming
-from fitting.inference.added import estimates
+from discrepancy.name.intervals import stated
+from discrepancy.name.model_selection import name
+from discrepancy.name.verdict import Naming
+from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
-from fitting.inference.network import NetworkProblem
-from fitting.inference.network_record import network_problem
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.network_record import network_problem
 from solver import Settings, simulate_periodic
-from solver.effects import BY_NAME
+from solver.laws.effects import BY_NAME
 
 KNOWN = ("wall_stiffness", "channel_gain", "terminal_reflection")  # all that is searched for
 

@@ -22,8 +22,8 @@ import numpy as np
 import pytest
 from made_up import LAG, N, T, isolability, synthetic, write_report
 
-from discrepancy.figures import NAMES, figure
-from discrepancy.outcome import (
+from discrepancy.findings.map_marks import entry, marks
+from discrepancy.findings.outcome import (
     VERDICTS,
     Absorbed,
     Detectable,
@@ -34,14 +34,14 @@ from discrepancy.outcome import (
     Walls,
     verdict_json,
 )
-from discrepancy.places import entry, marks
-from discrepancy.report import page
-from discrepancy.tables import Z, beats, estimate_text, number, spread_text, wall_rows
-from discrepancy.wording import not_judged
-from fitting.estimate import Estimate
+from discrepancy.report.figures import NAMES, figure
+from discrepancy.report.page import page
+from discrepancy.report.tables import Z, beats, estimate_text, number, spread_text, wall_rows
+from discrepancy.report.verdict_text import not_judged
 from fitting.pages import page as shared
+from fitting.results.estimate import Estimate
 from solver import Network
-from solver.units import MMHG
+from solver.quantities.units import MMHG
 
 LIMIT = {"value": 5.0, "unit": "s"}
 

@@ -26,25 +26,25 @@ from truth.records import Case
 from typer.testing import CliRunner
 
 import arterial_fmu.__main__
-from discrepancy import together
-from discrepancy.command_tables import gap_text, recordings_table
-from discrepancy.recorded import Recorded
-from discrepancy.recorded import rows as rows_of
+from arterial_fmu.cli.tables.study import gap_text, recordings_table
+from discrepancy.assemble import Shown
+from discrepancy.find.study import Study, prepare
+from discrepancy.findings.recorded import Recorded
+from discrepancy.findings.recorded import rows as rows_of
+from discrepancy.name import joint_selection
+from discrepancy.name.joint_record import Several
+from discrepancy.name.joint_selection import name_together
+from discrepancy.name.model_selection import name as name_one
+from discrepancy.name.verdict import Naming
+from discrepancy.plan.second_state import second_state, separations
 from discrepancy.recordings import Recordings, _named
-from discrepancy.second_state import second_state, separations
-from discrepancy.show import Gap, confirmed
-from discrepancy.study import Study, prepare
-from discrepancy.study import name as name_one
-from discrepancy.summary import Shown
-from discrepancy.together import name_together
-from discrepancy.verdict import Naming
+from discrepancy.show.fmu_validation import Gap, confirmed
 from fitting.inference.fit import Member
 from fitting.inference.gauss_newton import Trial
-from fitting.inference.network_record import network_problem
-from fitting.inference.several import Several
-from fitting.inference.simulator import OutOfTime, Runs
-from fitting.records.record import write_record
-from solver.files import read_network, write_network
+from fitting.inference.models.network_record import network_problem
+from fitting.inference.runs import OutOfTime, Runs
+from fitting.records.read.record import write_record
+from solver.network.files import read_network, write_network
 
 SITE = "CA"
 RELAXATION = Case("bench", SITE, 27.0, (Effect("stress_relaxation", (SITE,), 0.006),))
@@ -97,7 +97,7 @@ def test_jacobian(individual: bool) -> None:
 
 
 def terms_of(whole: Several) -> Sequence[Any]:
-    from fitting.inference.terms import candidates
+    from fitting.inference.hypothesis import candidates
 
     return candidates(whole.network, whole.first.signals)
 
@@ -180,7 +180,7 @@ def test_time_that_is_over_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     def over(*_: Any) -> Any:
         raise OutOfTime("over")
 
-    monkeypatch.setattr(together, "_refitted", over)
+    monkeypatch.setattr(joint_selection, "_refitted", over)
     found = name_together(whole_of(studies), alone, studies[0].terms, Runs())
     assert not found.complete and found.confidence <= 0.5
     with pytest.raises(OutOfTime):

@@ -13,11 +13,11 @@ from scipy.optimize import lsq_linear
 from scipy.stats import kstest, norm
 
 from discrepancy import thresholds
-from discrepancy.find import benjamini_yekutieli, find, mass_balances, wall_balances
-from discrepancy.isolability import DETECTABLE, isolability, smallest
+from discrepancy.find.balances import benjamini_yekutieli, find, mass_balances, wall_balances
+from discrepancy.findings.isolability import DETECTABLE, isolability, smallest
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.gauss_newton import bounded_step
-from fitting.inference.terms import Term
+from fitting.inference.hypothesis import Term
 from fitting.inference.unknown import Unknown, precision
 
 # --- misfit ----------------------------------------------------------------------------------------------------------

@@ -12,19 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forked import NETWORK, SETTINGS, N, T, inflow
+from judged import judge
 from truth.hide import Effect
 from truth.records import Case, Made, make, write
 
 from build_fmu import build
 from discrepancy import workflow
-from discrepancy.study import Unusable, bench_site, channels, check_scatter, judge, prepare
-from discrepancy.usable import check_beats, check_record, check_waves
+from discrepancy.find.plausibility import check_beats, check_record, check_waves
+from discrepancy.find.study import Unusable, bench_site, channels, check_scatter, prepare
 from discrepancy.workflow import discover
-from fitting.inference.observation import mean_wander
-from fitting.records.beats import Beats
-from fitting.records.record import Record, write_record
+from fitting.inference.models.bench_observation import mean_wander
+from fitting.records.alignment.beats import Beats
+from fitting.records.read.record import Record, write_record
 from solver import load, simulate_periodic
-from solver.files import write_network
+from solver.network.files import write_network
 
 pytestmark = pytest.mark.usefixtures("one_process")
 

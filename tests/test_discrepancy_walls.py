@@ -18,23 +18,23 @@ from truth.hide import Effect
 from truth.records import Case, make, write
 
 from discrepancy import discover, workflow
-from discrepancy.animal import odd_ones, walls_of
-from discrepancy.journal import Journal
-from discrepancy.name import name
-from discrepancy.outcome import Outcome
-from discrepancy.verdict import Naming
-from fitting.calibrate import calibrate
-from fitting.inference.added import estimates
-from fitting.inference.asked import parse_unknowns
-from fitting.inference.network_record import network_problem
+from discrepancy.checkpoint import Journal
+from discrepancy.findings.outcome import Outcome
+from discrepancy.name.individual_walls import odd_ones, walls_of
+from discrepancy.name.model_selection import name
+from discrepancy.name.verdict import Naming
+from fitting.calibrate.network_calibration import calibrate
+from fitting.inference.extended_network import estimates
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.prior import along
-from fitting.inference.simulator import OutOfTime, Runs
+from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import quantile
-from fitting.parameter_set import write_set
-from fitting.records.align import align
-from fitting.records.record import read_record, write_record
+from fitting.inference.unknown_text import parse_unknowns
+from fitting.records.alignment.align import align
+from fitting.records.read.record import read_record, write_record
+from fitting.results.parameter_set import write_set
 from solver import simulate_periodic
-from solver.files import read_network, write_network
+from solver.network.files import read_network, write_network
 
 STIFFER = 1.45
 EFFECTS = ("wall_stiffness", "terminal_reflection", "channel_gain")

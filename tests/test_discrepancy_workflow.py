@@ -18,33 +18,35 @@ import numpy as np
 import pytest
 from checked import bench_set
 from fmpy import read_model_description
+from judged import judge
 from scipy.stats import kstest
 from truth.hide import Effect
 from truth.records import Case, Made, make, write
 
 from build_fmu import build
-from discrepancy import report, workflow
-from discrepancy.asked import Asked
-from discrepancy.journal import Journal
-from discrepancy.name import name
-from discrepancy.outcome import VERDICTS, Outcome, verdict_json
+from discrepancy import workflow
+from discrepancy.assemble import Shown, fmu_warnings, global_p, sentence, summary, unusable
+from discrepancy.checkpoint import Journal
+from discrepancy.find.model_source import read_model
+from discrepancy.find.study import Study as Prepared
+from discrepancy.find.study import Unusable, prepare
+from discrepancy.findings.outcome import VERDICTS, Outcome, verdict_json
+from discrepancy.name.model_selection import name
+from discrepancy.name.scoring import Named
+from discrepancy.name.verdict import Naming
+from discrepancy.options import Asked
 from discrepancy.recordings import Recordings
-from discrepancy.scoring import Named
-from discrepancy.show import Gap, Run, compared, own_parity
-from discrepancy.source import read_model
-from discrepancy.study import Study as Prepared
-from discrepancy.study import Unusable, judge, prepare
-from discrepancy.summary import Shown, fmu_warnings, global_p, sentence, summary, unusable
-from discrepancy.verdict import Naming
+from discrepancy.report import page as report
+from discrepancy.show.fmu_validation import Gap, Run, compared, own_parity
 from discrepancy.workflow import discover
-from fitting.bench import bench_network, on_bench
-from fitting.fmu_run import RunFailed
-from fitting.inference.simulator import Runs
-from fitting.inference.terms import Term
-from fitting.records.record import Record
+from fitting.check.fmu_run import RunFailed
+from fitting.inference.hypothesis import Term
+from fitting.inference.models.bench_network import bench_network, on_bench
+from fitting.inference.runs import Runs
+from fitting.records.read.record import Record
 from solver import load
-from solver.files import read_network, write_network
-from solver.saved import Kind, to_bytes
+from solver.io.saved import Kind, to_bytes
+from solver.network.files import read_network, write_network
 
 pytestmark = pytest.mark.usefixtures("one_process")
 

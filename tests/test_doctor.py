@@ -17,9 +17,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from build_fmu import app
-from fmu_src import doctor
-from fmu_src.doctor import EXIT, FATAL, NOTE, OK, PROBLEM, Finding, examine, state
+from arterial_fmu.cli.build import app
+from fmu_src.importer import doctor
+from fmu_src.importer.doctor import EXIT, FATAL, NOTE, OK, PROBLEM, Finding, examine, state
 
 
 def found(findings: list[Finding]) -> dict[str, Finding]:

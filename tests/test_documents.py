@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from drawn import TUBE, segment
 
-from fmu_src import drawing
-from fmu_src.document import index_html
-from fmu_src.models import body_model, heart_model
-from fmu_src.variables import variable_table
+from fmu_src.contents.models import body_model, heart_model
+from fmu_src.documents import drawing
+from fmu_src.documents.document import index_html
+from fmu_src.variables.arteries_variables import variable_table
 from solver import Inlet, Network, Pressure, Reflection, Resistance, Settings, Site, Windkessel
-from solver.network import Junction
+from solver.network.description import Junction
 
 # beside one tube: three kinds of outlets at one junction; a loop; a circle of flow
 FORK = Network(

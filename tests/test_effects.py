@@ -13,18 +13,19 @@ import pytest
 from scipy.signal import lsim
 
 from build_fmu import build
-from fmu_src.cosimulation import CoSimulation
-from fmu_src.run import run_fmu
-from fmu_src.variables import variable_table
-from solver import Network, Settings, Windkessel, catalogue, effects, sampled_inflow, simulate, simulate_periodic
-from solver.effect import Effect, SearchSpec, Values
-from solver.effects import ALL, BY_NAME
+from fmu_src.cosimulation.arteries import CoSimulation
+from fmu_src.importer.run import run_fmu
+from fmu_src.variables.arteries_variables import variable_table
+from solver import Network, Settings, Windkessel, sampled_inflow, simulate, simulate_periodic
 from solver.errors import InputError
-from solver.files import dumps, loads
+from solver.laws import catalogue, effects
+from solver.laws.effect import Effect, SearchSpec, Values
+from solver.laws.effects import ALL, BY_NAME
+from solver.laws.wall import Wall
 from solver.loop import column, loop_pressure
-from solver.network import from_dict, to_dict
-from solver.quantity import Quantity
-from solver.wall import Wall
+from solver.network.description import from_dict, to_dict
+from solver.network.files import dumps, loads
+from solver.quantities.quantity import Quantity
 
 QUICK = Settings(dt=2e-3, tolerance=1e-8)
 COARSE = Settings(dt=5e-3, element_length=0.1)

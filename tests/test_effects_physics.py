@@ -23,7 +23,7 @@ from solver import (
     simulate,
     simulate_periodic,
 )
-from solver.effects import WOMERSLEY_RATES, WOMERSLEY_WEIGHTS
+from solver.laws.effects import WOMERSLEY_RATES, WOMERSLEY_WEIGHTS
 
 L, R0, H, E, PHI0, RHO, NU = 0.4, 8e-3, 1e-3, 8e5, 1.2e4, 1060.0, 3.5e-6
 T = 0.25

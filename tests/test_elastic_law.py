@@ -12,21 +12,22 @@ from recorded_walls import N, T, recording
 from scipy import stats
 from typer.testing import CliRunner
 
-from discrepancy.study import other_law
-from fitting.__main__ import app
-from fitting.bench import bench_network
+from arterial_fmu.cli.fit import app
+from arterial_fmu.cli.tables.cohort import tables as cohort_tables
+from discrepancy.find.study import other_law
 from fitting.cohort.file import Entry
 from fitting.cohort.fits import Cohort, fit_cohort
-from fitting.elastic_law import DECIDED, LawEvidence
-from fitting.estimate import mixture
-from fitting.indices import E_inc
-from fitting.parameter_set import read_set
-from fitting.records.record import write_record
+from fitting.inference.models.bench_network import bench_network
+from fitting.records.read.record import write_record
 from fitting.records.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
-from fitting.wall import fit
-from fitting.wall_model import model
-from fitting.weighing import evidence
-from solver.files import read_network
+from fitting.results.estimate import mixture
+from fitting.results.parameter_set import read_set
+from fitting.wall.elastic_law import DECIDED, LawEvidence
+from fitting.wall.indices import E_inc
+from fitting.wall.law_selection import evidence
+from fitting.wall.site_fit import fit
+from fitting.wall.wall_model import model
+from solver.network.files import read_network
 
 SOFT = VirtualWall(R0=3.0e-3, h=0.6e-3, E=2e5, phi0=2e3, elastic="beta")  # a carotid that is strained by 21 %
 STIFF = table_wall("CA", phiNL=0.0)  # by 1 %
@@ -218,13 +219,12 @@ def _cohort(folder: Path, wall: VirtualWall, animals: int, dB: float, **options:
 
 def test_a_cohort_has_one_law(tmp_path: Path) -> None:
     """All recordings together decide; a given law is obeyed; where nothing decides, the mean's interval holds both."""
-    from fitting.cohort import report
 
     soft = _cohort(tmp_path, SOFT, 3, 40.0)
     assert soft.elastic == "beta" and soft.evidence is not None and soft.evidence.decided
     assert soft.table()["CA"]["E_inc"].mean == pytest.approx(0.291e6, rel=0.01)
     assert soft.mean_set().texts["network.elastic_law"] == "beta"
-    assert "3 of 3 recordings favour it" in str(report.tables(soft)[0].caption)  # type: ignore[union-attr]
+    assert "3 of 3 recordings favour it" in str(cohort_tables(soft)[0].caption)  # type: ignore[union-attr]
     given = _cohort(tmp_path, SOFT, 3, 40.0, elastic="regression")
     assert given.elastic == "regression" and given.law == "elastic law regression, as given"
     stiff = _cohort(tmp_path, STIFF, 3, 25.0)
@@ -232,4 +232,4 @@ def test_a_cohort_has_one_law(tmp_path: Path) -> None:
     low, high = stiff.mean_set().values["CA.E"].ci95 or (np.nan, np.nan)
     for _, each in stiff.laws:
         assert low < each.table()["CA"]["E"].mean < high
-    assert len(report.tables(stiff)) == 3  # means by either law, claims
+    assert len(cohort_tables(stiff)) == 3  # means by either law, claims

@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.size import comb, fork, tree
 from solver import Network, Settings
-from solver.outputs import reporter
-from solver.scheme.elimination import CORE, eliminate, eliminated
+from solver.mesh.elimination import CORE, eliminate, eliminated
 from solver.scheme.model import build
+from solver.scheme.outputs import reporter
 from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.step import initial_state, step
 
@@ -95,7 +95,7 @@ def test_network(parents: Callable[[int], list[int]], monkeypatch: pytest.Monkey
     """300 arteries, two parameter sets: as with the dense inverse, to 3e-14 (4e-15)."""
     network, E = tree(300, parents), np.array([6e5, 9e5])
     found = outputs(network, E)
-    monkeypatch.setattr("solver.scheme.mesh.eliminated", lambda ends, n, core: eliminated(ends, n, 10**6))
+    monkeypatch.setattr("solver.mesh.mesh.eliminated", lambda ends, n, core: eliminated(ends, n, 10**6))
     expected = outputs(network, E)
     assert np.ptp(expected["P"], axis=0).max() > 10.0  # Pa: the two differ
     for signal, values in expected.items():

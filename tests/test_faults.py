@@ -16,38 +16,42 @@ from test_house import MODULES
 from truth.records import Case, make, write
 
 import arterial_fmu.__main__
-import discrepancy.find
+import discrepancy.find.balances
+import fitting.calibrate.multistart
 import fitting.cohort.fits
-import fitting.starts
 from arterial_fmu.study.models import NetworkModel
 from discrepancy import workflow
-from discrepancy.study import Unusable
+from discrepancy.find.study import Unusable
 from fitting.cohort.file import Entry
-from fitting.inference.batches import simulated
 from fitting.inference.fit import Member
-from fitting.inference.loop import NoFit
-from fitting.inference.network_record import network_problem
-from fitting.inference.simulator import Runs, Simulator
-from fitting.records.sensors import UnusableRecord
-from fmu_src.refusal import sentence
+from fitting.inference.models.batches import simulated
+from fitting.inference.models.loop import NoFit
+from fitting.inference.models.network_record import network_problem
+from fitting.inference.models.simulator import Simulator
+from fitting.inference.runs import Runs
+from fitting.records.read.sensors import UnusableRecord
+from fmu_src.slaves.refusal import sentence
 from solver import InputError, NonPhysicalState, Settings, load
-from solver.balance import NoSteadyState
-from solver.exit_codes import ExitCode
-from solver.files import write_network
+from solver.io.exit_codes import ExitCode
+from solver.network.files import write_network
+from solver.periodic.harmonic_balance import NoSteadyState
 
 Breaks = Callable[[str], None]
 
 # where another library, or Python, says of something given that it is wrong, or a host must not be killed
 OTHERS = {
-    "solver.saved", "solver.tables", "solver.text", "solver.files", "solver.importers.openbf", "solver.host_died",
-    "solver.validation",
-    "fitting.records.tables.binary", "fitting.cluster", "fitting.parameter_set", "fitting.prior",
-    "fitting.inference.asked", "arterial_fmu.study.store",
-    "fmu_src.wrapper", "fmu_src.saving", "fmu_src.base", "fmu_src.interpreter", "fmu_src.doctor", "fmu_src.host",
-    "fmu_src.run", "fmu_src.native_doctor",  # of a file that may be anything
-    "discrepancy.report",  # of a verdict.json that may be anything
-    "solver.writing",  # which tidies up, and raises it again
-    "solver.console", "arterial_fmu.__main__",  # the door of faults
+    "solver.io.saved", "solver.io.tables", "solver.quantities.text", "solver.network.files",
+    "solver.network.importers.openbf", "solver.io.host_died",
+    "solver.network.validation",
+    "fitting.records.read.binary", "fitting.parallel.cluster", "fitting.results.parameter_set",
+    "fitting.calibrate.calibration_prior",
+    "fitting.inference.unknown_text", "arterial_fmu.study.store",
+    "fmu_src.wrapper", "fmu_src.slaves.saving", "fmu_src.slaves.base", "fmu_src.importer.interpreter",
+    "fmu_src.importer.doctor", "fmu_src.host",
+    "fmu_src.importer.run", "arterial_fmu.cli.run", "fmu_src.native.native_doctor",  # of a file that may be anything
+    "discrepancy.report.page",  # of a verdict.json that may be anything
+    "solver.io.writing",  # which tidies up, and raises it again
+    "arterial_fmu.cli.terminal.console", "arterial_fmu.__main__",  # the door of faults
 }  # fmt: skip
 WIDE = {"ValueError", "ArithmeticError", "ZeroDivisionError", "Exception", "BaseException"}
 
@@ -92,7 +96,7 @@ def test_sentences_are_input_errors_and_nobody_catches_more() -> None:
                 caught |= {module} if named & WIDE else set()
             elif isinstance(node, ast.Call) and ast.unparse(node.func) == "suppress":
                 caught |= {module} if {ast.unparse(each) for each in node.args} & WIDE else set()
-    assert raised == {"fmu_src.saving"}  # to the wrapper, which tells the host its type
+    assert raised == {"fmu_src.slaves.saving"}  # to the wrapper, which tells the host its type
     assert caught <= OTHERS
 
 
@@ -104,7 +108,7 @@ def test_in_a_study(fault: type[Exception], breaks: Breaks, tmp_path: Path) -> N
     made = make(Case("bench", "CA", 40.0), 5)
     write(made, tmp_path / "record.csv")
     write_network(made.base, tmp_path / "base.toml")
-    breaks("discrepancy.study.bench")
+    breaks("discrepancy.find.study.bench")
     with pytest.raises(fault, match="broadcast") as error:
         workflow.discover(tmp_path / "record.csv", tmp_path / "base.toml", tmp_path / "out")
     assert type(error.value) is fault
@@ -114,9 +118,9 @@ def test_in_a_study(fault: type[Exception], breaks: Breaks, tmp_path: Path) -> N
 def test_in_a_balance_of_a_study(fault: type[Exception], breaks: Breaks) -> None:
     """A wall that no law carries has no balance; a fault is none of these."""
     beats = record({f"B.{kind}": clean()[f"B.{kind}"] for kind in "PR"}, 15, 0.01)
-    breaks("discrepancy.find.fit")
+    breaks("discrepancy.find.balances.fit")
     with pytest.raises(fault, match="broadcast"):
-        discrepancy.find.wall_balances(beats, NETWORK)
+        discrepancy.find.balances.wall_balances(beats, NETWORK)
 
 
 def test_in_a_batch(fault: type[Exception], breaks: Breaks) -> None:
@@ -169,7 +173,7 @@ def test_a_command(
     """Its own exit code, the traceback, and the request to report it; no file."""
     out = tmp_path / "beat.csv"
     monkeypatch.setattr(sys, "argv", ["arterial-fmu", "solve", "sheep", "--out", str(out)])
-    breaks("solver.__main__.simulate_periodic")
+    breaks("arterial_fmu.cli.solve.simulate_periodic")
     with pytest.raises(SystemExit) as ended:
         arterial_fmu.__main__.main()
     said = capsys.readouterr()
@@ -202,7 +206,7 @@ def test_in_an_fmu(fault: type[Exception]) -> None:
 
 def test_a_start_of_a_calibration(fault: type[Exception], breaks: Breaks) -> None:
     """Not a start that leads nowhere."""
-    task = fitting.starts._Task([record(clean(), 8, 0.01)], NETWORK, (), (), None, None, None)
-    breaks("fitting.starts.calibrate")
+    task = fitting.calibrate.multistart._Task([record(clean(), 8, 0.01)], NETWORK, (), (), None, None, None)
+    breaks("fitting.calibrate.multistart.calibrate")
     with pytest.raises(fault, match="broadcast"):
-        fitting.starts._calibrated(task)
+        fitting.calibrate.multistart._calibrated(task)

@@ -12,9 +12,18 @@ from network_text import FORK
 from random_networks import networks
 from refused import refused
 
-from solver.files import bundled, dumps, find_network, loads, parse_quantity, read_network, write_network, write_whole
-from solver.network import Network, Site
-from solver.outlets import Pressure, Reflection, Resistance, Windkessel
+from solver.laws.outlets import Pressure, Reflection, Resistance, Windkessel
+from solver.network.description import Network, Site
+from solver.network.files import (
+    bundled,
+    dumps,
+    find_network,
+    loads,
+    parse_quantity,
+    read_network,
+    write_network,
+    write_whole,
+)
 
 # an edit of FORK -> the words that the sentence must contain: section, key, value, expected unit or range, remedy
 BAD_FILES = {

@@ -14,20 +14,20 @@ from forked import CHANNELS, NETWORK, N, T, exact, inflow, record
 from scipy.signal import butter, freqs
 
 from discrepancy.workflow import discover
-from fitting.calibrate import calibrate
-from fitting.inference.bench import bench
-from fitting.inference.network import NetworkProblem
-from fitting.inference.network_record import network_problem
-from fitting.inference.terms import candidates
-from fitting.parameter_set import read_set
-from fitting.records.align import align
-from fitting.records.beats import Beats
-from fitting.records.filters import with_filters
-from fitting.records.record import Record, write_record
+from fitting.calibrate.network_calibration import calibrate
+from fitting.inference.hypothesis import candidates
+from fitting.inference.models.bench import bench
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.network_record import network_problem
+from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
+from fitting.records.channels.filters import with_filters
+from fitting.records.read.record import Record, write_record
 from fitting.records.virtual import jarvik_pressure, pressure_at, solve_radius, table_wall
+from fitting.results.parameter_set import read_set
 from solver import Settings, beat_harmonics, load, simulate
-from solver.files import read_network, write_network
-from solver.sensors import LowPass
+from solver.laws.sensors import LowPass
+from solver.network.files import read_network, write_network
 
 FILTERS = ("inlet.Q=lowpass 6 Hz order 2", "A.P=lowpass 15 Hz", "C.R=lowpass 12 Hz order 3")
 STIFFER = NETWORK.with_parameters({"B.E": 1.2 * NETWORK.segment("B").E})

@@ -16,17 +16,17 @@ from truth.beat import Beat
 from truth.network import Balance
 from typer.testing import CliRunner
 
-from discrepancy.__main__ import app as discrepancy_app
-from discrepancy.source import first_of
-from fitting.__main__ import app
+from arterial_fmu.cli.discover import app as discrepancy_app
+from arterial_fmu.cli.fit import app
+from discrepancy.find.model_source import first_of
 from fitting.first.model import FirstModel, first_model
 from fitting.first.species import NAMES, typical
-from fitting.records.beats import Beats
-from fitting.records.record import read_record, write_record
+from fitting.records.alignment.beats import Beats
+from fitting.records.read.record import read_record, write_record
 from solver import load, read_network, simulate_periodic
 from solver.errors import InputError
-from solver.files import loads
-from solver.units import MMHG
+from solver.network.files import loads
+from solver.quantities.units import MMHG
 
 ML, N, BEATS = 1e-6, 400, 12
 PER_ML = MMHG / ML  # mmHg s/mL

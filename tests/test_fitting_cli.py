@@ -11,14 +11,14 @@ import pytest
 from commands import refused_in_one_sentence
 from typer.testing import CliRunner
 
+from arterial_fmu.cli.fit import app
 from build_fmu import build
-from fitting.__main__ import app
 from fitting.pages.figures import loop_figure
-from fitting.parameter_set import read_set, write_set
-from fitting.records.record import read_record, write_record
-from fitting.records.spectral import coefficients
+from fitting.records.channels.spectral import coefficients
+from fitting.records.read.record import read_record, write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
-from fitting.wall import fit
+from fitting.results.parameter_set import read_set, write_set
+from fitting.wall.site_fit import fit
 from solver import load, read_network, simulate_periodic
 
 pytestmark = pytest.mark.usefixtures("one_process")
@@ -181,7 +181,7 @@ def test_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: 
 
 def test_loop_figure(folder: Path) -> None:
     """A panel a model and the spectrum, every axis with its unit."""
-    from fitting.records.align import align
+    from fitting.records.alignment.align import align
 
     beats = align(read_record(folder / "AA.csv"))
     figure = loop_figure([fit(beats, "AA", WALL.h, name) for name in ("linear", "monotone")], beats)

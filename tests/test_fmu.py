@@ -19,10 +19,10 @@ from compare import elastic
 from fmpy.fmi1 import FMICallException
 from fmus import COARSE, MS, TEXTS, TIGHT, Instance, mixed, run_python
 
-from fmu_src.run import run_fmu
+from fmu_src.importer.run import run_fmu
 from solver import Network, Settings, load, sampled_inflow, simulate
-from solver.outputs import reporter
 from solver.scheme.model import build as build_model
+from solver.scheme.outputs import reporter
 from solver.scheme.step import initial_state, step
 
 Array = np.ndarray

@@ -16,7 +16,7 @@ import pytest
 from fmpy.fmi2 import fmi2Discard, fmi2Fatal
 from fmus import MS, run_python
 
-from fmu_src.run import FMUError, run_fmu
+from fmu_src.importer.run import FMUError, run_fmu
 from solver import Network, NonPhysicalState, load, simulate
 from solver.scheme.model import build
 from solver.scheme.step import initial_state, step
@@ -372,7 +372,7 @@ def test_failed_instantiation(fmus: dict[str, Path], tmp_path: Path) -> None:
             content = source.read(item).replace(b"arterial_", b"broken_00")
             target.writestr(item.replace("arterial_", "broken_00"), b"{" if item.endswith("network.json") else content)
     code = (
-        "import gc, sys; from fmu_src.run import *\n"
+        "import gc, sys; from fmu_src.importer.run import *\n"
         "try: run_fmu(sys.argv[1], np.zeros_like, 0.01)\n"
         "except FMUError as error: print(error)\n"
         "gc.collect(); print(run_fmu(sys.argv[2], np.zeros_like, 0.01)['CA.P'][-1])"

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from c_host import CHost, Unpacked, unpack
 
-from fmu_src.interpreter import interpreter
-from fmu_src.run import FMUError, run_fmu
+from fmu_src.importer.interpreter import interpreter
+from fmu_src.importer.run import FMUError, run_fmu
 
 
 @pytest.fixture
@@ -66,7 +66,9 @@ def test_no_room_to_unpack(fmus: dict[str, Path], monkeypatch: pytest.MonkeyPatc
         run_fmu(fmus["coarse sheep"], np.zeros_like, 0.01)
 
 
-@pytest.mark.parametrize("missing", ["network.json", "_arterial_*/solver/wall.py", "_arterial_*/fmu_src/base.py"])
+@pytest.mark.parametrize(
+    "missing", ["network.json", "_arterial_*/solver/laws/wall.py", "_arterial_*/fmu_src/slaves/base.py"]
+)
 def test_missing_resource(c_host: CHost, whole: Unpacked, fmus: dict[str, Path], tmp_path: Path, missing: str) -> None:
     """No instance, and the log names what is missing. The host lives on and runs a whole FMU."""
     broken = unpack(fmus["stiff sheep"], tmp_path / "broken")

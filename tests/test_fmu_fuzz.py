@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from build_fmu import build_model
-from fmu_src.models import body_model, heart_model
+from fmu_src.contents.models import body_model, heart_model
 
 MACHINE = Path(__file__).with_name("fuzz_machine.py")
 

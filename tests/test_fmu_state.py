@@ -15,7 +15,7 @@ from fmpy.fmi2 import fmi2Fatal
 from fmus import MS, Instance, run_python
 
 from build_fmu import build, build_model
-from fmu_src.models import body_model, heart_model
+from fmu_src.contents.models import body_model, heart_model
 from solver import Network, load
 
 Make = Callable[..., Instance]

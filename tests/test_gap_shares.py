@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, N, T, inflow, record
 
-from discrepancy.shown_map import gap_shares, main_phase, phases_of
-from fitting.inference.network_record import network_problem
+from discrepancy.findings.shown_map import gap_shares, main_phase, phases_of
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.places import Place, places
-from fitting.inference.source_map import Signal, SourceMap
+from fitting.inference.source_maps.source_map import Signal, SourceMap
 from solver import beat_harmonics
 
 ML, K = 1e-6, 6

@@ -11,7 +11,7 @@ import pytest
 from fitting.inference.fit import Member
 from fitting.inference.gauss_newton import Point, Rules, Search, Trial, search
 from fitting.inference.unknown import Unknown, penalty
-from solver.coordinate import SHIFT
+from solver.quantities.coordinate import SHIFT
 
 Array = np.ndarray
 

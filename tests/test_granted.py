@@ -9,9 +9,9 @@ import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, exact, record
 from test_calibrate import START, TRUTH, UNKNOWNS
 
-from fitting.calibrate import calibrate
-from fitting.inference.asked import parse_unknowns
-from fitting.records.beats import Beats
+from fitting.calibrate.network_calibration import calibrate
+from fitting.inference.unknown_text import parse_unknowns
+from fitting.records.alignment.beats import Beats
 
 Array = np.ndarray
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fmu_src.cosimulation import CoSimulation
-from fmu_src.variables import variable_table
+from fmu_src.cosimulation.arteries import CoSimulation
+from fmu_src.variables.arteries_variables import variable_table
 from solver import Network, NonPhysicalState, Settings, simulate
 from solver.scheme.failure import NotConverged
 from solver.scheme.model import build

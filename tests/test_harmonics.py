@@ -18,12 +18,13 @@ from truth.beat import Beat, at_phase
 from truth.network import Balance
 from truth.shapes import ejection
 
-import fitting.inference.simulator
-import solver.balance
-from fitting.inference.simulator import Runs, Simulator, started
-from fitting.records.inflow import Inflow
+import fitting.inference.models.simulator
+import solver.periodic.harmonic_balance
+from fitting.inference.models.simulator import Simulator, started
+from fitting.inference.runs import Runs
+from fitting.records.channels.inflow import Inflow
 from solver import Network, Settings, beat_harmonics, load, simulate_periodic
-from solver.balance import storable
+from solver.periodic.harmonic_balance import storable
 from solver.scheme.model import build
 
 Array = np.ndarray
@@ -163,7 +164,9 @@ def test_a_batch_without_room_is_parted(sheep: Network, monkeypatch: pytest.Monk
 
     whole = beat_harmonics(sheep, names(sheep), K, flows, T, parameters=MODULI)
     room = float(storable(build(sheep, {})))  # harmonics of one member
-    monkeypatch.setattr("solver.balance._STORAGE", solver.balance._STORAGE * 2.5 * (K + 8) / room)
+    monkeypatch.setattr(
+        "solver.periodic.harmonic_balance._STORAGE", solver.periodic.harmonic_balance._STORAGE * 2.5 * (K + 8) / room
+    )
     parts = beat_harmonics(sheep, names(sheep), K, flows, T, parameters=MODULI)
     assert max(error(a, b) for a, b in zip(parts, whole, strict=True)) <= 1e-9
 
@@ -195,7 +198,7 @@ def test_nothing_where_there_is_no_balance(sheep: Network, monkeypatch: pytest.M
     assert np.array_equal(X[0], beside[0]) and np.isnan(X[1]).all()
     with pytest.raises(ValueError, match="no steady state"):
         beat_harmonics(sheep, names(sheep), K, lambda t: 5e-3 + 0.0 * t, T)
-    monkeypatch.setattr("solver.balance._STORAGE", 1e3)
+    monkeypatch.setattr("solver.periodic.harmonic_balance._STORAGE", 1e3)
     assert np.isnan(beat_harmonics(sheep, names(sheep), K, flow(sheep), T)).all()
 
 
@@ -226,14 +229,14 @@ def simulator_of(network: Network) -> Simulator:
 
 
 def without_balance(monkeypatch: pytest.MonkeyPatch, members: list[int]) -> None:
-    real = fitting.inference.simulator.beat_harmonics
+    real = fitting.inference.models.simulator.beat_harmonics
 
     def lossy(*args: Any, **given: Any) -> Array:
         X = real(*args, **given)
         X[members] = np.nan
         return X
 
-    monkeypatch.setattr(fitting.inference.simulator, "beat_harmonics", lossy)
+    monkeypatch.setattr(fitting.inference.models.simulator, "beat_harmonics", lossy)
 
 
 def test_one_that_breaks_down_says_so(sheep: Network) -> None:

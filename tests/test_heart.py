@@ -14,15 +14,15 @@ from fmus import Instance
 from scipy.integrate import solve_ivp
 
 from build_fmu import build_model
-from fmu_src import body_slave
-from fmu_src.base import Subject
-from fmu_src.heart import OUTPUTS, HeartComponent
-from fmu_src.heart_parts import Heart
-from fmu_src.heart_slave import HeartSlave, table, to_data
-from fmu_src.heart_step import HeartState, Port, initial_state, step
-from fmu_src.models import heart_model
-from fmu_src.species import HUMAN_BODY, HUMAN_HEART, SHEEP_HEART
-from solver.units import MMHG
+from fmu_src.contents.models import heart_model
+from fmu_src.slaves import body_slave
+from fmu_src.slaves.base import Subject
+from fmu_src.slaves.heart_slave import HeartSlave, table, to_data
+from solver.lumped.heart import OUTPUTS, HeartComponent
+from solver.lumped.heart_parts import Heart
+from solver.lumped.heart_step import HeartState, Port, initial_state, step
+from solver.lumped.species import HUMAN_BODY, HUMAN_HEART, SHEEP_HEART
+from solver.quantities.units import MMHG
 
 Array = np.ndarray
 

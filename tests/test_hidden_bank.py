@@ -19,11 +19,11 @@ from benchmarks.hidden.calibration import brier, calibration_error, diagram, err
 from benchmarks.hidden.counts import Share
 from benchmarks.hidden.row import row
 from benchmarks.hidden.targets import Targets, median_bounds
-from fitting.records.record import Record
+from fitting.records.read.record import Record
 from solver import load
-from solver.network import Segment
-from solver.outlets import Reflection
-from solver.quantity import quantities
+from solver.laws.outlets import Reflection
+from solver.network.description import Segment
+from solver.quantities.quantity import quantities
 from tests.truth.animal import INDIVIDUAL
 from tests.truth.hide import OUTSIDE, Effect
 from tests.truth.plan import GROUPS, REPORTED, TUNING_SEED, plan
@@ -148,7 +148,7 @@ def test_sources_are_told_apart(tmp_path: Path) -> None:
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "page.md").write_text("text")
     assert bank.sources_hash(tmp_path) == before
-    (tmp_path / "discrepancy" / "name.py").write_text("x = 2\n")
+    (tmp_path / "discrepancy" / "module.py").write_text("x = 2\n")
     assert bank.sources_hash(tmp_path) != before
 
 

@@ -11,12 +11,12 @@ from scipy.stats import multivariate_normal
 
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import DECADES, LARGE, Linear, score, with_widths
+from fitting.inference.hypothesis import Term
 from fitting.inference.jackknife import jackknife
-from fitting.inference.misfit import Block, estimated, widened
-from fitting.inference.source_evidence import marginal
-from fitting.inference.terms import Term
+from fitting.inference.model_discrepancy import Block, estimated, widened
+from fitting.inference.source_maps.source_evidence import marginal
 from fitting.inference.unknown import TAILS, Unknown
-from solver.coordinate import SHIFT
+from solver.quantities.coordinate import SHIFT
 
 Array = np.ndarray
 

@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import fmu_src.unpacking
+import fmu_src.importer.unpacking
+from arterial_fmu.cli.discover import app as discover_app
 from discrepancy import workflow
-from discrepancy.__main__ import app as discover_app
-from fitting.fmu_run import RunFailed, periodic_answer, read_fmu
-from fmu_src import doctor
-from fmu_src.run import run_fmu
-from fmu_src.unpacking import places, undecoded, unpacking_folder
-from solver.exit_codes import ExitCode
-from solver.host_died import HostDied, ended
-from solver.units import INFLOW
+from fitting.check.fmu_run import RunFailed, periodic_answer, read_fmu
+from fmu_src.importer import doctor
+from fmu_src.importer.run import run_fmu
+from fmu_src.importer.unpacking import places, undecoded, unpacking_folder
+from solver.io.exit_codes import ExitCode
+from solver.io.host_died import HostDied, ended
+from solver.quantities.units import INFLOW
 
 STRANGE = "Ärzte (a+b), ñ, 東京"
 
@@ -89,14 +89,14 @@ def test_order(strange: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         with unpacking_folder("fmu_") as folder:
             assert Path(folder).parent == plain
         assert not Path(folder).exists()
-    monkeypatch.setattr(fmu_src.unpacking, "places", lambda: iter([strange, tmp_path / "nowhere", tmp_path]))
+    monkeypatch.setattr(fmu_src.importer.unpacking, "places", lambda: iter([strange, tmp_path / "nowhere", tmp_path]))
     with unpacking_folder("fmu_") as folder:
         assert Path(folder).parent == tmp_path
 
 
 def test_no_folder(strange: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nowhere: one sentence that names what was tried."""
-    monkeypatch.setattr(fmu_src.unpacking, "places", lambda: iter([strange]))
+    monkeypatch.setattr(fmu_src.importer.unpacking, "places", lambda: iter([strange]))
     with pytest.raises(ValueError, match=r"no folder to unpack the FMU into, among .*東京: .*; set TMPDIR to"):
         with unpacking_folder("fmu_"):
             pass

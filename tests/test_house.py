@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections import defaultdict
 from graphlib import TopologicalSorter
+from pathlib import Path
 
 import pytest
 from test_layout import PRODUCT, ROOT
@@ -14,17 +15,23 @@ from test_layout import imports as imports_of
 
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in PRODUCT}
 MAY_IMPORT = {
-    "solver": {"solver", "numpy", "scipy", "pint", "typer", "rich", "yaml"},
-    "fmu_src": {"fmu_src", "solver", "numpy", "typer", "rich", "pythonfmu", "fmpy", "matplotlib"},
-    "fitting": {"fitting", "solver", "numpy", "scipy", "polars", "threadpoolctl", "fmpy", "typer", "rich", "matplotlib",
+    "solver": {"solver", "numpy", "scipy", "pint", "yaml"},
+    "fmu_src": {"fmu_src", "solver", "numpy", "pythonfmu", "fmpy", "matplotlib"},
+    "fitting": {"fitting", "solver", "numpy", "scipy", "polars", "threadpoolctl", "fmpy", "matplotlib",
                 "jinja2", "pyedflib", "distributed"},
-    "discrepancy": {"discrepancy", "fitting", "solver", "numpy", "scipy", "typer", "rich", "matplotlib", "jinja2"},
+    "discrepancy": {"discrepancy", "fitting", "solver", "numpy", "scipy", "matplotlib", "jinja2"},
     "arterial_fmu": {"arterial_fmu", "build_fmu", "discrepancy", "fitting", "fmu_src", "solver", "typer", "rich",
                      "numpy", "pandas", "polars", "matplotlib", "SALib", "fmpy"},
 }  # fmt: skip
 IN_NOTEBOOKS = {"matplotlib", "polars", "pandas"}  # imported when a result is first displayed
 LONGEST = 400  # lines of a file
+MOST = 15  # files of a folder
 RUN = 6  # lines that may not stand twice
+# of the same package, what a room may import; the others may import any that does not import them
+ROOMS = {
+    "solver.scheme": {"solver.errors", "solver.quantities", "solver.laws", "solver.network", "solver.mesh"},
+    "fitting.inference": {"fitting.inference", "fitting.records", "fitting.results", "fitting.parallel"},
+}
 
 
 def imports(module: str) -> set[str]:
@@ -49,7 +56,7 @@ def test_no_file_runs_code() -> None:
     """Pickles go between our own processes alone, and nothing else of what runs code as it reads is there."""
     readers = {"pickle", "shelve", "marshal", "dill", "cloudpickle", "joblib", "distributed"}
     taken = {(module, name) for module in MODULES for name, _ in imports_of(MODULES[module]) if name in readers}
-    assert taken == {("fitting.workers", "pickle"), ("fitting.cluster", "distributed")}
+    assert taken == {("fitting.parallel.workers", "pickle"), ("fitting.parallel.cluster", "distributed")}
     trees = {module: ast.parse(path.read_text(encoding="utf-8")) for module, path in MODULES.items()}
     nodes = [(module, node) for module, tree in trees.items() for node in ast.walk(tree)]
     calls = {(module, ast.unparse(node.func)) for module, node in nodes if isinstance(node, ast.Call)}
@@ -62,9 +69,54 @@ def test_no_circle() -> None:
     TopologicalSorter(graph).prepare()  # CycleError names the circle
 
 
+def room(module: str) -> str:
+    """The folder of a module; the module itself if it imports nothing of its package, so that all may import it."""
+    own = {name for name in imports(module) & MODULES.keys() if name.split(".")[0] == module.split(".")[0]}
+    alone = not own and MODULES[module].name != "__init__.py"
+    return module if alone else ".".join(MODULES[module].relative_to(ROOT).parent.parts) or module
+
+
+def test_no_circle_of_folders() -> None:
+    """No folder imports itself through others, not even inside a function."""
+    graph: dict[str, set[str]] = defaultdict(set)
+    for module in MODULES:
+        graph[room(module)] |= {room(name) for name in imports(module) & MODULES.keys()} - {room(module)}
+    TopologicalSorter(graph).prepare()  # CycleError names the circle
+
+
+@pytest.mark.parametrize("folder", ROOMS)
+def test_a_room_imports_what_is_below_it(folder: str) -> None:
+    """The scheme knows no caller, and the inference core nothing of the fits that use it."""
+    package = folder.split(".")[0]
+    inside = [module for module in MODULES if f"{module}.".startswith(f"{folder}.")]
+    found = {(m, name) for m in inside for name in imports(m) & MODULES.keys() if name.split(".")[0] == package}
+    allowed = tuple(f"{name}." for name in {folder, *ROOMS[folder]})
+    assert {(m, name) for m, name in found if not f"{name}.".startswith(allowed)} == set()
+
+
+def test_nothing_is_imported_by_text() -> None:
+    """No import hides from these tests in a text: what results are shown by, and modules under a former name, alone."""
+    calls = {"import_module", "importlib.import_module", "__import__", "runpy.run_module"}
+    trees = {module: ast.parse(path.read_text(encoding="utf-8")) for module, path in MODULES.items()}
+    nodes = [(module, node) for module, tree in trees.items() for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    found = {module for module, node in nodes if ast.unparse(node.func) in calls}
+    assert {module for module in found if not module.startswith("arterial_fmu")} == {
+        "build_fmu",  # its command line, as a script
+        "fitting.parallel.workers",  # the module of a task
+        "solver.displays",
+        "solver.former_names",
+    }
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in PRODUCT} - {ROOT}), ids=lambda p: p.name)
+def test_folders_are_small(folder: Path) -> None:
+    """A folder is seen at once."""
+    assert len(list(folder.glob("*.py"))) <= MOST
+
+
 @pytest.mark.parametrize(
     ("modules", "late"),
-    [("solver", IN_NOTEBOOKS), ("fitting.wall_fit, discrepancy.outcome", {"matplotlib", "pandas"})],
+    [("solver", IN_NOTEBOOKS), ("fitting.wall.wall_fit, discrepancy.findings.outcome", {"matplotlib", "pandas"})],
 )
 def test_results_do_not_wait_for_figures(modules: str, late: set[str]) -> None:
     """What runs a network, fits a wall or names an effect starts without what only its figures need."""
@@ -80,11 +132,14 @@ def test_files_are_short(module: str) -> None:
 
 
 def test_nothing_stands_twice() -> None:
-    """No six lines of code, blank ones and indentation aside, stand in two places of the product."""
+    """No six lines of code, blank ones, imports and indentation aside, stand in two places of the product."""
     places = defaultdict(list)
     for module, path in MODULES.items():
-        lines = [(i, line.strip()) for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)]
-        lines = [(i, line) for i, line in lines if len(line) > 1 and not line.startswith(("#", "from ", "import "))]
+        text = path.read_text(encoding="utf-8")
+        tree = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
+        aside = {i for node in tree for i in range(node.lineno, (node.end_lineno or 0) + 1)}
+        lines = [(i, line.strip()) for i, line in enumerate(text.splitlines(), 1) if i not in aside]
+        lines = [(i, line) for i, line in lines if len(line) > 1 and not line.startswith("#")]
         for at in range(len(lines) - RUN + 1):
             places["\n".join(line for _, line in lines[at : at + RUN])].append(f"{module}:{lines[at][0]}")
     assert [where for where in places.values() if len(where) > 1] == []

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from solver import Windkessel, load, simulate_periodic
-from solver.effect import small_wave_impedance
-from solver.units import MMHG
+from solver.laws.effect import small_wave_impedance
+from solver.quantities.units import MMHG
 
 # Wang, Fullana & Lagrée (2015), of the 55 arteries: L [cm], A0 [cm²], beta [Pa/cm], C_v [cm²/s]
 TABLE = {

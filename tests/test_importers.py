@@ -12,14 +12,14 @@ from network_text import FORK
 from refused import refused
 from typer.testing import CliRunner
 
+from arterial_fmu.cli.networks import app
 from build_fmu import build
 from solver import Reflection, Windkessel, bundled, load, read_network
-from solver.commands import app
-from solver.files import bundled_names, from_sections, loads
-from solver.importers.openbf import read_openbf
-from solver.importers.sections import names
-from solver.importers.sheet import read_sheet, to_sheet
-from solver.network import Network
+from solver.network.description import Network
+from solver.network.files import bundled_names, from_sections, loads
+from solver.network.importers.openbf import read_openbf
+from solver.network.importers.sections import names
+from solver.network.importers.sheet import read_sheet, to_sheet
 
 YAML = """
 project_name: fork

@@ -10,13 +10,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fitting.estimate import Estimate
-from fitting.indices import OF_LAW, indices, loop_area, measured_loss
-from fitting.records.beats import Beats
+from fitting.records.alignment.beats import Beats
 from fitting.records.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
-from fitting.wall import fit
-from fitting.wall_fit import WallFit
-from solver.units import MMHG
+from fitting.results.estimate import Estimate
+from fitting.wall.indices import OF_LAW, indices, loop_area, measured_loss
+from fitting.wall.site_fit import fit
+from fitting.wall.wall_fit import WallFit
+from solver.quantities.units import MMHG
 
 T, N, BEATS = 0.5, 100, 15
 
@@ -95,7 +95,7 @@ def test_loss_ratio_of_a_small_sine() -> None:
 @pytest.mark.parametrize("model", ["nonlinear", "monotone"])
 def test_delta_method_against_sampling(model: str) -> None:
     """Half-widths at 40 dB equal those of 4000 parameter sets drawn from the fit's covariance, to their 3 % (2 sd)."""
-    from fitting.indices import _of_law
+    from fitting.wall.indices import _of_law
 
     law = table_wall("PD", viscous="monotone")
     wall_fit, beats = fitted(law, model, 40.0, 1)

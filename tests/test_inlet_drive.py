@@ -19,14 +19,15 @@ from fmus import COARSE, MS, Instance, mixed
 from test_several_inlets import fork
 from typer.testing import CliRunner
 
-from build_fmu import app, build
-from fmu_src.cosimulation import CoSimulation
-from fmu_src.doctor import OK, examine
-from fmu_src.run import run_fmu
-from fmu_src.variables import variable_table
+from arterial_fmu.cli.build import app
+from build_fmu import build
+from fmu_src.cosimulation.arteries import CoSimulation
+from fmu_src.importer.doctor import OK, examine
+from fmu_src.importer.run import run_fmu
+from fmu_src.variables.arteries_variables import variable_table
 from solver import Network, Settings, load, simulate
-from solver.curve import Curve
-from solver.network import Inlet
+from solver.network.curve import Curve
+from solver.network.description import Inlet
 
 Array = np.ndarray
 Make = Callable[..., Instance]

@@ -13,13 +13,13 @@ import pytest
 from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES
 
-from discrepancy.name import COMMON, Naming, name
-from fitting.inference.added import estimates, extended
-from fitting.inference.network import NetworkProblem
-from fitting.inference.network_record import network_problem
-from fitting.inference.terms import candidates
+from discrepancy.name.model_selection import COMMON, Naming, name
+from fitting.inference.extended_network import estimates, extended
+from fitting.inference.hypothesis import candidates
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import quantile
-from fitting.records.inflow import Inflow
+from fitting.records.channels.inflow import Inflow
 from solver import Settings, repeating_beat, simulate, simulate_periodic
 
 EFFECTS = ("channel_gain", "channel_lag", "channel_offset", "catheter_resonance", "terminal_reflection", "side_branch")

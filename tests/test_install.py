@@ -26,12 +26,12 @@ import pytest
 import pythonfmu
 from test_client_pythons import installed
 
-from arterial_fmu.commands import COMMANDS
+from arterial_fmu.cli.commands import COMMANDS
 from build_fmu import build, build_native
 from fmu_src import compiler
 from solver import load
-from solver.files import bundled_names
-from solver.native import PLATFORM
+from solver.network.files import bundled_names
+from solver.tracing.native import PLATFORM
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver", "fmu_src", "fitting", "discrepancy", "arterial_fmu")
@@ -181,7 +181,7 @@ def test_a_library_of_other_sources(home: Path) -> None:
 def test_it_is_the_installed_one(home: Path) -> None:
     """Every package, and the function of every command, come from the environment; all networks come along."""
     code = (
-        "import sys; from arterial_fmu.commands import COMMANDS, load; print(*map(load, COMMANDS)); "
+        "import sys; from arterial_fmu.cli.commands import COMMANDS, load; print(*map(load, COMMANDS)); "
         f"print(*(sys.modules[name].__file__ for name in {PACKAGES}))"
     )
     loaded, places = run(home, "python", "-c", code).splitlines()
@@ -197,8 +197,8 @@ def test_from_python(home: Path) -> None:
     code = """
 import arterial_fmu as af
 from importlib.resources import files
-from arterial_fmu.fitting.wall import fit
-from arterial_fmu.solver.network import Network
+from arterial_fmu.fitting.wall.site_fit import fit
+from arterial_fmu.solver.network.description import Network
 assert fit is af.fit and isinstance(af.load("cca"), Network) and all(hasattr(af, name) for name in af.__all__)
 print(af.__version__, all((files(p) / "py.typed").is_file() for p in PACKAGES))
 """
@@ -269,7 +269,7 @@ def test_calibrate(home: Path) -> None:
     """A record of the network's own beat: E is found again to 1e-4, a parameter set on the output."""
     code = """
 import numpy as np
-from fitting.records.record import write_record
+from fitting.records.read.record import write_record
 from solver import load, simulate_periodic
 beat = simulate_periodic(load("sheep"))
 channels = {name: np.append(np.tile(beat[name][:-1], 3), beat[name][-1]) for name in ("inlet.Q", "AA.P", "CA.P")}

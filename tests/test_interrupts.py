@@ -20,10 +20,10 @@ import pytest
 
 from build_fmu import build
 from fitting.cohort.virtual import virtual_cohort, write_cohort
-from fitting.records.record import write_record
+from fitting.records.read.record import write_record
 from solver import load, simulate_periodic
-from solver.exit_codes import ExitCode
-from solver.interrupts import interrupts_later
+from solver.io.exit_codes import ExitCode
+from solver.io.interrupts import interrupts_later
 
 ROOT = Path(__file__).resolve().parents[1]
 MARK = "TEST_OF_INTERRUPTS"  # in the environment of all processes of a command

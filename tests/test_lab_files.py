@@ -16,13 +16,13 @@ from record_files import DT, P_MMHG, R_MM, TIME, bench, text
 from scipy.io import savemat
 from typer.testing import CliRunner
 
-import discrepancy.__main__
-import fitting.__main__
-from fitting.records.align import align
-from fitting.records.columns import Reading
-from fitting.records.record import Record, read_record
-from fitting.records.tables.titles import name_and_unit
-from solver.units import MMHG
+import arterial_fmu.cli.discover
+import arterial_fmu.cli.fit
+from fitting.records.alignment.align import align
+from fitting.records.read.columns import Reading
+from fitting.records.read.record import Record, read_record
+from fitting.records.read.titles import name_and_unit
+from solver.quantities.units import MMHG
 
 PLAIN = {"AA.P": P_MMHG * MMHG, "AA.R": R_MM * 1e-3}
 NAMES = {"P": "AA.P [mmHg]", "D": "AA.R [mm]"}
@@ -456,13 +456,13 @@ def test_columns(tmp_path: Path) -> None:
     path.write_text(text(LAB))
     runner = CliRunner(env={"COLUMNS": "200"})
     for app, words in (
-        (fitting.__main__.app, ["fit"]),
-        (fitting.__main__.app, ["calibrate"]),
-        (discrepancy.__main__.app, []),
+        (arterial_fmu.cli.fit.app, ["fit"]),
+        (arterial_fmu.cli.fit.app, ["calibrate"]),
+        (arterial_fmu.cli.discover.app, []),
     ):
         done = runner.invoke(app, [*words, str(path), "--columns", "--map", "Pressure (mmHg)=AA.P"])
         assert done.exit_code == 0 and "AA.P, a pressure" in done.stdout and "left out" in done.stdout
-    found = json.loads(runner.invoke(fitting.__main__.app, ["fit", str(path), "--columns", "--json"]).stdout)
+    found = json.loads(runner.invoke(arterial_fmu.cli.fit.app, ["fit", str(path), "--columns", "--json"]).stdout)
     assert found["samples"] == len(TIME)
     pressure = found["columns"][2]
     assert (pressure["title"], pressure["unit"], pressure["min"]) == ("Pressure (mmHg)", "mmHg", round(P_MMHG.min(), 9))
@@ -473,7 +473,7 @@ def test_columns_are_asked_for_in_full(tmp_path: Path) -> None:
     """At 80 columns, too, the option to copy stands in one line, for it is below the table."""
     (tmp_path / "lab.csv").write_text(text({"time [s]": TIME, "Carotid artery catheter": P_MMHG, "AA.P": P_MMHG}))
     runner = CliRunner(env={"COLUMNS": "80"})
-    said = runner.invoke(discrepancy.__main__.app, [str(tmp_path / "lab.csv"), "--columns"]).stdout.splitlines()
+    said = runner.invoke(arterial_fmu.cli.discover.app, [str(tmp_path / "lab.csv"), "--columns"]).stdout.splitlines()
     for option in ('--map "Carotid artery catheter=AA.P [mmHg]"', '--map "AA.P=AA.P [mmHg]"'):
         assert sum(option in line for line in said) == 1
     assert sum("see below" in line for line in said) == 2 and "…" not in "".join(said)
@@ -509,7 +509,7 @@ def test_discover_writes_no_page_of_a_file_that_it_cannot_read(tmp_path: Path) -
     for content in ("time [s],AA.P [mmHg]\n0,x\n", text({"time [s]": TIME, "AA.P": P_MMHG})):
         (tmp_path / "r.csv").write_text(content)
         words = [str(tmp_path / "r.csv"), "--model", "sheep", "--out", str(out)]
-        done = CliRunner().invoke(discrepancy.__main__.app, words)
+        done = CliRunner().invoke(arterial_fmu.cli.discover.app, words)
         assert done.exit_code == 2 and done.stderr.count("Error: ") == 1 and not out.exists(), done.output
 
 
@@ -523,7 +523,7 @@ def test_fit_takes_the_options(tmp_path: Path) -> None:
     asked = ["--site", "AA", "--h", "1 mm", "--model", "linear", "--bootstrap", "0", "--json", "--quiet"]
     maps = ["--map", "p=AA.P", "--map", "r=AA.R [mm]"]
     runner = CliRunner()
-    sets = [json.loads(runner.invoke(fitting.__main__.app, ["fit", str(tmp_path / name), *asked, *more]).stdout)
+    sets = [json.loads(runner.invoke(arterial_fmu.cli.fit.app, ["fit", str(tmp_path / name), *asked, *more]).stdout)
             for name, more in (("plain.csv", []), ("lab.csv", maps))]  # fmt: skip
     assert sets[0]["values"] == sets[1]["values"]
     assert "columns" not in sets[0]["provenance"]

@@ -15,9 +15,9 @@ TRUTH = sorted((ROOT / "tests" / "truth").glob("*.py"))
 # the numbers of a network, and the writer of record files
 SHARED = {
     "solver": {"Network", "load"},
-    "solver.network": {"Network"},
-    "solver.outlets": {"Pressure", "Reflection", "Resistance", "Windkessel"},
-    "fitting.records.record": {"write_record"},
+    "solver.network.description": {"Network"},
+    "solver.laws.outlets": {"Pressure", "Reflection", "Resistance", "Windkessel"},
+    "fitting.records.read.record": {"write_record"},
 }
 
 

@@ -21,28 +21,28 @@ from truth.network import Balance
 from truth.records import Case, Made, hidden_model, make, write
 
 from discrepancy import discover
-from discrepancy.described import described, tables_of
-from discrepancy.journal import Journal
-from discrepancy.learned_law import LearnedLaw, law_json
-from discrepancy.learned_text import DESCRIBED, MODEL, TABLE, law_text, learned_files, with_law
-from discrepancy.learning import Learnt, in_range, learns, learnt, stands
-from discrepancy.outcome import Outcome, verdict_json
-from discrepancy.scoring import weighed
-from discrepancy.show import Run, compared
-from discrepancy.shown_map import beat_of
-from discrepancy.study import Study, prepare
-from discrepancy.verdict import Naming
-from fitting.estimate import Estimate
-from fitting.inference.bench import Bench
-from fitting.inference.network_record import network_problem
+from discrepancy.add.described import described, tables_of
+from discrepancy.add.learning import Learnt, in_range, learns, learnt, stands
+from discrepancy.checkpoint import Journal
+from discrepancy.find.study import Study, prepare
+from discrepancy.findings.learned_law import LearnedLaw, law_json
+from discrepancy.findings.outcome import Outcome, verdict_json
+from discrepancy.findings.shown_map import beat_of
+from discrepancy.name.scoring import weighed
+from discrepancy.name.verdict import Naming
+from discrepancy.report.learned_text import DESCRIBED, MODEL, TABLE, law_text, learned_files, with_law
+from discrepancy.show.fmu_validation import Run, compared
+from fitting.inference.models.bench import Bench
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.places import Place
-from fitting.inference.simulator import Runs
-from fitting.inference.source_map import source_map
-from fitting.records.record import Record, write_record
-from solver.curve import Curve
-from solver.effect import CHANNEL
-from solver.files import read_network, write_network
-from solver.table_source import TableSource
+from fitting.inference.runs import Runs
+from fitting.inference.source_maps.source_map import source_map
+from fitting.records.read.record import Record, write_record
+from fitting.results.estimate import Estimate
+from solver.laws.effect import CHANNEL
+from solver.network.curve import Curve
+from solver.network.files import read_network, write_network
+from solver.network.table_source import TableSource
 
 SITE = "AA"
 

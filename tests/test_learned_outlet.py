@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from solver import Network, Resistance, Windkessel, beat_harmonics, linear, simulate, simulate_periodic
-from solver.effects import BY_NAME
 from solver.errors import InputError
-from solver.outlets import Reflection
+from solver.laws.effects import BY_NAME
+from solver.laws.outlets import Reflection
 
 LAW: Any = BY_NAME["learned_outlet"]
 NUMBERS = {"learned_open": 3e-10, "learned_shut": 1e-10, "learned_from": 5e3, "learned_over": 6e3}

@@ -14,10 +14,10 @@ from truth.network import Balance
 from truth.shapes import arterial_pressure, ejection
 
 from solver import Network, beat_harmonics, linear, loop, simulate
-from solver.coefficients import coefficients
-from solver.effects import BY_NAME
 from solver.errors import InputError
-from solver.laws import LearnedStress
+from solver.laws.effects import BY_NAME
+from solver.laws.wall_laws import LearnedStress
+from solver.network.coefficients import coefficients
 
 T = 0.5
 BEAT = Beat(T, 80, 256)

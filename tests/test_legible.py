@@ -8,11 +8,21 @@ from pathlib import Path
 
 import pytest
 
-from fitting.estimate import Estimate
 from fitting.pages.page import in_words
-from solver.legible import DASH, decimals, interval, number, plus_minus, rounded, shown_in, signed, significant
-from solver.network import Segment
-from solver.quantity import quantities
+from fitting.results.estimate import Estimate
+from solver.network.description import Segment
+from solver.quantities.legible import (
+    DASH,
+    decimals,
+    interval,
+    number,
+    plus_minus,
+    rounded,
+    shown_in,
+    signed,
+    significant,
+)
+from solver.quantities.quantity import quantities
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -74,8 +84,8 @@ def test_provenance_in_words() -> None:
     assert data == ["covariance", "unknowns", "records"]
 
 
-@pytest.mark.parametrize("table", ["fitting/pages", "fitting/cohort/report.py", "discrepancy/tables.py",
-                                   "discrepancy/command_tables.py", "arterial_fmu/study"])  # fmt: skip
+@pytest.mark.parametrize("table", ["fitting/pages", "fitting/cohort/report.py", "discrepancy/report/tables.py",
+                                   "arterial_fmu/cli/tables/study.py", "arterial_fmu/study"])  # fmt: skip
 def test_tables_write_numbers_by_the_one_way(table: str) -> None:
     """No format with significant digits or an exponent is left in what makes pages and tables of results."""
     paths = [ROOT / table] if table.endswith(".py") else sorted((ROOT / table).glob("*.py"))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from tubes import OMEGA, RHO, VISCOUS, area, artery, impedance, inlet_impedance, line, speed, tube
 
+from solver.laws.outlets import Pressure, Reflection, Resistance, Windkessel
 from solver.linear import propagation, solve, waveforms
-from solver.outlets import Pressure, Reflection, Resistance, Windkessel
 
 # --- one tube -----------------------------------------------------------------------------------------------------
 

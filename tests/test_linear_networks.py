@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from tubes import INVISCID, OMEGA, RHO, VISCOUS, area, artery, impedance, inlet_impedance, line, speed, tube
 
-from solver.files import bundled, read_network
+from solver.laws.outlets import Outlet, Pressure, Reflection, Resistance, Windkessel
 from solver.linear import Harmonics, propagation, solve, waveforms
-from solver.network import Fluid, Inlet, Junction, Network, Segment, Site
-from solver.outlets import Outlet, Pressure, Reflection, Resistance, Windkessel
+from solver.network.description import Fluid, Inlet, Junction, Network, Segment, Site
+from solver.network.files import bundled, read_network
 
 
 def resistance(s: Segment, fluid: Fluid = VISCOUS) -> float:

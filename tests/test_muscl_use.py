@@ -13,6 +13,7 @@ from tubes import artery, tube
 from typer import Typer
 from typer.testing import CliRunner
 
+from arterial_fmu.cli.solve import main
 from solver import (
     MusclSettings,
     Network,
@@ -23,7 +24,6 @@ from solver import (
     simulate,
     simulate_periodic,
 )
-from solver.__main__ import main
 
 COARSE = MusclSettings(cell=0.02)
 

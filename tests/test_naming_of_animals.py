@@ -7,12 +7,12 @@ stenosis in such an animal: test_discrepancy_walls.py.
 from __future__ import annotations
 
 import pytest
+from judged import judge
 from truth.hide import Effect
 from truth.plan import TUNING_SEED, seed_of, whole
 from truth.records import Case, make
 
-from discrepancy.study import judge
-from fitting.records.record import Record
+from fitting.records.read.record import Record
 
 
 @pytest.mark.slow

@@ -8,12 +8,12 @@ import pytest
 from truth.hide import Effect
 from truth.records import Case, make
 
-from discrepancy.intervals import stated
-from discrepancy.name import name
-from discrepancy.study import prepare
-from discrepancy.verdict import Naming
-from fitting.estimate import Estimate
-from fitting.records.record import Record
+from discrepancy.find.study import prepare
+from discrepancy.name.intervals import stated
+from discrepancy.name.model_selection import name
+from discrepancy.name.verdict import Naming
+from fitting.records.read.record import Record
+from fitting.results.estimate import Estimate
 
 
 def alone(effect: Effect, label: str) -> dict[str, Estimate]:

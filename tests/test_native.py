@@ -30,21 +30,21 @@ from solver import (
     Site,
     Waveforms,
     Windkessel,
-    effects,
     load,
-    native,
     simulate,
     simulate_periodic,
 )
-from solver.curve import Curve
-from solver.effect import Array, Drag, Effect, Points, SearchSpec, Values
-from solver.files import bundled_names
-from solver.laws import ELASTIC_LAWS, Beta
-from solver.outlets import OUTLETS, Outlet, Pressure, Resistance
-from solver.quantity import Quantity
-from solver.table_source import KINDS, TableSource
+from solver.laws import effects
+from solver.laws.effect import Array, Drag, Effect, Points, SearchSpec, Values
+from solver.laws.outlets import OUTLETS, Outlet, Pressure, Resistance
+from solver.laws.wall import Wall
+from solver.laws.wall_laws import ELASTIC_LAWS, Beta
+from solver.network.curve import Curve
+from solver.network.files import bundled_names
+from solver.network.table_source import KINDS, TableSource
+from solver.quantities.quantity import Quantity
+from solver.tracing import native
 from solver.tracing.steps import Programs
-from solver.wall import Wall
 
 COARSE = Settings(dt=2e-3)
 EQUAL = 1e-10  # of each channel's pulse

@@ -14,29 +14,19 @@ from test_several_inlets import fork
 from test_toy import Orifice
 
 import solver.harmonics
-import solver.native_balance
-from fitting.calibrate import calibrate
-from solver import (
-    InputError,
-    Network,
-    Pressure,
-    Reflection,
-    Resistance,
-    Settings,
-    Windkessel,
-    beat_harmonics,
-    effects,
-    load,
-)
-from solver.curve import Curve
-from solver.effect import Array, Effect
-from solver.files import bundled_names
-from solver.native import NoEngine
-from solver.native_balance import BalanceEngine, Unsolved
-from solver.outlets import OUTLETS, Outlet
-from solver.small_waves import source_responses
-from solver.sources import Drop, Outflow, OutletFlow, Source, WallPressure
-from solver.table_source import TableSource
+import solver.periodic.native_balance
+from fitting.calibrate.network_calibration import calibrate
+from solver import InputError, Network, Pressure, Reflection, Resistance, Settings, Windkessel, beat_harmonics, load
+from solver.laws import effects
+from solver.laws.effect import Array, Effect
+from solver.laws.outlets import OUTLETS, Outlet
+from solver.mesh.sources import Drop, Outflow, OutletFlow, Source, WallPressure
+from solver.network.curve import Curve
+from solver.network.files import bundled_names
+from solver.network.table_source import TableSource
+from solver.periodic.native_balance import BalanceEngine, Unsolved
+from solver.periodic.small_waves import source_responses
+from solver.tracing.native import NoEngine
 from solver.tracing.steps import Programs
 
 __all__ = ["branching", "engine"]  # fixtures: the first asked for by name, the second by every test
@@ -221,7 +211,7 @@ def test_a_wrong_engine_is_found_out(sheep: Network, monkeypatch: pytest.MonkeyP
         return ((beat, found * (1.0 + 1e-7)) for beat, found in beats(self, *arguments, **options))
 
     monkeypatch.setattr(BalanceEngine, "beats", wrong)
-    monkeypatch.setattr("solver.tracing.balance._programs", Programs())  # none that was compared before
+    monkeypatch.setattr("solver.periodic.balance_program._programs", Programs())  # none that was compared before
     expected, found = (beat_harmonics(sheep, ["CA.P"], K, backend=b) for b in ("numpy", "auto"))
     np.testing.assert_array_equal(found, expected)
     with pytest.raises(InputError, match=r"a balance of it is not that of NumPy: P is 1\.0e-07 off"):
@@ -231,7 +221,7 @@ def test_a_wrong_engine_is_found_out(sheep: Network, monkeypatch: pytest.MonkeyP
 def test_every_program_is_compared_once(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another mesh of the same network is another program, which is compared, too; a second beat is not."""
     told, compare = list[int](), solver.harmonics._compare
-    monkeypatch.setattr("solver.tracing.balance._programs", Programs())
+    monkeypatch.setattr("solver.periodic.balance_program._programs", Programs())
     monkeypatch.setattr(solver.harmonics, "_compare", lambda *given: told.append(1) or compare(*given))
     for length, n in ((0.05, 1), (0.05, 1), (0.02, 2), (0.05, 2)):
         beat_harmonics(sheep, ["CA.P"], K, settings=Settings(element_length=length), backend="native")
@@ -267,9 +257,9 @@ def test_a_calibration_does_not_depend_on_the_engine(monkeypatch: pytest.MonkeyP
         def missing() -> Any:
             raise NoEngine("not here")
 
-        for module in ("solver.native", "solver.native_balance", "fitting.provenance"):
+        for module in ("solver.tracing.native", "solver.periodic.native_balance", "fitting.results.provenance"):
             monkeypatch.setattr(f"{module}.library", missing)
-        solver.native_balance._library.cache_clear()
-    solver.native_balance._library.cache_clear()
+        solver.periodic.native_balance._library.cache_clear()
+    solver.periodic.native_balance._library.cache_clear()
     assert np.abs((found[0].x - found[1].x) / found[1].sd).max() < 5e-9
     assert found[0].chi2 == pytest.approx(found[1].chi2, rel=1e-9)

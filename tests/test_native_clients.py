@@ -12,7 +12,7 @@ from native_fmus import half_sine, needs_compiler
 from test_clients import HOSTS, check_by_fmutool, check_client, check_container, job, run_client
 
 from build_fmu import build_native
-from fmu_src.variables import INTERPOLATIONS
+from fmu_src.variables.arteries_variables import INTERPOLATIONS
 from solver import Network
 
 pytestmark = needs_compiler

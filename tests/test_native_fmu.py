@@ -23,12 +23,15 @@ from test_table_source import table as source
 from test_toy import TissueSupport
 
 from build_fmu import build, build_native
-from fmu_src import binaries, compiler, doctor
-from fmu_src.resource import checksum
-from fmu_src.run import FMUError, run_fmu
-from solver import Settings, effects, load, simulate
+from fmu_src import compiler
+from fmu_src.importer import doctor
+from fmu_src.importer.run import FMUError, run_fmu
+from fmu_src.native import binaries
+from fmu_src.native.resource import checksum
+from solver import Settings, load, simulate
 from solver.errors import InputError
-from solver.table_source import KINDS
+from solver.laws import effects
+from solver.network.table_source import KINDS
 
 pytestmark = needs_compiler
 EQUAL = 1e-12  # of the largest value of each output

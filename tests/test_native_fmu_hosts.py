@@ -17,7 +17,7 @@ from native_fmus import COMPILER, needs_compiler
 from test_fmu_bad_input import BAD, HOST, sentence_of_the_solver
 
 from build_fmu import build_native
-from fmu_src.binaries import SOURCES
+from fmu_src.native.binaries import SOURCES
 from solver import Network, load
 
 pytestmark = needs_compiler

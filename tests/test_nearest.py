@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, exact, record
 
-from discrepancy.nearest import compared_with, nearest
-from discrepancy.scoring import Compared
-from discrepancy.study import prepare
-from fitting.calibrate import calibrate
+from discrepancy.find.study import prepare
+from discrepancy.name.nearest import compared_with, nearest
+from discrepancy.name.scoring import Compared
+from fitting.calibrate.network_calibration import calibrate
 from fitting.first.model import first_model
 from fitting.inference.fit import Fit, Member
-from fitting.inference.from_afar import alike_granted, from_afar, left_of_pulsation
 from fitting.inference.gauss_newton import Trial
-from fitting.inference.network import NetworkProblem
-from fitting.inference.network_record import network_problem
-from fitting.inference.simulator import Runs
-from fitting.records.align import align
-from fitting.records.columns import Reading
-from fitting.records.noise import pulses
-from fitting.records.record import Record, read_record
-from solver.network import Network
+from fitting.inference.models.from_afar import alike_granted, from_afar, left_of_pulsation
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.network_record import network_problem
+from fitting.inference.runs import Runs
+from fitting.records.alignment.align import align
+from fitting.records.channels.noise import pulses
+from fitting.records.read.columns import Reading
+from fitting.records.read.record import Record, read_record
+from solver.network.description import Network
 
 FILE = Path(__file__).resolve().parents[1] / "examples" / "data" / "mock-loop" / "NV_step10_COresolution.csv"
 COLUMNS = {"1": "time [s]", "2": "inlet.Q [mL/s]", "3": "Ao.P [mmHg]", "4": "Pe.P [mmHg]"}

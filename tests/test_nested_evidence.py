@@ -20,14 +20,14 @@ from truth.hide import Effect
 from truth.records import Case, truth_channels
 from truth.shapes import arterial_pressure
 
-from fitting.inference.bench import bench
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.hierarchy import score
-from fitting.inference.network_record import network_problem
-from fitting.inference.terms import candidates
+from fitting.inference.hypothesis import candidates
+from fitting.inference.models.bench import bench
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import bounds
-from fitting.records.beats import Beats
+from fitting.records.alignment.beats import Beats
 from solver import Inlet, Network, Segment, Site, Windkessel, beat_harmonics
 
 Array = np.ndarray

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from random_networks import networks
 
-from solver.network import (
+from solver.laws.outlets import Pressure, Reflection, Resistance, Windkessel
+from solver.network.description import (
     Fluid,
     Inlet,
     Junction,
@@ -25,7 +26,6 @@ from solver.network import (
     quantities,
     to_dict,
 )
-from solver.outlets import Pressure, Reflection, Resistance, Windkessel
 
 AA = Segment("AA", L=0.04, R0=9.48e-3, h=3.8e-4, E=1.539e6, phi0=25451.0)
 BT = replace(AA, name="BT", phi0=0.0)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, N, T, clean, inflow, record
 
-from fitting.inference.asked import parse_unknowns
-from fitting.inference.identify import determined
+from fitting.inference.intervals.identify import determined
 from fitting.inference.unknown import parameter_values
-from fitting.records import noise as network_data
-from fitting.records.beats import Beats
-from fitting.records.inflow import inflow as interpolated
+from fitting.inference.unknown_text import parse_unknowns
+from fitting.records.alignment.beats import Beats
+from fitting.records.channels import noise as network_data
+from fitting.records.channels.inflow import inflow as interpolated
 from fitting.records.thresholds import NEIGHBOURS
 from solver import Settings, linear, load, simulate_periodic
 

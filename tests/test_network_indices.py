@@ -13,14 +13,14 @@ import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, T, exact, record
 from rich.console import Console
 
-from fitting.calibrate import Calibration, calibrate
-from fitting.estimate import Estimate
-from fitting.indices import OF_LAW, plain
-from fitting.network_indices import indices_at, network_indices
-from fitting.pages.tables import network_indices_table
-from fitting.records.beats import Beats
-from fitting.records.inflow import inflow
-from fitting.records.spectral import derivative
+from arterial_fmu.cli.tables.fits import network_indices_table
+from fitting.calibrate.network_calibration import Calibration, calibrate
+from fitting.calibrate.network_indices import indices_at, network_indices
+from fitting.records.alignment.beats import Beats
+from fitting.records.channels.inflow import inflow
+from fitting.records.channels.spectral import derivative
+from fitting.results.estimate import Estimate
+from fitting.wall.indices import OF_LAW, plain
 from solver import simulate_periodic
 
 START = NETWORK.with_parameters({f"{s.name}.E": 1.2 * s.E for s in NETWORK.segments})

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from test_layout import PRODUCT, ROOT
 
-from solver.effects import ALL
-from solver.outlets import OUTLETS
-from solver.wall import Wall
+from solver.laws.effects import ALL
+from solver.laws.outlets import OUTLETS
+from solver.laws.wall import Wall
 
 NAMES = {effect.name for effect in ALL}
 KEYS = {key for effect in ALL for key in effect.terms}
@@ -23,18 +23,29 @@ KEYS = {key for effect in ALL for key in effect.terms}
 # is fitted and its numbers are shown; and what the law calls its own numbers
 FIELDS = {key for effect in ALL if effect.always for key in effect.terms}
 PHYSICS = (
-    *("solver/network.py", "solver/validation.py", "solver/branching.py", "solver/wall.py", "solver/spellings.py"),
-    *("solver/importers/openbf.py",),
-    *("fitting/wall.py", "fitting/wall_fit.py", "fitting/wall_model.py", "fitting/doubts.py"),
-    *("fitting/inference/errors_in_variables.py", "fitting/indices.py", "fitting/records/virtual.py"),
-    *("fitting/cohort/", "fitting/pages/"),
+    *(
+        "solver/network/description.py",
+        "solver/network/validation.py",
+        "solver/network/branching.py",
+        "solver/laws/wall.py",
+        "solver/network/aliases.py",
+    ),
+    *("solver/network/importers/openbf.py",),
+    *(
+        "fitting/wall/site_fit.py",
+        "fitting/wall/wall_fit.py",
+        "fitting/wall/wall_model.py",
+        "fitting/wall/fit_diagnostics.py",
+    ),
+    *("fitting/wall/errors_in_variables.py", "fitting/wall/indices.py", "fitting/records/virtual.py"),
+    *("fitting/cohort/", "fitting/pages/", "arterial_fmu/cli/tables/"),
 )
 OWN = {
-    "solver/wall.py": {f.name for f in fields(Wall)},
-    "solver/coefficients.py": {"k"},  # of every junction: a coefficient of the scheme
-    "solver/units.py": {"k"},  # kilo
-    "solver/importers/openbf.py": {"P_ext"},  # its reference pressures, where vessels differ
-    "fmu_src/system.py": {"C", "R2"},  # of the outlets of one network, made for one heart
+    "solver/laws/wall.py": {f.name for f in fields(Wall)},
+    "solver/network/coefficients.py": {"k"},  # of every junction: a coefficient of the scheme
+    "solver/quantities/units.py": {"k"},  # kilo
+    "solver/network/importers/openbf.py": {"P_ext"},  # its reference pressures, where vessels differ
+    "fmu_src/contents/system.py": {"C", "R2"},  # of the outlets of one network, made for one heart
 }
 
 

@@ -12,11 +12,11 @@ import pytest
 from drawn import TUBE
 from recorded_walls import recording
 
-from discrepancy.outcome import Candidate, ChannelBeats, NamedEffect, Outcome
-from fitting.estimate import Estimate
+from discrepancy.findings.outcome import Candidate, ChannelBeats, NamedEffect, Outcome
 from fitting.records.virtual import table_wall
-from fitting.wall import fit
-from fitting.wall_fit import WallFit
+from fitting.results.estimate import Estimate
+from fitting.wall.site_fit import fit
+from fitting.wall.wall_fit import WallFit
 from solver import Network, Waveforms, load
 
 WALL = table_wall("AA")

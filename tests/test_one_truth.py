@@ -16,16 +16,17 @@ from fmus import COARSE
 from test_several_inlets import fork
 from typer.testing import CliRunner
 
+from arterial_fmu.cli.build import app
 from arterial_fmu.study.models import FMUModel
 from arterial_fmu.study.models import read_model as study_model
-from build_fmu import app, build, build_model, build_system
-from discrepancy.source import read_model
-from fitting.fmu_run import read_fmu
-from fmu_src.doctor import OK, examine
-from fmu_src.models import arteries_model, body_model, heart_model
-from fmu_src.run import run_fmu
+from build_fmu import build, build_model, build_system
+from discrepancy.find.model_source import read_model
+from fitting.check.fmu_run import read_fmu
+from fmu_src.contents.models import arteries_model, body_model, heart_model
+from fmu_src.importer.doctor import OK, examine
+from fmu_src.importer.run import run_fmu
 from solver import Network, Settings, load, simulate
-from solver.curve import Curve
+from solver.network.curve import Curve
 
 # of wall, geometry, outlet, input, Enumeration, inflow and solver
 CHANGES = {

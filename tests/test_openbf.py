@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver import Settings, load, simulate
-from solver.tables import read
+from solver.io.tables import read
 
 DATA = Path(__file__).parent / "data" / "openbf"
 

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from solver import Network, Settings, simulate, simulate_periodic
-from solver.coefficients import coefficients
-from solver.linear import waveforms
-from solver.outlets import (
+from solver.laws.outlets import (
     OUTLETS,
     Array,
     Condition,
@@ -22,8 +20,10 @@ from solver.outlets import (
     Resistance,
     Windkessel,
 )
-from solver.quantity import quantity
-from solver.wall import Wall
+from solver.laws.wall import Wall
+from solver.linear import waveforms
+from solver.network.coefficients import coefficients
+from solver.quantities.quantity import quantity
 
 NUMBERS = {
     Reflection: {"R_t": 0.3, "P_venous": 200.0},

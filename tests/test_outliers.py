@@ -10,11 +10,11 @@ from forked import NETWORK
 from small_network import terms
 from test_discrepancy_network import beat_of, beats, record
 
-from discrepancy.animal import animal_without, implausible, standing_out, walls_of
-from discrepancy.name import name
+from discrepancy.name.individual_walls import animal_without, implausible, standing_out, walls_of
+from discrepancy.name.model_selection import name
 from fitting.inference.fit import Fit
-from fitting.inference.network_record import network_problem
-from fitting.inference.terms import nuisances
+from fitting.inference.hypothesis import nuisances
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import Unknown, quantile
 
 EFFECTS = ("wall_stiffness", "terminal_reflection", "channel_gain")

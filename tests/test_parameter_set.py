@@ -19,8 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from build_fmu import build
-from fitting.parameter_set import ParameterSet, Value, read_set, unit_of, write_set
-from fmu_src.run import run_fmu
+from fitting.results.parameter_set import ParameterSet, Value, read_set, unit_of, write_set
+from fmu_src.importer.run import run_fmu
 from solver import Network, Settings, load
 
 E = Value(1.539e6, "Pa", (1.52e6, 1.56e6))

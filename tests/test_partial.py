@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.inference.terms import placed, term_at
+from fitting.inference.hypothesis import placed, term_at
 from solver import Network, Settings, linear, simulate
-from solver.effects import BY_NAME
-from solver.files import dumps, loads
-from solver.partial import Partial
-from solver.scheme.element import element
+from solver.laws.effects import BY_NAME
+from solver.laws.localised import Partial
+from solver.mesh.element import element
+from solver.network.files import dumps, loads
 from solver.scheme.model import build
 
 PARTIAL = [effect for effect in BY_NAME.values() if isinstance(effect, Partial)]

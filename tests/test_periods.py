@@ -7,9 +7,9 @@ import pytest
 from pulses import record
 
 from benchmarks.periods import make, measure
-from fitting.records.align import align
-from fitting.records.period import usual_period
-from fitting.records.record import Record
+from fitting.records.alignment.align import align
+from fitting.records.alignment.period import usual_period
+from fitting.records.read.record import Record
 
 DT = 1.0 / 200.0
 

@@ -11,14 +11,14 @@ from refused import refused
 from test_command import run
 
 from build_fmu import build
+from fitting.check.fmu_run import RunFailed
 from fitting.cohort.virtual import virtual_cohort, write_cohort
-from fitting.fmu_run import RunFailed
-from fitting.parameter_set import ParameterSet, Value, write_set
 from fitting.records.plausible import Artery, arteries, check_plausible
-from fitting.records.record import Record, read_record, write_record
+from fitting.records.read.record import Record, read_record, write_record
+from fitting.results.parameter_set import ParameterSet, Value, write_set
 from solver import load, simulate_periodic
-from solver.exit_codes import ExitCode
-from solver.units import MMHG
+from solver.io.exit_codes import ExitCode
+from solver.quantities.units import MMHG
 
 TIME = 1e-3 * np.arange(4000)
 BEAT = 0.5 - 0.5 * np.cos(2.0 * np.pi * TIME / 0.5)  # 0 to 1, median 0.5
@@ -158,7 +158,7 @@ def test_a_set_of_another_artery(folder: Path, tmp_path: Path, monkeypatch: pyte
     """A set whose CA has a radius of 13 mm: said before the FMU is run, not when its viscosity turns negative."""
     monkeypatch.chdir(folder)
     write_set(ParameterSet("rat", {"CA.R0": Value(0.013, "m"), "CA.E": Value(1e6, "Pa")}), tmp_path / "rat.json")
-    monkeypatch.setattr("fitting.check.periodic_answer", lambda *_: pytest.fail("the FMU was run"))
+    monkeypatch.setattr("fitting.check.fmu_check.periodic_answer", lambda *_: pytest.fail("the FMU was run"))
     done = run("check", tmp_path / "rat.json", "sheep.fmu", "wrong_network.csv", "--out", tmp_path / "k")
     assert done.exit_code == ExitCode.BAD_INPUT
     assert "its CA.R0 is 13 mm, that of the FMU sheep is 4.06 mm: the set is of another artery" in done.stderr
@@ -170,7 +170,7 @@ def test_a_set_of_another_network(folder: Path, tmp_path: Path, monkeypatch: pyt
     def fail(*_: object) -> None:
         raise RunFailed("sheep.fmu: the effective wall viscosity turned negative.")
 
-    monkeypatch.setattr("fitting.check.periodic_answer", fail)
+    monkeypatch.setattr("fitting.check.fmu_check.periodic_answer", fail)
     for network in ("goat", "sheep"):
         write_set(ParameterSet("s", {"CA.E": Value(1e6, "Pa")}, provenance={"network": network}), tmp_path / "s.json")
         line = (tmp_path / "s.json", folder / "sheep.fmu", folder / "wrong_network.csv", "--as-measured")

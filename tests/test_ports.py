@@ -18,13 +18,13 @@ from fmus import mixed
 from scipy.integrate import quad
 from tubes import artery, impedance, tube
 
-from fmu_src import ports
-from fmu_src.cosimulation import CoSimulation
-from fmu_src.variables import variable_table
+from fmu_src.cosimulation import ports
+from fmu_src.cosimulation.arteries import CoSimulation
+from fmu_src.variables.arteries_variables import variable_table
 from solver import Network, Pressure, Resistance, Settings, Windkessel, read_network
-from solver.outlets import Outlet
+from solver.laws.outlets import Outlet
+from solver.quantities.units import MMHG
 from solver.scheme.failure import NonPhysicalState
-from solver.units import MMHG
 
 Array = np.ndarray
 

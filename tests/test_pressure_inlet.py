@@ -13,20 +13,20 @@ import pytest
 from compare import relative_error
 from fmus import COARSE, mixed
 
-from fitting.calibrate import calibrate
-from fitting.inference.network_record import network_problem
-from fitting.records.beats import Beats
-from fmu_src.cosimulation import CoSimulation
-from fmu_src.run import run_fmu
-from fmu_src.variables import variable_table
+from fitting.calibrate.network_calibration import calibrate
+from fitting.inference.models.network_record import network_problem
+from fitting.records.alignment.beats import Beats
+from fmu_src.cosimulation.arteries import CoSimulation
+from fmu_src.importer.run import run_fmu
+from fmu_src.variables.arteries_variables import variable_table
 from solver import Network, Reflection, Settings, linear, load, sampled_inflow, simulate, simulate_periodic
-from solver.files import dumps, loads
-from solver.outputs import inlet_answers
+from solver.network.files import dumps, loads
+from solver.periodic.start import periodic_state
 from solver.scheme import terms
 from solver.scheme.model import build
+from solver.scheme.outputs import inlet_answers
 from solver.scheme.stage import Stage, operators
 from solver.scheme.step import initial_state
-from solver.start import periodic_state
 
 Array = np.ndarray
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.outcome import ChannelBeats
-from discrepancy.tables import estimate_text, pulse_text
-from fitting.agreement import Agreement, LoopArea
-from fitting.estimate import Estimate
-from fitting.indices import OF_LAW, read_in
+from arterial_fmu.cli.tables.fits import SHOWN
+from discrepancy.findings.outcome import ChannelBeats
+from discrepancy.report.tables import estimate_text, pulse_text
+from fitting.check.agreement import Agreement, LoopArea
 from fitting.pages.check_page import _loop_row, _row
-from fitting.pages.tables import SHOWN
+from fitting.results.estimate import Estimate
+from fitting.wall.indices import OF_LAW, read_in
 
 MMHG = 101325.0 / 760.0  # Pa
 

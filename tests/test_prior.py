@@ -12,20 +12,20 @@ import pytest
 from forked import NETWORK, N, T, clean, record
 
 from discrepancy import discover, workflow
-from discrepancy.asked import Asked
-from discrepancy.outcome import Outcome
-from discrepancy.study import Unusable
-from fitting.inference.asked import parse_unknowns
+from discrepancy.find.study import Unusable
+from discrepancy.findings.outcome import Outcome
+from discrepancy.options import Asked
+from fitting.calibrate.calibration_prior import read_prior
 from fitting.inference.fit import Member
 from fitting.inference.hierarchy import with_widths
-from fitting.inference.network_record import network_problem
+from fitting.inference.hypothesis import candidates, deviations
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.prior import CALIBRATION, Calibrated, along, possible
-from fitting.inference.terms import candidates, deviations
 from fitting.inference.unknown import values
-from fitting.parameter_set import ParameterSet, Value, unit_of, write_set
-from fitting.prior import read_prior
-from fitting.records.record import Record, read_record, write_record
-from solver.files import write_network
+from fitting.inference.unknown_text import parse_unknowns
+from fitting.records.read.record import Record, read_record, write_record
+from fitting.results.parameter_set import ParameterSet, Value, unit_of, write_set
+from solver.network.files import write_network
 
 TEXTS = ("all.E", "B.phi0", "C.phi0", "C.outlet.R_t")
 COVARIANCE = np.array(

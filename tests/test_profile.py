@@ -15,25 +15,25 @@ from small_network import term
 from truth.hide import Effect
 from truth.records import Case, make
 
-from discrepancy.intervals import profiled, stated
-from discrepancy.scoring import Named
-from discrepancy.study import prepare
-from discrepancy.verdict import Naming
-from fitting.inference.added import estimates
-from fitting.inference.bench import fit
+from discrepancy.find.study import prepare
+from discrepancy.name.intervals import profiled, stated
+from discrepancy.name.scoring import Named
+from discrepancy.name.verdict import Naming
+from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Point, Rules, Search, Trial, search
 from fitting.inference.hierarchy import score
-from fitting.inference.network_record import network_problem
-from fitting.inference.profile import reaches
-from fitting.inference.simulator import Meter, OutOfTime, Runs
-from fitting.inference.terms import Term
+from fitting.inference.hypothesis import Term
+from fitting.inference.intervals.profile import reaches
+from fitting.inference.models.bench import fit
+from fitting.inference.models.network_record import network_problem
+from fitting.inference.runs import Meter, OutOfTime, Runs
 from fitting.inference.unknown import Unknown, quantile
-from fitting.records.record import Record
+from fitting.records.read.record import Record
 from solver import simulate_periodic
-from solver.coordinate import SHIFT
-from solver.outlets import Windkessel
+from solver.laws.outlets import Windkessel
+from solver.quantities.coordinate import SHIFT
 
 Array = np.ndarray
 Q = 1.959963984540054
@@ -128,8 +128,8 @@ def test_what_one_profile_meets_lies_in_the_intervals_of_the_others(monkeypatch:
     problem = Ratio(0.1, 0.2)
     best = problem.best()
     sd = math.sqrt(best.covariance[1, 1])
-    monkeypatch.setattr("fitting.inference.profile._TRIES", 1)
-    monkeypatch.setattr("fitting.inference.profile._End._farther", lambda end: end.inside[0])
+    monkeypatch.setattr("fitting.inference.intervals.profile._TRIES", 1)
+    monkeypatch.setattr("fitting.inference.intervals.profile._End._farther", lambda end: end.inside[0])
     alone = reaches(problem._forward, best, best.unknowns[1:], Q)["b"]
     both = reaches(problem._forward, best, best.unknowns, Q)["b"]
     assert 1.0 + alone[1] * sd == pytest.approx(1.438, abs=1e-3)

@@ -19,11 +19,12 @@ import arterial_fmu
 import solver
 from arterial_fmu.packages import NEEDS
 from build_fmu import build
-from fitting.parameter_set import ParameterSet
-from solver import effects, laws, load, outlets, simulate, simulate_periodic
-from solver.files import dumps, loads
-from solver.network import from_dict, to_dict
-from solver.quantity import quantity
+from fitting.results.parameter_set import ParameterSet
+from solver import load, simulate, simulate_periodic
+from solver.laws import effects, outlets, wall_laws
+from solver.network.description import from_dict, to_dict
+from solver.network.files import dumps, loads
+from solver.quantities.quantity import quantity
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -70,15 +71,20 @@ import {first}
 import {second}
 import sys, warnings
 warnings.simplefilter("error")
-import arterial_fmu.fitting.wall, arterial_fmu.discrepancy, arterial_fmu.fmu_src.run, arterial_fmu as af, solver
-import fitting.wall
+import arterial_fmu.fitting.wall.site_fit, arterial_fmu.discrepancy, arterial_fmu.fmu_src.importer.run
+import arterial_fmu as af, solver
+import fitting.wall.site_fit
 from arterial_fmu.solver import load
-from arterial_fmu.solver.network import Network
-assert isinstance(solver.load("sheep"), Network) and Network is solver.network.Network and load is solver.load
+from arterial_fmu.solver.network.description import Network
+assert isinstance(solver.load("sheep"), Network) and Network is solver.network.description.Network
+assert load is solver.load
 assert af.fitting.wall is fitting.wall and af.solver.network is sys.modules["solver.network"]
-assert solver.network.__spec__.name == "solver.network" and solver.__spec__.name == "solver"
+assert solver.network.description.__spec__.name == "solver.network.description" and solver.__spec__.name == "solver"
 """
-    for first, second in (("arterial_fmu.solver.network", "solver.network"), ("solver.network", "arterial_fmu.solver")):
+    for first, second in (
+        ("arterial_fmu.solver.network.description", "solver.network.description"),
+        ("solver.network.description", "arterial_fmu.solver"),
+    ):
         done = python(code.format(first=first, second=second))
         assert done.returncode == 0, done.stderr
     done = python("import arterial_fmu.solver.nothing")
@@ -181,7 +187,7 @@ class Leaky(outlets.Resistance):
     """An outlet of a script."""
 
 
-class Stiff(laws.Beta):
+class Stiff(wall_laws.Beta):
     """A law of a script."""
 
 
@@ -195,7 +201,7 @@ class Orifice(outlets.Outlet):
 def test_an_outlet_and_a_law_of_a_script_are_in_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Network files recognise the outlet by its key, parameter sets the law by its name; a journal's dicts, too."""
     monkeypatch.setattr(outlets, "OUTLETS", (*outlets.OUTLETS, Orifice))
-    monkeypatch.setitem(laws.ELASTIC_LAWS, "mine", replace(laws.ELASTIC_LAWS["beta"], name="mine"))  # type: ignore[type-var]
+    monkeypatch.setitem(wall_laws.ELASTIC_LAWS, "mine", replace(wall_laws.ELASTIC_LAWS["beta"], name="mine"))  # type: ignore[type-var]
     sheep = load("sheep")
     ends = tuple(Orifice(o.segment, b=2e14) if o.segment == "CA" else o for o in sheep.outlets)
     mine = replace(sheep, outlets=ends, elastic_law="mine")
@@ -212,12 +218,16 @@ def test_an_effect_of_a_script_is_refused_by_the_build(tmp_path: Path, monkeypat
     monkeypatch.setattr(effects, "ALL", (*effects.ALL, TissueSupport()))
     assert build(sheep, tmp_path / "after").read_bytes() == before
     held = sheep.with_terms({"CA.k_near": 5e6})
-    with pytest.raises(ValueError, match=r"CA\.k_near: its class TissueSupport is in test_toy, .* solver/effects\.py"):
+    with pytest.raises(
+        ValueError, match=r"CA\.k_near: its class TissueSupport is in test_toy, .* solver/laws/effects\.py"
+    ):
         build(held, tmp_path)
     leaky = sheep.with_outlet(Leaky("CA", R=1e9))
-    with pytest.raises(ValueError, match=r"CA\.outlet: its class Leaky is in test_python_use, .* solver/outlets\.py"):
+    with pytest.raises(
+        ValueError, match=r"CA\.outlet: its class Leaky is in test_python_use, .* solver/laws/outlets\.py"
+    ):
         build(leaky, tmp_path)
-    monkeypatch.setitem(laws.ELASTIC_LAWS, "beta", Stiff())
-    with pytest.raises(ValueError, match=r"network\.elastic_law: its class Stiff .* solver/laws\.py"):
+    monkeypatch.setitem(wall_laws.ELASTIC_LAWS, "beta", Stiff())
+    with pytest.raises(ValueError, match=r"network\.elastic_law: its class Stiff .* solver/laws/wall_laws\.py"):
         build(sheep, tmp_path)
     assert not list(tmp_path.glob("*.fmu"))

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from network_text import FORK
 
-from solver.files import loads, parse_quantity
-from solver.outlets import Reflection, Windkessel
+from solver.laws.outlets import Reflection, Windkessel
+from solver.network.files import loads, parse_quantity
 
 MMHG = Fraction("133.322387415")  # pint's mmHg: 13.5951 g/cm³ times 9.80665 m/s²
 

@@ -15,12 +15,13 @@ from typing import Any
 
 import pytest
 
-from fmu_src.variables import variable_table
-from solver import Network, Settings, catalogue, read_network
-from solver.files import loads
-from solver.network import Fluid, Inlet, Junction, Segment
-from solver.outlets import OUTLETS
-from solver.quantity import quantities
+from fmu_src.variables.arteries_variables import variable_table
+from solver import Network, Settings, read_network
+from solver.laws import catalogue
+from solver.laws.outlets import OUTLETS
+from solver.network.description import Fluid, Inlet, Junction, Segment
+from solver.network.files import loads
+from solver.quantities.quantity import quantities
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(["README.md", "CONTRIBUTING.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])

@@ -11,8 +11,8 @@ import typer
 from test_unequal_beats import ventilated
 
 from benchmarks.real_pressure import Window, count_upstrokes, cut_again, groups, main, share, windows
-from fitting.records.align import align
-from fitting.records.record import write_record
+from fitting.records.alignment.align import align
+from fitting.records.read.record import write_record
 
 T = 0.8
 

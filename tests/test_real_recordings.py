@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, exact, record
 
-from fitting.calibrate import calibrate
+from arterial_fmu.cli.tables.fits import calibration_table
+from fitting.calibrate.network_calibration import calibrate
 from fitting.first.model import first_model
-from fitting.pages.tables import calibration_table
-from fitting.records.align import align
-from fitting.records.amounts import changes, sizes
-from fitting.records.columns import Reading
-from fitting.records.record import read_record
-from solver.legible import NOT_DETERMINED, endless
-from solver.units import MMHG
+from fitting.records.alignment.align import align
+from fitting.records.channels.amounts import changes, sizes
+from fitting.records.read.columns import Reading
+from fitting.records.read.record import read_record
+from solver.quantities.legible import NOT_DETERMINED, endless
+from solver.quantities.units import MMHG
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "data" / "mock-loop"
 FILES = sorted(FOLDER.glob("*.csv"))

@@ -15,9 +15,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from record_files import DT, P_MMHG, R_MM, TIME, WAVE, N, T, bench, save, text
 
-from fitting.records.align import align
-from fitting.records.record import read_record, write_record
-from solver.units import MMHG
+from fitting.records.alignment.align import align
+from fitting.records.read.record import read_record, write_record
+from solver.quantities.units import MMHG
 
 # --- what is read -------------------------------------------------------------------------------------------------
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from record_files import DT, P_MMHG, R_MM, TIME, WAVE, N, T, bench, refusal, save, text
 
-from fitting.records.align import align
-from fitting.records.record import Record, read_record, write_record
+from fitting.records.alignment.align import align
+from fitting.records.read.record import Record, read_record, write_record
 
 MMHG = 101325.0 / 760.0  # conventional to 1e-7: 133.322387415 in pint
 

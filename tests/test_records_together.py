@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import fitting.__main__
-from fitting.records.align import align
-from fitting.records.columns import Reading
-from fitting.records.record import Record, read_record
-from solver.units import MMHG
+import arterial_fmu.cli.fit
+from fitting.records.alignment.align import align
+from fitting.records.read.columns import Reading
+from fitting.records.read.record import Record, read_record
+from solver.quantities.units import MMHG
 
 T = 0.8
 NOISE = 0.3  # mmHg
@@ -137,7 +137,7 @@ def _behind(line: str, seconds: float) -> str:
 def test_commands_take_further_files(tmp_path: Path) -> None:
     """--columns shows each file; with --json, too."""
     P, Q = files(tmp_path, (200.0, 200.0))
-    done = CliRunner().invoke(fitting.__main__.app, ["calibrate", str(P), "--with", str(Q), "--columns", "--json"])
+    done = CliRunner().invoke(arterial_fmu.cli.fit.app, ["calibrate", str(P), "--with", str(Q), "--columns", "--json"])
     assert done.exit_code == 0, done.output
     assert [each["columns"][1]["read_as"] for each in json.loads(done.stdout)["files"]] == [
         "C.P, a pressure",

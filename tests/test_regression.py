@@ -13,16 +13,16 @@ import pytest
 from recorded_walls import BEATS, N, T, loop, recording
 from scipy.optimize import least_squares
 
-from fitting.inference.errors_in_variables import solve
-from fitting.inference.loop import Loop
-from fitting.records.align import align
-from fitting.records.beats import Beats
-from fitting.records.record import Record
-from fitting.records.spectral import coefficients, derivative
+from fitting.inference.models.loop import Loop
+from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
+from fitting.records.channels.spectral import coefficients, derivative
+from fitting.records.read.record import Record
 from fitting.records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
-from fitting.wall import bootstrap, fit
-from fitting.wall_fit import WallFit
-from fitting.wall_model import PARAMETERS, columns, evaluate, model, parameters_of
+from fitting.wall.errors_in_variables import solve
+from fitting.wall.site_fit import bootstrap, fit
+from fitting.wall.wall_fit import WallFit
+from fitting.wall.wall_model import PARAMETERS, columns, evaluate, model, parameters_of
 
 TRUE_LAW = model("monotone", "regression")  # that of table_wall
 

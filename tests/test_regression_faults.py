@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from recorded_walls import BEATS, N, T, loop, recording
 
-from fitting.doubts import COLLINEAR
-from fitting.inference.loop import NoFit
-from fitting.records.beats import Beats
-from fitting.records.spectral import resample, shift
+from fitting.inference.models.loop import NoFit
+from fitting.records.alignment.beats import Beats
+from fitting.records.channels.spectral import resample, shift
 from fitting.records.virtual import table_wall
-from fitting.wall import bootstrap, fit, without_lag
-from fitting.wall_model import PARAMETERS
+from fitting.wall.fit_diagnostics import COLLINEAR
+from fitting.wall.site_fit import bootstrap, fit, without_lag
+from fitting.wall.wall_model import PARAMETERS
 
 # --- what can go wrong --------------------------------------------------------------------------------------------
 

@@ -18,8 +18,9 @@ from commands import in_process, without_progress
 from compare import relative_error
 from scipy.integrate import solve_ivp
 
+from arterial_fmu.cli.run import main
 from build_fmu import build
-from fmu_src.run import main, run_fmu
+from fmu_src.importer.run import run_fmu
 from solver import Inlet, Network, Pressure, Settings, Site, load
 
 Array = np.ndarray
@@ -76,7 +77,7 @@ def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(*arguments: str | os.PathLike[str]) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", "fmu_src.run", *map(os.fspath, arguments)]
+    line = [sys.executable, "-m", "arterial_fmu.cli.run", *map(os.fspath, arguments)]
     return subprocess.run(line, capture_output=True, text=True, cwd=ROOT)
 
 

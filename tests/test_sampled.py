@@ -9,10 +9,11 @@ import pytest
 from forked import NETWORK, T, record
 from small_network import NAMES
 
-from discrepancy.name import name
-from fitting.inference.network_record import network_problem
-from fitting.inference.terms import candidates
-from solver import Settings, sensors, simulate_periodic
+from discrepancy.name.model_selection import name
+from fitting.inference.hypothesis import candidates
+from fitting.inference.models.network_record import network_problem
+from solver import Settings, simulate_periodic
+from solver.laws import sensors
 
 SAMPLES = 80  # of a beat of 0.4 s: 200 Hz
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver import Network, Settings, Windkessel, simulate
-from solver.quantity import quantities
+from solver.quantities.quantity import quantities
 
 # exponents of metre, second, kilogram
 DIMENSIONS = {

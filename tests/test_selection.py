@@ -12,17 +12,17 @@ from scipy.special import ndtr, ndtri
 from small_network import term
 
 from discrepancy import thresholds
-from discrepancy.intervals import stated
-from discrepancy.scoring import Named, found_from, price
-from discrepancy.verdict import Naming
-from fitting.estimate import Estimate
-from fitting.inference.added import estimates
+from discrepancy.name.intervals import stated
+from discrepancy.name.scoring import Named, found_from, price
+from discrepancy.name.verdict import Naming
+from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import LOG_RANGE
+from fitting.inference.intervals.selection import conditioned, reach
 from fitting.inference.jackknife import without_groups
-from fitting.inference.network_record import network_problem
-from fitting.inference.selection import conditioned, reach
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import quantile
+from fitting.results.estimate import Estimate
 
 HALF = 1.959963984540054
 THRESHOLD = 4.7  # d' from which an effect is found

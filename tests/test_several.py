@@ -19,15 +19,15 @@ from refused import refused
 from typer.testing import CliRunner
 
 import arterial_fmu.__main__
-from fitting.calibrate import calibrate
-from fitting.calibrated import labels_of
-from fitting.held_out import judge
-from fitting.parameter_set import read_set
-from fitting.prior import read_prior
-from fitting.records.beats import Beats
-from fitting.records.record import write_record
-from fitting.starts import Minimum, Starts, calibrate_from
-from solver.files import write_network
+from fitting.calibrate.calibrated import labels_of
+from fitting.calibrate.calibration_prior import read_prior
+from fitting.calibrate.held_out import judge
+from fitting.calibrate.multistart import Minimum, Starts, calibrate_from
+from fitting.calibrate.network_calibration import calibrate
+from fitting.records.alignment.beats import Beats
+from fitting.records.read.record import write_record
+from fitting.results.parameter_set import read_set
+from solver.network.files import write_network
 
 UNKNOWNS = ("all.E", "all.phi0", "C.outlet.R_t")
 START = NETWORK.with_parameters(

@@ -14,27 +14,27 @@ from fmus import COARSE
 from refused import refused
 
 from build_fmu import build, build_system
-from fitting.check import _plan
-from fitting.fmu_run import read_fmu
-from fitting.parameter_set import ParameterSet
-from fitting.records.noise import check_flow_driven
-from fitting.records.record import Record
-from fmu_src.cosimulation import CoSimulation
-from fmu_src.document import index_html
-from fmu_src.drawing import network_svg
-from fmu_src.run import run_fmu
-from fmu_src.variables import variable_table
+from fitting.check.fmu_check import _plan
+from fitting.check.fmu_run import read_fmu
+from fitting.records.channels.noise import check_flow_driven
+from fitting.records.read.record import Record
+from fitting.results.parameter_set import ParameterSet
+from fmu_src.cosimulation.arteries import CoSimulation
+from fmu_src.documents.document import index_html
+from fmu_src.documents.drawing import network_svg
+from fmu_src.importer.run import run_fmu
+from fmu_src.variables.arteries_variables import variable_table
 from solver import MusclSettings, Settings, linear, sampled_inflow, simulate, simulate_periodic
-from solver.curve import Curve
-from solver.files import dumps, from_sections, loads
-from solver.importers.sheet import read_sheet, to_sheet
+from solver.laws.outlets import Reflection, Windkessel
 from solver.layout import lanes
-from solver.network import Fluid, Inlet, Junction, Network, Segment, Site, from_dict, to_dict
-from solver.outlets import Reflection, Windkessel
-from solver.outputs import inlet_answers
+from solver.network.curve import Curve
+from solver.network.description import Fluid, Inlet, Junction, Network, Segment, Site, from_dict, to_dict
+from solver.network.files import dumps, from_sections, loads
+from solver.network.importers.sheet import read_sheet, to_sheet
 from solver.scheme import step
 from solver.scheme.failure import NotConverged
 from solver.scheme.model import build as build_model
+from solver.scheme.outputs import inlet_answers
 from solver.scheme.sdirk import INFLOW_TIMES
 
 T = 0.5

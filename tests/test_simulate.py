@@ -14,6 +14,7 @@ import pytest
 from commands import in_process
 from compare import relative_error
 
+from arterial_fmu.cli.solve import main
 from solver import (
     Network,
     NonPhysicalState,
@@ -26,7 +27,6 @@ from solver import (
     simulate,
     simulate_periodic,
 )
-from solver.__main__ import main
 
 QUICK = Settings(dt=5e-3)
 
@@ -178,7 +178,19 @@ def test_csv_is_whole_or_absent(sheep: Network, tmp_path: Path) -> None:
 def test_command_line(tmp_path: Path) -> None:
     """Runs the bundled network with a changed parameter, prints a table, writes the CSV."""
     out = tmp_path / "beat.csv"
-    command = [sys.executable, "-m", "solver", "sheep", "--dt", "5 ms", "--set", "CA.phi0=0 kPa*s", "--out", str(out)]
+    command = [
+        sys.executable,
+        "-m",
+        "arterial_fmu",
+        "solve",
+        "sheep",
+        "--dt",
+        "5 ms",
+        "--set",
+        "CA.phi0=0 kPa*s",
+        "--out",
+        str(out),
+    ]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "CA" in done.stdout

@@ -12,10 +12,11 @@ import pytest
 from native_build import build
 from native_fmus import apart, needs_compiler, pair, rows
 
-from solver import Settings, load, native
-from solver.native import Program
+from solver import Settings, load
+from solver.tracing import native
 from solver.tracing.array import array
 from solver.tracing.component import whole
+from solver.tracing.native import Program
 from solver.tracing.program import Shared, compiled
 from solver.tracing.recorder import Recorder
 

@@ -12,17 +12,17 @@ import pytest
 from forked import CHANNELS, NETWORK, N, T, exact, inflow, record
 from scipy.stats import multivariate_normal
 
-from discrepancy.study import prepare
-from fitting.inference.network import NetworkProblem
-from fitting.inference.network_record import network_problem
+from discrepancy.find.study import prepare
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.places import NUMBER, Place, places
-from fitting.inference.simulator import OutOfTime, Runs
-from fitting.inference.source_evidence import AMPLITUDES, PRICE, SPECTRA, Law, Normal, marginal
-from fitting.inference.source_map import SourceMap, is_noise, source_map
-from fitting.records.record import Record
+from fitting.inference.runs import OutOfTime, Runs
+from fitting.inference.source_maps.source_evidence import AMPLITUDES, PRICE, SPECTRA, Law, Normal, marginal
+from fitting.inference.source_maps.source_map import SourceMap, is_noise, source_map
+from fitting.records.read.record import Record
 from solver import Network, beat_harmonics
-from solver.effect import ALL_PLACES, CHANNEL, DROP, JUNCTION, OUTFLOW, OUTLET, WALL
-from solver.sources import Drop, OutletFlow, Source, WallPressure
+from solver.laws.effect import ALL_PLACES, CHANNEL, DROP, JUNCTION, OUTFLOW, OUTLET, WALL
+from solver.mesh.sources import Drop, OutletFlow, Source, WallPressure
 from tests.truth.records import Case, make
 
 Array = np.ndarray

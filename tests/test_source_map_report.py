@@ -17,24 +17,24 @@ from forked import NETWORK, T, clean, record
 from made_up import synthetic
 from test_confirm import named, stiffer, study
 
-from discrepancy.figures import figures
-from discrepancy.journal import Journal
-from discrepancy.map_figure import mark
-from discrepancy.map_text import acts_as, map_sentences
-from discrepancy.outcome import Outcome, verdict_json
-from discrepancy.report import page
-from discrepancy.scoring import Named
-from discrepancy.show import Gap
-from discrepancy.shown_map import Acting, SourceMapShown, band_of, beat_of, shown_map
-from discrepancy.summary import Shown, sentence, summary
-from discrepancy.verdict import Naming
+from discrepancy.assemble import Shown, sentence, summary
+from discrepancy.checkpoint import Journal
+from discrepancy.findings.outcome import Outcome, verdict_json
+from discrepancy.findings.shown_map import Acting, SourceMapShown, band_of, beat_of, shown_map
+from discrepancy.name.scoring import Named
+from discrepancy.name.verdict import Naming
+from discrepancy.report.figures import figures
+from discrepancy.report.map_figure import mark
+from discrepancy.report.map_text import acts_as, map_sentences
+from discrepancy.report.page import page
+from discrepancy.show.fmu_validation import Gap
 from fitting.inference.fit import Fit
-from fitting.inference.network_record import network_problem
+from fitting.inference.models.network_record import network_problem
 from fitting.inference.places import Place, places
-from fitting.inference.source_evidence import Normal
-from fitting.inference.source_map import Rival, Signal, SourceMap
+from fitting.inference.source_maps.source_evidence import Normal
+from fitting.inference.source_maps.source_map import Rival, Signal, SourceMap
 from fitting.inference.unknown import Unknown
-from solver.units import MMHG
+from solver.quantities.units import MMHG
 
 Array = np.ndarray
 
@@ -277,7 +277,7 @@ def test_places_are_marked_where_they_are(spot: Place, kind: str, where: str) ->
 
 def panels(acting: SourceMapShown) -> list[tuple[str, str]]:
     """Titles and units of the panels beside the network."""
-    from discrepancy.figures import figure
+    from discrepancy.report.figures import figure
 
     picture = figure(replace(MADE, map=acting), "map")
     picture.canvas.draw()

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from solver import Network, beat_harmonics, load
-from solver.effects import ALL
-from solver.small_waves import source_responses
-from solver.sources import Drop, InletFlow, Outflow, OutletFlow, Source, Step, WallPressure
+from solver.laws.effects import ALL
+from solver.mesh.sources import Drop, InletFlow, Outflow, OutletFlow, Source, Step, WallPressure
+from solver.periodic.small_waves import source_responses
 
 Array = np.ndarray
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from fitting.records.spectral import coefficients, derivative, gamma_loop, resample, shift
+from fitting.records.channels.spectral import coefficients, derivative, gamma_loop, resample, shift
 
 T = 0.4724
 ODD_AND_EVEN = pytest.mark.parametrize("N", [64, 65])

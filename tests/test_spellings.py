@@ -9,9 +9,9 @@ import pytest
 from network_text import FORK
 
 from solver import Settings, Windkessel, simulate
-from solver.coefficients import coefficients
-from solver.files import dumps, loads
-from solver.network import Network, from_dict, to_dict
+from solver.network.coefficients import coefficients
+from solver.network.description import Network, from_dict, to_dict
+from solver.network.files import dumps, loads
 
 AA = FORK[FORK.index("[segments.AA]") : FORK.index("[segments.BT]")]
 

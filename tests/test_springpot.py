@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from solver import Fluid, Inlet, Network, Reflection, Segment, Settings, Site, linear, simulate_periodic
-from solver.effects import BY_NAME
+from solver.laws.effects import BY_NAME
+from solver.laws.springpot import RATES, REFERENCE, shares
 from solver.loop import loop_pressure
-from solver.springpot import RATES, REFERENCE, shares
 
 L, R0, H, E, PHI0, RHO, NU, T = 0.4, 8e-3, 1e-3, 8e5, 1.2e4, 1060.0, 3.5e-6, 0.25
 OMEGA, A0, K_H = 2.0 * np.pi / T, np.pi * R0**2, H / (0.75 * R0)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from solver import Network, Settings
-from solver.coefficients import coefficients
+from solver.mesh.element import element
+from solver.mesh.mesh import build_mesh, topology
+from solver.network.coefficients import coefficients
 from solver.scheme import terms
-from solver.scheme.element import element
-from solver.scheme.mesh import build_mesh, topology
 from solver.scheme.model import build
 from solver.scheme.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
 from solver.scheme.stage import Stage, operators

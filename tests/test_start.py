@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from fmus import COARSE, mixed
 
-from fmu_src.cosimulation import CoSimulation
-from fmu_src.variables import variable_table
+from fmu_src.cosimulation.arteries import CoSimulation
+from fmu_src.variables.arteries_variables import variable_table
 from solver import (
     Inlet,
     Junction,
@@ -29,12 +29,12 @@ from solver import (
     simulate,
     simulate_periodic,
 )
-from solver.outputs import reporter
+from solver.periodic.start import periodic_state
+from solver.quantities.units import MMHG
 from solver.scheme.model import build
+from solver.scheme.outputs import reporter
 from solver.scheme.step import initial_state
 from solver.simulate import change_of
-from solver.start import periodic_state
-from solver.units import MMHG
 
 T = 0.5
 REMEMBERING = {"CA.tau": 0.02, "MD.tau": 0.05, "fluid.unsteady_scale": 1.0}
@@ -216,7 +216,7 @@ def test_few_harmonics(monkeypatch: pytest.MonkeyPatch) -> None:
     """A large mesh or batch keeps fewer harmonics; with four of them the first beat is within 3 % (1.8 %)."""
     sheep = load("sheep")
     exact = simulate_periodic(sheep, settings=COARSE, tolerance=1e-5)
-    monkeypatch.setattr("solver.balance._STORAGE", 1e3)
+    monkeypatch.setattr("solver.periodic.harmonic_balance._STORAGE", 1e3)
     run = simulate(sheep, duration=T, settings=COARSE, start="periodic")
     first = error(run, exact, 0)
     assert 0.006 <= first <= 0.03

@@ -19,14 +19,14 @@ from refused import refused
 from typer.testing import CliRunner
 
 import arterial_fmu.__main__
-from fitting.calibrate import Calibration, calibrate
-from fitting.inference.asked import parse_unknowns
+from fitting.calibrate.multistart import Starts, calibrate_from
+from fitting.calibrate.network_calibration import Calibration, calibrate
 from fitting.inference.unknown import starting_points
-from fitting.records.beats import Beats
-from fitting.records.record import write_record
-from fitting.starts import Starts, calibrate_from
+from fitting.inference.unknown_text import parse_unknowns
+from fitting.records.alignment.beats import Beats
+from fitting.records.read.record import write_record
 from solver import InputError, Network, Reflection
-from solver.files import write_network
+from solver.network.files import write_network
 
 UNKNOWNS = ("B.E", "C.E")
 TRUTH = np.log([1.25, 0.8])
@@ -118,7 +118,7 @@ def test_starting_points() -> None:
 
 def test_a_start_that_breaks_down(monkeypatch: pytest.MonkeyPatch) -> None:
     """Counted, with its sentence; the others stand. Where none leads anywhere, the first sentence is raised."""
-    import fitting.starts
+    import fitting.calibrate.multistart
 
     def broken(*given: Any, x0: Any, **options: Any) -> Calibration:
         if len(lost) == 2 or x0.any():
@@ -126,7 +126,7 @@ def test_a_start_that_breaks_down(monkeypatch: pytest.MonkeyPatch) -> None:
         return calibrate(*given, **options)
 
     lost = [1]
-    monkeypatch.setattr(fitting.starts, "calibrate", broken)
+    monkeypatch.setattr(fitting.calibrate.multistart, "calibrate", broken)
     tried = found(2, 0.06, 0.01)
     assert [each.starts for each in tried.minima] == [(0,)] and tried.failures == {1: "too soft to be simulated."}
     assert tried.best.report[-1] == "1 of 2 starts could not be simulated: too soft to be simulated"

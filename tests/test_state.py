@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solver.saved import FORMAT, MAGIC, dataclasses, from_bytes, to_bytes
+from solver.io.saved import FORMAT, MAGIC, dataclasses, from_bytes, to_bytes
 
 GUID = "{0123}"
 

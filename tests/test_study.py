@@ -35,10 +35,10 @@ from arterial_fmu.study.sensitivity import findings
 from arterial_fmu.study.store import Store
 from arterial_fmu.study.varied import parse_varied
 from build_fmu import build
-from fitting.threads import ENVIRONMENT
+from fitting.parallel.threads import ENVIRONMENT
 from solver import Settings, load, repeating_beat
-from solver.files import write_network
-from solver.quantity import Quantity
+from solver.network.files import write_network
+from solver.quantities.quantity import Quantity
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ("plan.json", "finer.parquet", "waveforms.parquet", "sets.parquet", "indices.csv", "study.json", "study.html")

@@ -26,11 +26,12 @@ from test_clients import run_script
 from typer.testing import CliRunner
 
 import build_fmu
+from arterial_fmu.cli.build import app as build_command
 from build_fmu import build_model, build_system
-from fmu_src.models import body_model, heart_model
-from fmu_src.species import HUMAN_BODY, HUMAN_HEART
-from fmu_src.system import first_port, start_values
+from fmu_src.contents.models import body_model, heart_model
+from fmu_src.contents.system import first_port, start_values
 from solver import load
+from solver.lumped.species import HUMAN_BODY, HUMAN_HEART
 
 STEP, STEPS = 5e-3, 80
 OUTPUTS = (
@@ -191,7 +192,7 @@ def test_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (["heart", "--set", "heart.rate"], r"--set heart\.rate: must look like NAME=VALUE, .*"),
         (["system", "sheep_nonlinear"], r"network sheep_nonlinear: whose heart and body\? Say --species human or .*"),
     ):
-        done = CliRunner().invoke(build_fmu.app, arguments)
+        done = CliRunner().invoke(build_command, arguments)
         assert done.exit_code == 2
         assert re.fullmatch(f"Error: {sentence}\n", without_progress(done.stderr))
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 
 from build_fmu import build
-from fmu_src.cosimulation import CoSimulation
-from fmu_src.run import run_fmu
-from fmu_src.variables import variable_table
+from fmu_src.cosimulation.arteries import CoSimulation
+from fmu_src.importer.run import run_fmu
+from fmu_src.variables.arteries_variables import variable_table
 from solver import Network, Settings, beat_harmonics, load, simulate, simulate_periodic
-from solver.curve import Curve
 from solver.errors import InputError
-from solver.files import dumps, loads
+from solver.laws.outlets import Resistance, Windkessel
 from solver.linear import waveforms
-from solver.network import from_dict, to_dict
-from solver.outlets import Resistance, Windkessel
-from solver.sources import BY_KIND, OutletFlow
-from solver.table_source import KINDS, TableSource
+from solver.mesh.sources import BY_KIND, OutletFlow
+from solver.network.curve import Curve
+from solver.network.description import from_dict, to_dict
+from solver.network.files import dumps, loads
+from solver.network.table_source import KINDS, TableSource
 
 Array = np.ndarray
 K = 40

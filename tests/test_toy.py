@@ -24,14 +24,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from solver.effect import Array, Effect, SearchSpec, Values
-from solver.outlets import Load, Outlet
-from solver.quantity import Quantity, quantity
-from solver.sensors import Sensor
-from solver.wall import Wall
+from solver.laws.effect import Array, Effect, SearchSpec, Values
+from solver.laws.outlets import Load, Outlet
+from solver.laws.sensors import Sensor
+from solver.laws.wall import Wall
+from solver.quantities.quantity import Quantity, quantity
 
 if TYPE_CHECKING:  # the toys run in the copy alone
-    from solver.outlets import Condition, Numbers
+    from solver.laws.outlets import Condition, Numbers
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -132,7 +132,7 @@ def base() -> Any:
     """The small network, C ending in the toy outlet."""
     from forked import NETWORK
 
-    from solver import outlets
+    from solver.laws import outlets
 
     orifice = outlets.Orifice("C", R_v=5e8, b=2e14)  # type: ignore[attr-defined]
     return replace(NETWORK, name="toys", outlets=(NETWORK.outlets[0], orifice))
@@ -148,7 +148,7 @@ def equal(one: Any, two: Any, tolerance: float = 0.0) -> None:
 
 def walk_table(folder: Path) -> None:
     """Effect and sensor have rows in docs/effects.md."""
-    from solver import catalogue
+    from solver.laws import catalogue
 
     for name in ("tissue_support", "ac_coupling"):
         assert f"| `{name}` |" in catalogue.table(), name
@@ -156,7 +156,7 @@ def walk_table(folder: Path) -> None:
 
 def walk_file(folder: Path) -> None:
     """Network file: written, read back, equal; with units; by hand with another unit."""
-    from solver.files import dumps, loads
+    from solver.network.files import dumps, loads
 
     network = base().with_terms({**SUPPORT, "B.P.cutoff": CUTOFF})
     text = dumps(network)
@@ -209,7 +209,7 @@ def walk_fmu(folder: Path) -> None:
     from fmpy.validation import validate_fmu
 
     from build_fmu import build
-    from fmu_src.run import run_fmu
+    from fmu_src.importer.run import run_fmu
     from solver import sampled_inflow, simulate
 
     network = base().with_terms({**SUPPORT, "B.P.cutoff": CUTOFF})
@@ -236,8 +236,9 @@ def record_of(network: Any, names: tuple[str, ...], sensed: str = "") -> Any:
     """Sixteen beats at 125 Hz, 40 dB; one channel through the toy sensor."""
     from forked import T, inflow
 
-    from fitting.records.record import Record
-    from solver import Settings, effects, simulate_periodic
+    from fitting.records.read.record import Record
+    from solver import Settings, simulate_periodic
+    from solver.laws import effects
 
     beat, N = simulate_periodic(network, inflow, T, settings=Settings(dt=T / 200, tolerance=1e-7), tolerance=1e-6), 50
     rng, channels = np.random.default_rng(2), {}
@@ -253,7 +254,7 @@ def record_of(network: Any, names: tuple[str, ...], sensed: str = "") -> Any:
 
 def walk_bench(folder: Path) -> None:
     """On the bench of B: effect and sensor are candidates there, and nowhere else."""
-    from discrepancy.study import prepare
+    from discrepancy.find.study import prepare
 
     study = prepare(record_of(base().with_terms(SUPPORT), ("B.P", "B.R")), base())
     labels = {term.label for term in study.terms}
@@ -263,7 +264,7 @@ def walk_bench(folder: Path) -> None:
 
 def walk_network(folder: Path) -> None:
     """On the network: effect and sensor are candidates at every segment and channel."""
-    from discrepancy.study import prepare
+    from discrepancy.find.study import prepare
 
     study = prepare(record_of(base(), ("inlet.Q", *NAMES)), base())
     labels = {term.label for term in study.terms}
@@ -273,7 +274,7 @@ def walk_network(folder: Path) -> None:
 
 def walk_sensor_named(folder: Path) -> None:
     """A synthetic record with one coupled channel: named there, its rate within 5 %."""
-    from discrepancy.study import judge
+    from judged import judge
 
     _, naming = judge(record_of(base(), ("inlet.Q", *NAMES), "B.P"), base())
     assert (naming.verdict, naming.best.label) == ("effect", "ac_coupling at B.P"), naming.best.label
@@ -284,9 +285,9 @@ def walk_sensor_named(folder: Path) -> None:
 def walk_study(folder: Path) -> None:
     """A record with support at B: named, refitted, written into model.toml and model.fmu, told in the report."""
     from discrepancy import discover
-    from fitting.records.record import write_record
+    from fitting.records.read.record import write_record
     from solver import read_network
-    from solver.files import write_network
+    from solver.network.files import write_network
 
     record = record_of(base().with_terms(SUPPORT), ("inlet.Q", *NAMES))
     write_record(folder / "record.csv", record.time, record.channels, {})
@@ -337,9 +338,11 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(ROOT / name, folder / name)  # what is compiled, too
     for path in (ROOT / "build_fmu.py", Path(__file__), Path(__file__).with_name("forked.py")):
         shutil.copy(path, folder)
-    insert(folder / "solver" / "effects.py", "ALL", TissueSupport)
-    insert(folder / "solver" / "effects.py", "ALL", Coupling, "from .sensors import Sensor  # noqa: E402\n\n\n")
-    insert(folder / "solver" / "outlets.py", "OUTLETS", Orifice)
+    insert(folder / "solver" / "laws" / "effects.py", "ALL", TissueSupport)
+    insert(
+        folder / "solver" / "laws" / "effects.py", "ALL", Coupling, "from .sensors import Sensor  # noqa: E402\n\n\n"
+    )
+    insert(folder / "solver" / "laws" / "outlets.py", "OUTLETS", Orifice)
     return folder
 
 

@@ -9,14 +9,14 @@ import numpy as np
 from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term
 
-from discrepancy.rivals import with_rivals
-from discrepancy.scoring import Compared
+from discrepancy.name.rivals import with_rivals
+from discrepancy.name.scoring import Compared
 from discrepancy.thresholds import RULED_OUT
-from fitting.inference.network_record import network_problem
-from fitting.inference.simulator import Runs
-from fitting.inference.terms import candidates
+from fitting.inference.hypothesis import candidates
+from fitting.inference.models.network_record import network_problem
+from fitting.inference.runs import Runs
 from solver import Settings, simulate_periodic
-from solver.effects import BY_NAME
+from solver.laws.effects import BY_NAME
 
 LAG = 3e-3
 CHANNEL = next(name for name in NAMES if name.endswith(".P"))

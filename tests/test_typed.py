@@ -11,13 +11,13 @@ from refused import refused
 from test_command import run
 
 from build_fmu import build, build_model
-from fitting.parameter_set import ParameterSet, Value, write_set
-from fmu_src.models import heart_model
+from fitting.results.parameter_set import ParameterSet, Value, write_set
+from fmu_src.contents.models import heart_model
 from solver import load
 from solver.errors import InputError
-from solver.exit_codes import ExitCode
-from solver.files import read_network
-from solver.text import assignments, typed_quantity
+from solver.io.exit_codes import ExitCode
+from solver.network.files import read_network
+from solver.quantities.text import assignments, typed_quantity
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,9 @@ def test_the_network_of_an_fmu(folder: Path, tmp_path: Path, monkeypatch: pytest
     assert run("solve", folder / "sheep.fmu", "--dt", "5 ms", "-q").exit_code == 0
     assert run("build", folder / "sheep.fmu", "--out", tmp_path, "-q").exit_code == 0
     assert (tmp_path / "sheep.fmu").read_bytes() == (folder / "sheep.fmu").read_bytes()
-    monkeypatch.setattr("fitting.starts.calibrate_from", lambda *_, **__: pytest.fail("there is no record"))
+    monkeypatch.setattr(
+        "fitting.calibrate.multistart.calibrate_from", lambda *_, **__: pytest.fail("there is no record")
+    )
     done = run("calibrate", tmp_path / "no.csv", folder / "sheep.fmu", "--free", "all.E")
     assert done.exit_code == ExitCode.BAD_INPUT and "no.csv: cannot be read" in done.stderr
 
@@ -105,7 +107,7 @@ def starts(monkeypatch: pytest.MonkeyPatch, *options: object) -> dict[str, Any]:
         found.update(start_values)
         raise InputError("not run.")
 
-    monkeypatch.setattr("fmu_src.run.run_fmu", run_fmu)
+    monkeypatch.setattr("arterial_fmu.cli.run.run_fmu", run_fmu)
     assert "not run." in run("run", *options).stderr
     return found
 

@@ -9,15 +9,15 @@ import pytest
 from pulses import pulse, record
 from scipy.signal import find_peaks, lfilter
 
-from fitting.inference.loop import mean_loop
-from fitting.records.align import align
-from fitting.records.beats import Beats
-from fitting.records.felt import Felt
-from fitting.records.noise import seam_said
-from fitting.records.record import Record
-from fitting.records.rounding import converter_step, rounded_harmonics, rounding
+from fitting.inference.models.loop import mean_loop
+from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
+from fitting.records.alignment.rounding import converter_step, rounded_harmonics, rounding
+from fitting.records.channels.inflow_variability import Felt
+from fitting.records.channels.noise import seam_said
+from fitting.records.read.record import Record
 from solver import InputError
-from solver.units import MMHG
+from solver.quantities.units import MMHG
 
 DT = 1.0 / 125.0
 STEP = MMHG / 16.0
@@ -300,7 +300,7 @@ def test_a_given_period_where_none_is_found(monkeypatch: pytest.MonkeyPatch) -> 
     def none(*_: object) -> None:
         raise InputError("no periodicity found")
 
-    monkeypatch.setattr("fitting.records.align.usual_period", none)
+    monkeypatch.setattr("fitting.records.alignment.align.usual_period", none)
     with pytest.raises(ValueError, match="no periodicity"):
         align(made)
     assert same(align(made, 0.8), found)

@@ -5,11 +5,19 @@ from __future__ import annotations
 import pint
 import pytest
 
-from solver.effects import ALL
-from solver.network import Fluid, Inlet, Junction, Network, Segment
-from solver.outlets import OUTLETS
-from solver.quantity import quantities
-from solver.units import SIGNAL_UNITS, base_units, display_factor, display_units, of_signal, printed, readable
+from solver.laws.effects import ALL
+from solver.laws.outlets import OUTLETS
+from solver.network.description import Fluid, Inlet, Junction, Network, Segment
+from solver.quantities.quantity import quantities
+from solver.quantities.units import (
+    SIGNAL_UNITS,
+    base_units,
+    display_factor,
+    display_units,
+    of_signal,
+    printed,
+    readable,
+)
 
 PINT = pint.UnitRegistry()
 OWNERS = (Network, Fluid, Segment, Junction, Inlet, *OUTLETS)

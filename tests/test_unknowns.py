@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.inference.asked import parse_unknown, parse_unknowns
 from fitting.inference.unknown import parameter_intervals, parameter_values
+from fitting.inference.unknown_text import parse_unknown, parse_unknowns
 from solver import Network, load
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from fitting.cohort.virtual import Truth, VirtualCohort, VirtualRecording, virtual_cohort, write_cohort
-from fitting.records.record import read_record
+from fitting.records.read.record import read_record
 from fitting.records.virtual import (
     SITES,
     VirtualWall,

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from solver.laws import (
+from solver.laws.wall import Wall
+from solver.laws.wall_laws import (
     ELASTIC_LAWS,
     VISCOUS_LAWS,
     Array,
@@ -24,7 +25,6 @@ from solver.laws import (
     riemann_velocity,
     wave_speed,
 )
-from solver.wall import Wall
 
 # the ascending aorta of Table 1
 E, H, R0, PHI0, ETA, RHO = 1.539e6, 3.8e-4, 9.48e-3, 25451.0, 0.5, 1060.0

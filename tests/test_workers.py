@@ -21,13 +21,13 @@ from forked import NETWORK
 from small_network import term, terms
 from test_discrepancy_network import beats
 
-from discrepancy.name import name
-from fitting.inference.batches import _elsewhere, simulated
+from discrepancy.name.model_selection import name
 from fitting.inference.fit import Member
-from fitting.inference.network import NetworkProblem
-from fitting.inference.network_record import network_problem
-from fitting.inference.simulator import Meter, OutOfTime, Runs
-from fitting.workers import Workers, cores, serve
+from fitting.inference.models.batches import _elsewhere, simulated
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.network_record import network_problem
+from fitting.inference.runs import Meter, OutOfTime, Runs
+from fitting.parallel.workers import Workers, cores, serve
 
 
 class Counting(Workers):

@@ -17,7 +17,7 @@ from urllib.parse import quote
 import pytest
 from c_host import CHost, Unpacked, unpack
 
-from fmu_src import doctor, trial
+from fmu_src.importer import doctor, trial
 
 CRASH = -signal.SIGSEGV
 ENCODED = "!\"#$%&'()*+,:;<=>?@[\\]^`{|}é心"  # characters that a URI holds encoded, or that hosts encode

@@ -18,13 +18,13 @@ from arterial_fmu.study.plan import plan_of
 from arterial_fmu.study.store import Store
 from build_fmu import build
 from discrepancy.workflow import discover
-from fitting.bench import bench_network
 from fitting.cohort.virtual import virtual_cohort, write_cohort
-from fitting.parameter_set import read_set, write_set
+from fitting.inference.models.bench_network import bench_network
+from fitting.results.parameter_set import read_set, write_set
 from solver import load, write_network
 from solver.errors import InputError
-from solver.exit_codes import ExitCode
-from solver.writing import check_destinations, write_all, write_folder
+from solver.io.exit_codes import ExitCode
+from solver.io.writing import check_destinations, write_all, write_folder
 
 
 @pytest.fixture
@@ -148,9 +148,10 @@ def test_told_before_the_work(name: str, inputs: Path, monkeypatch: pytest.Monke
         raise AssertionError("the work was begun")
 
     for where in (
-        "solver.__main__._run", "build_fmu.build_model", "fmu_src.run.run_fmu", "fitting.cohort.virtual.virtual_cohort",
-        "fitting.__main__.fit", "fitting.cohort.fits.fit_cohort", "fitting.starts.calibrate_from",
-        "fitting.check.check", "discrepancy.recordings.prepare", "discrepancy.sensor_plan.plan_sensors",
+        "arterial_fmu.cli.solve._run", "build_fmu.build_model", "arterial_fmu.cli.run.run_fmu",
+        "fitting.cohort.virtual.virtual_cohort",
+        "arterial_fmu.cli.fit.fit", "fitting.cohort.fits.fit_cohort", "fitting.calibrate.multistart.calibrate_from",
+        "fitting.check.fmu_check.check", "discrepancy.recordings.prepare", "discrepancy.plan.sensor_plan.plan_sensors",
         "arterial_fmu.study.command.run",
     ):  # fmt: skip
         monkeypatch.setattr(where, work)
@@ -258,7 +259,7 @@ def test_a_place_that_takes_no_file_is_no_fault_of_the_program(tmp_path: Path, m
     def refuse(*_: Any, **__: Any) -> Any:
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr("solver.writing.tempfile.TemporaryFile", refuse)
+    monkeypatch.setattr("solver.io.writing.tempfile.TemporaryFile", refuse)
     with pytest.raises(InputError, match=r"beat\.csv: cannot be written \(Permission denied\)"):
         check_destinations(tmp_path / "beat.csv")
     monkeypatch.setattr(Path, "write_bytes", refuse)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver.laws.outlets import Outlet
 from solver.linear import solve
-from solver.network import Fluid, Inlet, Network, Segment, Site
-from solver.outlets import Outlet
+from solver.network.description import Fluid, Inlet, Network, Segment, Site
 
 RHO = 1060.0
 INVISCID = Fluid(rho=RHO, nu=0.0)

@@ -13,10 +13,10 @@ from .frames import pandas as pandas
 from .frames import polars as polars
 
 DISPLAYS = {
-    "solver.network.Network": "arterial_fmu.notebook.network",
+    "solver.network.description.Network": "arterial_fmu.notebook.network",
     "solver.waveforms.Waveforms": "arterial_fmu.notebook.waveforms",
-    "fitting.wall_fit.WallFit": "arterial_fmu.notebook.wall",
-    "discrepancy.outcome.Outcome": "arterial_fmu.notebook.study",
+    "fitting.wall.wall_fit.WallFit": "arterial_fmu.notebook.wall",
+    "discrepancy.findings.outcome.Outcome": "arterial_fmu.notebook.study",
 }
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from discrepancy import figures
-from discrepancy.command_tables import effect_rows, statements
-from discrepancy.outcome import Outcome
+from arterial_fmu.cli.tables.study import effect_rows, statements
+from discrepancy.findings.outcome import Outcome
+from discrepancy.report import figures
 from fitting.pages.style import Picture
 
 from .tables import table
@@ -22,7 +22,8 @@ def html(outcome: Outcome) -> str:
 
 
 def columns(outcome: Outcome) -> Mapping[str, Sequence[Any]]:
-    """One row a hypothesis, in the words of :class:`~discrepancy.outcome.Candidate`; parameters as text with unit."""
+    """One row a hypothesis, in the words of :class:`~discrepancy.findings.outcome.Candidate`; parameters as text with
+    unit."""
     found = outcome.candidates
     texts = {
         "effect": [c.name for c in found],

@@ -6,17 +6,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fitting.indices import E_inc
+from arterial_fmu.cli.tables.fits import SHOWN
 from fitting.pages.figures import loop_figure
 from fitting.pages.style import Picture
-from fitting.pages.tables import SHOWN
-from fitting.records.beats import Beats
-from fitting.wall_fit import WallFit
-from fitting.wall_model import PARAMETERS, UNITS
-from solver.legible import interval, number, rounded
-from solver.network import Segment
-from solver.quantity import quantities
-from solver.units import printed
+from fitting.records.alignment.beats import Beats
+from fitting.wall.indices import E_inc
+from fitting.wall.wall_fit import WallFit
+from fitting.wall.wall_model import PARAMETERS, UNITS
+from solver.network.description import Segment
+from solver.quantities.legible import interval, number, rounded
+from solver.quantities.quantity import quantities
+from solver.quantities.units import printed
 
 from .tables import table
 

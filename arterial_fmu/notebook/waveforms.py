@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from fitting.pages.channel_panels import by_place
 from fitting.pages.style import BLUE, STYLE, Picture
 from solver.errors import InputError
-from solver.legible import number
-from solver.units import of_signal
+from solver.quantities.legible import number
+from solver.quantities.units import of_signal
 from solver.waveforms import Waveforms
 
 from .tables import table

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from fitting.threads import single_threaded
+from fitting.parallel.threads import single_threaded
 
 from .measures import POINTS, measured, wave
 from .models import Model

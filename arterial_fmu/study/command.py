@@ -8,14 +8,14 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from fitting.result_files import plain
-from solver.console import put, right, say, say_notes, say_written, sentences, show
+from arterial_fmu.cli.terminal.console import put, right, say, say_notes, say_written, sentences, show
+from arterial_fmu.cli.terminal.options import Json, Quiet, networks_for
+from arterial_fmu.cli.terminal.progress import PACE, bar
+from fitting.results.result_files import plain
 from solver.errors import InputError
-from solver.legible import DASH, significant
-from solver.options import Json, Quiet, networks_for
-from solver.progress import PACE, bar
-from solver.units import readable
-from solver.writing import check_destinations
+from solver.io.writing import check_destinations
+from solver.quantities.legible import DASH, significant
+from solver.quantities.units import readable
 
 from .models import read_model
 from .outcome import Study, summary

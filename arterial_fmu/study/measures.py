@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from fitting.records.spectral import resample
-from solver.units import SIGNAL_UNITS
+from fitting.records.channels.spectral import resample
+from solver.quantities.units import SIGNAL_UNITS
 
 Array = np.ndarray
 

@@ -11,16 +11,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fitting.records.align import align
-from fitting.records.inflow import Inflow, inflow
-from fitting.records.record import read_record
+from fitting.records.alignment.align import align
+from fitting.records.channels.inflow import Inflow, inflow
+from fitting.records.read.record import read_record
 from solver import Network, Settings, repeating_beat
 from solver.errors import InputError
-from solver.files import dumps, find_network, parse_quantity, read_network
-from solver.quantity import Quantity
+from solver.network.files import dumps, find_network, parse_quantity, read_network
+from solver.quantities.quantity import Quantity
+from solver.quantities.text import typed_quantity
+from solver.quantities.units import INFLOW
 from solver.simulate import BROKEN
-from solver.text import typed_quantity
-from solver.units import INFLOW
 
 Array = np.ndarray
 Beats = Mapping[str, Array]  # by channel [SI], (N,) or (n, N): sample j at time j T/N
@@ -153,7 +153,7 @@ class FMUModel:
 
     @cached_property
     def _fmu(self) -> Any:
-        from fitting.fmu_run import read_fmu
+        from fitting.check.fmu_run import read_fmu
 
         return read_fmu(self.path)
 
@@ -177,8 +177,8 @@ class FMUModel:
         return None
 
     def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
-        from fitting.fmu_run import RunFailed, periodic_answer
-        from solver.host_died import HostDied
+        from fitting.check.fmu_run import RunFailed, periodic_answer
+        from solver.io.host_died import HostDied
 
         answers: list[Beats | str] = []
         for values in zip(*parameters.values(), strict=True):
@@ -220,7 +220,7 @@ def _step(tolerance: float) -> float:
 def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
     import fmpy
 
-    from fitting.fmu_run import read_fmu
+    from fitting.check.fmu_run import read_fmu
 
     fmu = read_fmu(path)
     if driven_by is None:

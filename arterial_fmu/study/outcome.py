@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from fitting.provenance import engine, software
-from solver.legible import number
+from fitting.results.provenance import engine, software
+from solver.quantities.legible import number
 
 from .plan import Plan
 from .run import finer_differences

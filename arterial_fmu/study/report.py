@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from fitting.pages.page import environment
-from fitting.provenance import software
-from fitting.result_files import json_text
-from solver.legible import DASH, number, significant
-from solver.units import readable
-from solver.writing import write_folder
+from fitting.results.provenance import software
+from fitting.results.result_files import json_text
+from solver.io.writing import write_folder
+from solver.quantities.legible import DASH, number, significant
+from solver.quantities.units import readable
 
 from .outcome import Study, indices_csv, summary
 

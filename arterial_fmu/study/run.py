@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fitting.tasks import done
+from fitting.parallel.tasks import done
 
 from .batch import FAILED, Batch, run_batch
 from .plan import Plan
@@ -27,7 +27,8 @@ def run(
 ) -> int:
     """Simulate the missing batches, and write the results; return the number of parameter sets simulated now.
 
-    jobs, scheduler : as in :func:`fitting.tasks.done`. Every finished batch is saved, so an interrupted study resumes.
+    jobs, scheduler : as in :func:`fitting.parallel.tasks.done`. Every finished batch is saved, so an interrupted study
+    resumes.
     meanwhile : called once, after the first batch, while other processes simulate the next ones.
     Raises ValueError for a folder that cannot be written, or if no parameter set could be simulated.
     """

@@ -14,9 +14,9 @@ from typing import Any
 
 import polars as pl
 
-from fitting.result_files import check_unmixed, json_text
+from fitting.results.result_files import check_unmixed, json_text
 from solver.errors import InputError
-from solver.writing import make_folder, write_folder, write_whole
+from solver.io.writing import make_folder, write_folder, write_whole
 
 from .batch import FAILED, SET, parquet
 from .plan import Plan

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.errors import InputError
-from solver.files import parse_quantity
-from solver.quantity import Quantity
-from solver.text import did_you_mean, typed_unit
+from solver.network.files import parse_quantity
+from solver.quantities.quantity import Quantity
+from solver.quantities.text import did_you_mean, typed_unit
 
 Array = np.ndarray
 

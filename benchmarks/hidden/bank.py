@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from fitting.tasks import done
+from fitting.parallel.tasks import done
 from tests.truth.plan import whole
 
 from .row import Line, row
@@ -60,8 +60,8 @@ class Bank:
         scheduler: str | None = None, least: float = 0.0,
     ) -> None:  # fmt: skip
         """Judge the first ``limit`` records of the plan that are not yet in the file; nulls : of those without a
-        hidden effect only. scheduler : of a cluster that does it (:mod:`fitting.tasks`). least : of d', below which a
-        record is not judged."""
+        hidden effect only. scheduler : of a cluster that does it (:mod:`fitting.parallel.tasks`). least : of d', below
+        which a record is not judged."""
         judged = {x["index"] for x in self.lines(mixed)}
         cases = whole(self.kind, self.group, self.seed)[:limit]
         wanted = [i for i, case in enumerate(cases) if not (nulls and case.effects)]

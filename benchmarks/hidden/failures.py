@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from solver.network import Network
+from solver.network.description import Network
 
 from . import words as w
 from .tables import SEPARABLE

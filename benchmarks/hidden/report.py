@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from solver.files import write_whole
-from solver.network import Network
+from solver.network.description import Network
+from solver.network.files import write_whole
 
 from . import animals, through_fmu
 from . import tables as t

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 
 from discrepancy import thresholds
-from discrepancy.asked import TIME_LIMIT
-from discrepancy.intervals import stated
-from discrepancy.scoring import Named
-from discrepancy.study import Study, Unusable, judge
-from discrepancy.verdict import Naming
+from discrepancy.find.study import Study, Unusable
+from discrepancy.name.intervals import stated
+from discrepancy.name.scoring import Named
+from discrepancy.name.verdict import Naming
+from discrepancy.options import TIME_LIMIT
 from fitting.inference.fit import Fit
 from fitting.inference.places import Place
-from fitting.inference.simulator import Runs
-from fitting.inference.source_map import SourceMap
-from fitting.records.record import Record
+from fitting.inference.runs import Runs
+from fitting.inference.source_maps.source_map import SourceMap
+from fitting.records.read.record import Record
 from solver.simulate import BROKEN
+from tests.judged import judge
 from tests.truth.anatomy import anatomy
 from tests.truth.bench import NoPeriodicRadius
 from tests.truth.detect import detect

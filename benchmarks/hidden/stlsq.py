@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from fitting.records import spectral
-from fitting.records.align import align
-from fitting.records.record import Record
-from solver.network import Network
+from fitting.records.alignment.align import align
+from fitting.records.channels import spectral
+from fitting.records.read.record import Record
+from solver.network.description import Network
 from tests.truth.records import FITTED, Case
 
 Array = np.ndarray

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver.network import Network
+from solver.network.description import Network
 
 from . import stlsq
 from . import words as w

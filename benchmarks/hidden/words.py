@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from solver import effects
-from solver.network import Network
+from solver.laws import effects
+from solver.network.description import Network
 from tests.truth.hide import OUTSIDE, OUTSIDE_SENSOR, OUTSIDE_WALL
 
 Line = dict[str, Any]

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from fitting.pages.style import BLACK, BLUE, GREEN, ORANGE, SKY, STYLE, VERMILION
-
+from ..pages.style import BLACK, BLUE, GREEN, ORANGE, SKY, STYLE, VERMILION
 from .claims import Claim
 from .fits import Cohort
 

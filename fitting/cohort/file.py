@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from solver.errors import InputError
-from solver.files import parse_quantity, read_text
-from solver.network import Segment
-from solver.quantity import quantities
+from solver.network.description import Segment
+from solver.network.files import parse_quantity, read_text
+from solver.quantities.quantity import quantities
 
-from ..records.tables.titles import name_and_unit
+from ..records.read.titles import name_and_unit
 
 _SEPARATORS = (",", ";", "\t")
 _WHO = ("animal", "subject", "patient", "participant", "volunteer")  # possible titles of the first column

@@ -10,24 +10,24 @@ from pathlib import Path
 import numpy as np
 
 from solver.errors import InputError
-from solver.laws import ELASTIC_LAWS
+from solver.laws.wall_laws import ELASTIC_LAWS
 
-from ..elastic_law import LawEvidence
-from ..estimate import mixture
-from ..indices import E_inc
 from ..inference.unknown import quantile
-from ..parameter_set import ParameterSet, Value
-from ..provenance import software
-from ..records.align import align
-from ..records.beats import Beats
-from ..records.columns import Reading
+from ..parallel.tasks import done
+from ..records.alignment.align import align
+from ..records.alignment.beats import Beats
 from ..records.plausible import Artery, check_plausible
-from ..records.record import read_record
-from ..tasks import done
-from ..wall import fit
-from ..wall_fit import WallFit
-from ..wall_model import PARAMETERS, UNITS, model
-from ..weighing import evidence, weighing_model
+from ..records.read.columns import Reading
+from ..records.read.record import read_record
+from ..results.estimate import mixture
+from ..results.parameter_set import ParameterSet, Value
+from ..results.provenance import software
+from ..wall.elastic_law import LawEvidence
+from ..wall.indices import E_inc
+from ..wall.law_selection import evidence, weighing_model
+from ..wall.site_fit import fit
+from ..wall.wall_fit import WallFit
+from ..wall.wall_model import PARAMETERS, UNITS, model
 from . import claims as cohort_claims
 from .claims import Cells, Claim
 from .file import Entry, read_cohort
@@ -264,10 +264,10 @@ def fit_cohort(
 ) -> Cohort:
     """Fit every recording by every model; R0 is free in all of them.
 
-    models, elastic : names of :func:`fitting.wall_model.model`. eta : Poisson's ratio. Without ``elastic`` every law is
-    fitted, and the evidence of all recordings together selects one for the cohort.
+    models, elastic : names of :func:`fitting.wall.wall_model.model`. eta : Poisson's ratio. Without ``elastic`` every
+    law is fitted, and the evidence of all recordings together selects one for the cohort.
     reading : of every record. as_measured : accept values that no artery has. jobs, scheduler : as in
-    :func:`fitting.tasks.done`. progress : called with the finished fraction and the recording.
+    :func:`fitting.parallel.tasks.done`. progress : called with the finished fraction and the recording.
     The failures list unusable recordings and models, with their sentences. Raises ValueError for an unknown model, for
     no entries, or if no recording could be fitted.
     """

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from solver.errors import InputError
-from solver.writing import write_folder
+from solver.io.writing import write_folder
 
-from ..records.record import record_content
+from ..records.read.record import record_content
 from ..records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radii, table_wall
-from ..result_files import json_text
+from ..results.result_files import json_text
 
 Array = np.ndarray
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from solver.units import INFLOW, MMHG, of_signal
+from solver.quantities.units import INFLOW, MMHG, of_signal
 
-from ..records.beats import Beats
+from ..records.alignment.beats import Beats
 from .estimates import Found
 from .waves import foot, later, smooth
 

@@ -11,10 +11,10 @@ import numpy as np
 from scipy.optimize import brentq
 
 from solver.errors import InputError
-from solver.units import INFLOW, MMHG, of_signal
+from solver.quantities.units import INFLOW, MMHG, of_signal
 
-from ..records.beats import Beats
-from ..records.spectral import coefficients
+from ..records.alignment.beats import Beats
+from ..records.channels.spectral import coefficients
 from .waves import foot, heard, later, smooth, steepest_foot
 
 Array = np.ndarray

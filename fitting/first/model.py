@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from solver.errors import InputError
-from solver.files import loads
 from solver.linear import waveforms
-from solver.network import Fluid, Network
-from solver.units import INFLOW, MMHG
+from solver.network.description import Fluid, Network
+from solver.network.files import loads
+from solver.quantities.units import INFLOW, MMHG
 
-from ..records.beats import Beats
-from ..records.spectral import coefficients, resample
+from ..records.alignment.beats import Beats
+from ..records.channels.spectral import coefficients, resample
 from . import text
 from .doubts import doubts
 from .estimates import Found, compliances, delay, impedance, reflection_time, resistance, root_pressure, sites

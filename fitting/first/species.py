@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.errors import InputError
-from solver.files import bundled, read_network
+from solver.network.files import bundled, read_network
 
 WEST = "G. B. West, J. H. Brown, B. J. Enquist, Science 276 (1997) 122"
 _POWER = 3.0 / 8.0  # of the body mass, for the radius of the aorta; pressure and velocities do not scale

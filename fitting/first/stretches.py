@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver.errors import InputError
-from solver.units import INFLOW
+from solver.quantities.units import INFLOW
 
-from ..records.beats import Beats
+from ..records.alignment.beats import Beats
 
 _SIDE = 0.05  # of the flow: a larger loss between two sites leaves through a side branch
 _TRUNK = 0.5  # of the first delay: the common part of vessels that fork at the root

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from solver.network import Network, Segment
-from solver.outlets import Windkessel
-from solver.quantity import quantities
-from solver.text import quoted, typed_unit
-from solver.units import display_factor, display_units, readable
+from solver.laws.outlets import Windkessel
+from solver.network.description import Network, Segment
+from solver.quantities.quantity import quantities
+from solver.quantities.text import quoted, typed_unit
+from solver.quantities.units import display_factor, display_units, readable
 
 from .estimates import Found
 from .tubes import Tube

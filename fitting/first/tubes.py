@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.network import Fluid
+from solver.network.description import Fluid
 
 from .species import Typical
 from .stretches import Stretch

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..records.beats import Beats
-from ..records.spectral import coefficients, derivative, resample, without_high
+from ..records.alignment.beats import Beats
+from ..records.channels.spectral import coefficients, derivative, resample, without_high
 
 Array = np.ndarray
 

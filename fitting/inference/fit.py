@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
-from .terms import Term
+from .hypothesis import Term
 from .unknown import Unknown, bounds, penalty, precision, precisions
 
 Array = np.ndarray

@@ -12,16 +12,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from solver.network import Network
+from solver.network.description import Network
 
-from ..records.beats import Beats
-from ..records.noise import mean_beat
-from .added import frequency
+from ..records.alignment.beats import Beats
+from ..records.channels.noise import mean_beat
+from .extended_network import frequency
 from .fit import Fit
 from .gauss_newton import Point, Rules, Trial
+from .hypothesis import Term
 from .jackknife import Rest
-from .simulator import Runs
-from .terms import Term
+from .runs import Runs
 from .unknown import Unknown
 
 Array = np.ndarray
@@ -145,7 +145,8 @@ class Forward(Protocol):
     # --- errors of the model --------------------------------------------------------------------------------------
 
     def widened(self, errors: Array) -> Forward:
-        """The same record with ``errors`` of the model (:class:`~fitting.inference.misfit.Beside`) allowed for."""
+        """The same record with ``errors`` of the model (:class:`~fitting.inference.model_discrepancy.Beside`) allowed
+        for."""
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
         """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""

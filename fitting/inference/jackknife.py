@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from ..records.noise import Target
+from ..records.channels.noise import Target
 from .fit import Fit
 from .gauss_newton import linear_step
 from .unknown import precision

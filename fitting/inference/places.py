@@ -7,11 +7,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from solver import effects
-from solver.effect import ALL_PLACES, CHANNEL, DROP, JUNCTION, OUTFLOW, OUTLET, WALL
-from solver.network import Network
-from solver.sources import Drop, InletFlow, Outflow, OutletFlow, Source, Step, WallPressure
-from solver.units import INFLOW
+from solver.laws import effects
+from solver.laws.effect import ALL_PLACES, CHANNEL, DROP, JUNCTION, OUTFLOW, OUTLET, WALL
+from solver.mesh.sources import Drop, InletFlow, Outflow, OutletFlow, Source, Step, WallPressure
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
 
 from .unknown import Unknown
 
@@ -25,7 +25,7 @@ _SHAPES = (1.0, 0.5, 0.2)  # relative sizes of a wall's pressure that is even, l
 class Place:
     """Where something may act.
 
-    kind : of its sources, as effects name it (:attr:`solver.effect.Effect.source`), or NUMBER. name : the segment,
+    kind : of its sources, as effects name it (:attr:`solver.laws.effect.Effect.source`), or NUMBER. name : the segment,
     outlet, junction or channel, or "all". sources : of unit amplitude, with their sizes ``relative`` to one another.
     at : x/L of a stretch. channel : that shows a signal of its own. unknown : the number that stands out.
     """

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.coordinate import SCALE, SHIFT, Coordinate, allowed
-from solver.network import Network
-from solver.quantity import Quantity
+from solver.network.description import Network
+from solver.quantities.coordinate import SCALE, SHIFT, Coordinate, allowed
+from solver.quantities.quantity import Quantity
 
-from .terms import OWN, deviations, nuisances
+from .hypothesis import OWN, deviations, nuisances
 from .unknown import Unknown
 
 Array = np.ndarray

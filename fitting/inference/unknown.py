@@ -1,8 +1,8 @@
 """Unknowns: coordinates of a search with their priors, the values that follow from them, and intervals.
 
 An unknown is one number x, 0 at the network's own values, that moves one variable or several together
-(:class:`solver.coordinate.Coordinate`): ``scale`` nominal exp(step x), ``shift`` nominal + step x. Several unknowns may
-move one variable; their scales multiply and their shifts add.
+(:class:`solver.quantities.coordinate.Coordinate`): ``scale`` nominal exp(step x), ``shift`` nominal + step x. Several
+unknowns may move one variable; their scales multiply and their shifts add.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import t as t_distribution
 
-from solver.coordinate import SCALE, Coordinate
-from solver.network import Network
-from solver.quantity import Quantity
+from solver.network.description import Network
+from solver.quantities.coordinate import SCALE, Coordinate
+from solver.quantities.quantity import Quantity
 
-from ..estimate import Estimate
+from ..results.estimate import Estimate
 
 Array = np.ndarray
 Reach = tuple[float, float]  # how far an interval goes down and up, in standard deviations

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
-from solver.units import of_signal
+from solver.quantities.units import of_signal
 
 from .style import Picture
 

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 
-from fitting.pages.style import STYLE
-from solver.legible import DASH, NOT_DETERMINED, endless, interval, number, rounded, shown_in, signed
-from solver.units import of_signal, readable
-from solver.writing import write_folder
+from solver.io.writing import write_folder
+from solver.quantities.legible import DASH, NOT_DETERMINED, endless, interval, number, rounded, shown_in, signed
+from solver.quantities.units import of_signal, readable
 
-from ..agreement import Agreement, LoopArea
-from ..check import CheckReport
-from ..estimate import Estimate
-from ..indices import modulus
-from ..parameter_set import quantity_of
+from ..check.agreement import Agreement, LoopArea
+from ..check.fmu_check import CheckReport
+from ..results.estimate import Estimate
+from ..results.parameter_set import quantity_of
+from ..wall.indices import modulus
 from .page import environment, in_words
 from .panels import DASHED, MEASURED, SIMULATED, Curve, Drawing, drawing, loops, waveforms
+from .style import STYLE
 
 FILES = ("check.json", "waveforms.png", "residuals.png", "loops.png", "check.html")
 

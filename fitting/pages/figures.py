@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 
-from fitting.pages.style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION, Picture
-from solver.legible import number
-from solver.units import MMHG
+from solver.quantities.legible import number
+from solver.quantities.units import MMHG
 
-from ..records.beats import Beats
-from ..wall import without_lag
-from ..wall_fit import WallFit
+from ..records.alignment.beats import Beats
+from ..wall.site_fit import without_lag
+from ..wall.wall_fit import WallFit
+from .style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION, Picture
 
 Array = np.ndarray
 

@@ -8,7 +8,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 
 from solver.layout import Lane, lanes
-from solver.network import Network
+from solver.network.description import Network
 
 from .style import ARTERY, FAINT, STYLE, TEXT, Picture
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from solver.legible import number
-from solver.units import readable
+from solver.quantities.legible import number
+from solver.quantities.units import readable
 
 _LONGEST = 400  # characters of an entry: longer ones are for programs, in the JSON beside the page
 

@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fitting.pages.channel_panels import by_place
-from fitting.pages.style import BLACK, SKY, VERMILION, Picture, png
-from solver.units import of_signal
+from solver.quantities.units import of_signal
+
+from .channel_panels import by_place
+from .style import BLACK, SKY, VERMILION, Picture, png
 
 Array = np.ndarray
 

@@ -16,13 +16,13 @@ from itertools import product
 
 import numpy as np
 
-from solver.network import Network
-from solver.units import of_signal
+from solver.network.description import Network
+from solver.quantities.units import of_signal
 
 from . import thresholds as limit
-from .record import Record
-from .sensors import KINDS, UnusableRecord
-from .tables.titles import factor
+from .read.record import Record
+from .read.sensors import KINDS, UnusableRecord
+from .read.titles import factor
 
 Array = np.ndarray
 

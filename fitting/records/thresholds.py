@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from solver.units import MMHG
+from solver.quantities.units import MMHG
 
 # --- for all ---
 FIVE_PERCENT = 1.645  # standard deviations, one-sided

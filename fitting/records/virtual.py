@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from solver.errors import InputError
 
-from ..parameter_set import read_set
+from ..results.parameter_set import read_set
 
 Array = np.ndarray
 

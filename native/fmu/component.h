@@ -7,7 +7,7 @@
 
 #include <stddef.h>
 
-/* --- the resource: arrays in one file, as fmu_src/resource.py writes them -------------------------------------------- */
+/* --- the resource: arrays in one file, as fmu_src/native/resource.py writes them -------------------------------------------- */
 
 enum { SOME_BYTES, SOME_INTEGERS, SOME_NUMBERS };
 enum { META, GUID, OPERATIONS, VARIABLES, RANGES, STRINGS, PARAMETERS, INLETS, INLET_NUMBERS, CURVES, VENOUS,

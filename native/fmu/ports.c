@@ -1,4 +1,4 @@
-/* How pressure and flow at the ends answer each other over the next communication step: fmu_src/ports.py. */
+/* How pressure and flow at the ends answer each other over the next communication step: fmu_src/cosimulation/ports.py. */
 #include "component.h"
 
 #include <math.h>

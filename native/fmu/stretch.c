@@ -1,4 +1,4 @@
-/* Communication steps as fmu_src/stretch.py makes them: internal steps, halved where they do not converge. */
+/* Communication steps as fmu_src/cosimulation/stretch.py makes them: internal steps, halved where they do not converge. */
 #include "component.h"
 
 #include <math.h>
@@ -108,7 +108,7 @@ static void as_long_as(const arterial_program *p, double *state, double before, 
     }
 }
 
-/* What has flowed in at an inlet in a step: volume_entered in solver/outputs.py. */
+/* What has flowed in at an inlet in a step: volume_entered in solver/scheme/outputs.py. */
 static double entered(const arterial_program *p, int32_t column, const double *before, const double *after, double dt)
 {
     const double *const rates = after + p->n_y + p->n_A + p->n_H + column - p->at_Q;

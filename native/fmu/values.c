@@ -1,4 +1,4 @@
-/* The values of variables, read and set, as fmu_src/base.py has it. */
+/* The values of variables, read and set, as fmu_src/slaves/base.py has it. */
 #include "component.h"
 
 #include <math.h>

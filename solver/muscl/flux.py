@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..wall import Wall
+from ..laws.wall import Wall
 from .model import Model
 from .slopes import SLOPES
 

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
-from ..network import Network
-from ..scheme.element import lagrange
-from ..scheme.elimination import Elimination, eliminate
-from ..scheme.mesh import Topology, topology
+from ..mesh.element import lagrange
+from ..mesh.elimination import Elimination, eliminate
+from ..mesh.mesh import Topology, topology
+from ..network.description import Network
 
 Array = np.ndarray
 

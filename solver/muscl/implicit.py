@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..outlets import Load
+from ..laws.outlets import Load
 from .flux import pressure_elastic, speeds, stretch
 from .model import Model
 

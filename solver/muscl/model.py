@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..coefficients import Coefficients, Parameters, Term, changes, coefficients
 from ..errors import InputError
-from ..network import Network
-from ..table_source import refuse
-from ..wall import Wall
+from ..laws.wall import Wall
+from ..network.coefficients import Coefficients, Parameters, Term, changes, coefficients
+from ..network.description import Network
+from ..network.table_source import refuse
 from .grid import Grid, build_grid
 from .settings import MusclSettings
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..outputs import Reporter
+from ..scheme.outputs import Reporter
 from .flux import pressure_elastic
 from .model import Model
 from .step import State
@@ -13,7 +13,7 @@ Array = np.ndarray
 
 
 def reporter(model: Model) -> Reporter[State]:
-    """The outputs of :func:`solver.outputs.reporter`: elastic pressure, Q and ∂A/∂t = -∂Q/∂x at a site by
+    """The outputs of :func:`solver.scheme.outputs.reporter`: elastic pressure, Q and ∂A/∂t = -∂Q/∂x at a site by
     cubics through the four nearest cells, P from the wall law; at outlets and inlet pressure and flow of the nodes."""
     network, grid = model.network, model.mesh
     index = {segment.name: i for i, segment in enumerate(network.segments)}

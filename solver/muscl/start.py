@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import start
+from ..periodic import start
 from ..scheme.model import build
 from .flux import pressure_elastic
 from .implicit import Solved
@@ -17,7 +17,7 @@ from .step import State
 def periodic_state(
     model: Model, drive: Any, T: float, t: float = 0.0, dt: float | None = None, backend: str = "numpy"
 ) -> State:
-    """The state of :func:`solver.start.periodic_state`, with the same arguments and errors.
+    """The state of :func:`solver.periodic.start.periodic_state`, with the same arguments and errors.
 
     The first step from it is an Euler step, as from rest.
     """

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..errors import InputError
-from ..scheme.element import lagrange
+from ..mesh.element import lagrange
 from ..scheme.failure import NonPhysicalState
 from ..scheme.sdirk import INFLOW_TIMES
 from .flux import rates, speeds

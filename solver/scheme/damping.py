@@ -26,8 +26,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..wall import Wall
-from .mesh import Mesh
+from ..laws.wall import Wall
+from ..mesh.mesh import Mesh
 
 Array = np.ndarray
 
@@ -50,7 +50,7 @@ class HighDegrees:
     """The resistance against the high degrees.
 
     Z, small : (B, n_e, N+1), the same at all points; small : (δAc)². high : (N+1, N+1), of
-    :attr:`~solver.scheme.element.Element.high_degrees`.
+    :attr:`~solver.mesh.element.Element.high_degrees`.
     """
 
     Z: Array

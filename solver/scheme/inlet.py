@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .mesh import Index, as_slice
+from ..mesh.mesh import Index, as_slice
 from .sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, VALUES_AT_STAGES
 
 Array = np.ndarray

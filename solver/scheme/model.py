@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from ..coefficients import Coefficients, Parameters, changes, coefficients
-from ..effect import Drag, Points
 from ..errors import InputError
-from ..network import Network
-from ..validation import check_parameters
-from ..wall import Wall
+from ..laws.effect import Drag, Points
+from ..laws.wall import Wall
+from ..mesh.mesh import Layout, Mesh, build_mesh
+from ..mesh.source_tables import NoTables, Tables
+from ..network.coefficients import Coefficients, Parameters, changes, coefficients
+from ..network.description import Network
+from ..network.validation import check_parameters
 from .damping import Damping, damping
 from .inlet import Inlets
-from .mesh import Layout, Mesh, build_mesh
 from .optional import DragForce, Force, Leaking, NoForce, Storage, Tight
-from .tables import NoTables, Tables
 
 Array = np.ndarray
 

@@ -11,8 +11,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..effect import Drag
-from ..wall import Wall
+from ..laws.effect import Drag
+from ..laws.wall import Wall
 
 Array = np.ndarray
 
@@ -40,7 +40,7 @@ class NoForce:
 
 @dataclass(frozen=True)
 class DragForce:
-    """ρ w J f(U) at the Lobatto points, f of :class:`~solver.effect.Drag`, whose memory is a history z = y - U.
+    """ρ w J f(U) at the Lobatto points, f of :class:`~solver.laws.effect.Drag`, whose memory is a history z = y - U.
 
     mass : (B, n_e, N+1) ρ w J. quadratic : like mass. weight, rate : (B, m, n_e, N+1). at_lobatto : (N, N+1).
     Of a stage: passed = τ rate; linear, constant : like mass, of Σ weight y = linear U + constant.

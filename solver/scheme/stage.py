@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..outlets import Load
-from ..wall import Wall
+from ..laws.outlets import Load
+from ..laws.wall import Wall
+from ..mesh.elimination import Factor
+from ..mesh.mesh import Index, as_slice
 from . import terms
-from .elimination import Factor
 from .guards import refuse
-from .mesh import Index, as_slice
 from .model import Model
 from .optional import Force
 from .sdirk import GAMMA
@@ -27,7 +27,8 @@ _KEPT = 16  # lengths of step whose operators a model keeps
 
 @dataclass(frozen=True)
 class Loads:
-    """What the outlets put on the nodes at the end of a stage: :class:`~solver.outlets.Load`, scale ΣQ = flow(P - P_b).
+    """What the outlets put on the nodes at the end of a stage: :class:`~solver.laws.outlets.Load`, scale ΣQ = flow(P -
+    P_b).
 
     scale : (B, n_nodes), 1 but at outlets and at inlets whose pressure is given. signs : what the flows at element
     ends count then. keep, give, charge : (B, n_outlets). kinds : nodes, outlets, load of each.

@@ -21,9 +21,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
+from ..mesh.mesh import Layout
 from .failure import NonPhysicalState, NotConverged
 from .guards import check
-from .mesh import Layout
 from .model import Model
 from .sdirk import HALVES, SDIRK3, STAGES
 from .stage import Stage, largest, operators

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..wall import Wall
+from ..laws.wall import Wall
 from .model import Model
 from .optional import Force, Storage
 

@@ -1,1 +1,1 @@
-"""The scheme's code recorded as array programs, which the compiled engine runs (:mod:`~solver.native`)."""
+"""The scheme's code recorded as array programs, which the compiled engine runs (:mod:`~solver.tracing.native`)."""

@@ -14,13 +14,13 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..coefficients import changes, coefficients
-from ..effects import ALL
-from ..network import Network
-from ..outputs import inlet_answers, site_walls, venous_flow, volume_weights
+from ..laws.effects import ALL
+from ..mesh.mesh import Mesh, build_mesh
+from ..network.coefficients import changes, coefficients
+from ..network.description import Network
 from ..scheme.guards import VISCOSITY_REASON, margins
-from ..scheme.mesh import Mesh, build_mesh
 from ..scheme.model import Model, Settings, lay_out
+from ..scheme.outputs import inlet_answers, site_walls, venous_flow, volume_weights
 from ..scheme.sdirk import GAMMA
 from ..scheme.step import State
 from .array import Traced, array, later

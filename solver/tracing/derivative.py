@@ -11,10 +11,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..network import Network
-from ..outputs import volume_weights
+from ..network.description import Network
 from ..scheme import terms
 from ..scheme.model import Settings
+from ..scheme.outputs import volume_weights
 from ..scheme.sdirk import GAMMA
 from ..scheme.stage import Stage, condense
 from ..scheme.step import State

@@ -15,15 +15,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..network import Network
-from ..outputs import reporter, site_walls
+from ..mesh.mesh import Layout, Mesh
+from ..mesh.source_tables import NoTables
+from ..network.description import Network
 from ..scheme.guards import margins
-from ..scheme.mesh import Layout, Mesh
 from ..scheme.model import Model
+from ..scheme.outputs import reporter, site_walls
 from ..scheme.sdirk import INFLOW_TIMES
 from ..scheme.stage import Operators, Stage, condense, largest, operators_about
 from ..scheme.step import State, tolerances
-from ..scheme.tables import NoTables
 from .array import Traced, array, later
 from .program import Program, compiled
 from .recorder import Recorder

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from solver.network import Network
-from solver.outlets import Pressure, Reflection, Resistance, Windkessel
+from solver.laws.outlets import Pressure, Reflection, Resistance, Windkessel
+from solver.network.description import Network
 
 
 @dataclass(frozen=True)

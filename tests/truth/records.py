@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.records.record import write_record
+from fitting.records.read.record import write_record
 from solver import Network, load
 
 from . import varying

@@ -1,0 +1,163 @@
+"""The command ``build``: FMUs of arteries, hearts, bodies and whole systems."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import typer.core
+
+from arterial_fmu.cli.terminal.console import faults, put, say, sentences
+from arterial_fmu.cli.terminal.options import DefaultGroup, Json, NetworkName, Quiet
+from arterial_fmu.cli.terminal.progress import bar
+from build_fmu import build, build_model, build_native, build_system
+from fmu_src.contents import models
+from fmu_src.contents.models import Model
+from fmu_src.native.binaries import PLATFORMS
+from fmu_src.variables.variable import Variable
+from solver.errors import InputError
+from solver.io.writing import check_destinations
+from solver.lumped.species import SPECIES
+from solver.network.files import find_network, read_network
+from solver.quantities.text import assignments
+from solver.scheme.model import Settings
+
+from .doctor import main as doctor_command
+
+app = typer.Typer(
+    cls=DefaultGroup,
+    add_completion=False,
+    rich_markup_mode=None,
+    help="Build FMUs of arteries and of what they are coupled to.",
+)
+
+
+_SPECIES = "|".join(SPECIES)
+
+
+SpeciesName = Annotated[str, typer.Option("--species", metavar=_SPECIES, help="Whose heart or body.")]
+
+
+Changes = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='Another start value: "heart.rate=1.3 Hz".')
+]
+
+
+Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
+
+
+ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
+
+
+@app.command("network")
+def main(
+    network: NetworkName = "sheep",
+    out: Out = Path("dist"),
+    execution_tool: ExecutionTool = True,
+    inlet: Annotated[
+        str | None,
+        typer.Option(metavar="flow|pressure", help="What drives the inlet; default as in the network file."),
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help='Another start value, such as "CA.phi0=0 kPa*s".'),
+    ] = None,
+    native: Annotated[bool, typer.Option("--native", help="An FMU that needs no Python on its host.")] = False,
+    fmi: Annotated[int, typer.Option(metavar="2|3", help="With --native: version of the standard.")] = 2,
+    platforms: Annotated[
+        str,
+        typer.Option(metavar="|".join(PLATFORMS), help="With --native: for which, by commas; default this machine."),
+    ] = "",
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Build the FMU of a network of arteries; the default: the word network may be left out."""
+    with sentences(), bar(quiet, "building"):
+        if inlet not in (None, "flow", "pressure"):
+            raise InputError(f"--inlet {inlet}: must be flow or pressure.")
+        arteries = read_network(find_network(network))
+        check_destinations(out / f"{arteries.name}.fmu", given=[network], folders=True)
+        arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
+        starts = _start_values(models.arteries_model(arteries, Settings()).table, change or [])
+        if native:
+            target = build_native(arteries, out, None, starts, fmi, [p for p in platforms.split(",") if p])
+        else:
+            if fmi != 2 or platforms:
+                raise InputError("--fmi and --platforms: for FMUs that need no Python; add --native.")
+            target = build(arteries, out, execution_tool=execution_tool, starts=starts)
+    _report(target, as_json, quiet)
+
+
+def _start_values(table: Iterable[Variable], changes: Sequence[str]) -> dict[str, float | str]:
+    """Start values from texts such as "CA.phi0=0 kPa*s". Raises ValueError."""
+    numbers = {v.name: v.quantity for v in table if v.quantity is not None}
+    return assignments(changes, {name: (q.unit, q.display) for name, q in numbers.items()})
+
+
+def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
+    """The command that builds a heart or a body."""
+
+    def command(
+        species: SpeciesName = "human",
+        out: Out = Path("dist"),
+        execution_tool: ExecutionTool = True,
+        change: Changes = None,
+        as_json: Json = False,
+        quiet: Quiet = False,
+    ) -> None:
+        with sentences(), bar(quiet, "building"):
+            known = model(species)
+            check_destinations(out / f"{known.name}.fmu", folders=True)
+            starts = _start_values(known.table, change or [])
+            target = build_model(model(species, starts), out, execution_tool)
+        _report(target, as_json, quiet)
+
+    return command
+
+
+app.command("heart", help="Build the FMU of a left heart.")(_lumped(models.heart_model))
+
+
+_VEINS = "Build the FMU of the veins, which close the volume between arteries and heart."
+
+
+app.command("body", help=_VEINS)(_lumped(models.body_model))
+
+
+@app.command("system")
+def system_command(
+    network: NetworkName = "human",
+    species: Annotated[
+        str | None,
+        typer.Option(metavar=_SPECIES, help="Whose heart and body; default as the network is called."),
+    ] = None,
+    out: Out = Path("dist"),
+    execution_tool: ExecutionTool = True,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Build heart, arteries and body as one system in SSP."""
+    with sentences(), bar(quiet, "building heart, arteries and body"):
+        arteries = read_network(find_network(network))
+        check_destinations(out / f"{arteries.name}.ssp", folders=True)
+        target = build_system(arteries, species, out, execution_tool)
+    _report(target, as_json, quiet)
+
+
+app.command("doctor")(doctor_command)
+
+
+def _report(target: Path, as_json: bool, quiet: bool) -> None:
+    size = target.stat().st_size
+    if as_json:
+        put({"written": [str(target)], "bytes": size})
+    elif not quiet:
+        say(f"wrote {target} ({size / 1024:.0f} kB)")
+
+
+if __name__ == "__main__":
+    with faults():
+        app()

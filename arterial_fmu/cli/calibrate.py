@@ -1,0 +1,170 @@
+"""The command ``calibrate``: fit parameters of a network to one recording of it, or to several of one animal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from arterial_fmu.cli.terminal.console import put, say_notes, say_written, sentences, show
+from arterial_fmu.cli.terminal.options import Json, NetworkName, Quiet
+from arterial_fmu.cli.terminal.progress import PACE, bar
+from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
+from fitting.records.channels.filters import with_filters
+from fitting.records.plausible import arteries, check_plausible
+from fitting.records.read.columns import Reading
+from fitting.records.read.record import read_record
+from fitting.records.recordings import check_one, not_judged
+from fitting.results.estimate import Estimate
+from fitting.results.parameter_set import ParameterSet, read_set, set_content, set_format, set_json
+from fitting.wall.indices import plain
+from solver import NonPhysicalState, NotPeriodic
+from solver.errors import InputError
+from solver.io.writing import check_destinations, write_all
+from solver.network.description import Network
+from solver.network.files import find_network, read_network
+
+from .terminal.record_options import (
+    AsMeasured,
+    Beside,
+    Columns,
+    Decimal,
+    Filters,
+    Further,
+    HeldOutFiles,
+    Mapped,
+    Period,
+    seconds,
+)
+
+Varies = Annotated[
+    list[str] | None,
+    typer.Option(
+        help='Unknowns of --free with a value for each recording, repeatable: "*.outlet.R2", "all.outlet.R2".'
+    ),
+]
+
+
+def calibrate_command(
+    record: Annotated[
+        Path, typer.Argument(is_eager=True, help="File with `time [s]`, `inlet.Q` and P, Q or R at some sites.")
+    ],
+    network: NetworkName,
+    free: Annotated[
+        list[str],
+        typer.Option(
+            help='Unknowns to fit, repeatable: "all.E", "CA.phi0:0.1" (prior sd), "CA+FA.E:none", "all.outlet.R_t".'
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write the parameter set, and one for each of several recordings: .json or .ssv."),
+    ] = None,
+    further: Further = None,
+    varies: Varies = None,
+    hold_out: HeldOutFiles = None,
+    start: Annotated[
+        Path | None, typer.Option(help="Parameter set to start from; default: the network's values.")
+    ] = None,
+    starts: Annotated[
+        int, typer.Option(help="Searches: the first from the network's values, others from its priors, twice as wide.")
+    ] = 1,
+    seed: Annotated[int, typer.Option(help="Same seed, same starts.")] = 1,
+    jobs: Annotated[int, typer.Option(help="Processes that search at the same time.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that searches, tcp://…:8786.")] = None,
+    mapped: Mapped = None,
+    beside: Beside = None,
+    decimal: Decimal = None,
+    columns: Columns = False,
+    as_measured: AsMeasured = False,
+    filters: Filters = None,
+    period: Period = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find parameters of a network from a record of it, or from several of one animal."""
+    from fitting.calibrate.calibrated import labels_of
+    from fitting.calibrate.held_out import judge
+    from fitting.calibrate.multistart import calibrate_from
+    from fitting.calibrate.network_indices import network_indices
+
+    from .tables.fits import calibration_table, network_indices_table
+    from .tables.recordings import recordings_table
+
+    paths, judged = [record, *(further or ())], hold_out or []
+    with sentences(NonPhysicalState, NotPeriodic), bar(quiet, pace=PACE) as progress:
+        progress(0.0, "reading")
+        check_one(beside, len(paths) + len(judged))
+        sets = _sets(out, labels_of(list(map(str, paths))))
+        how = Reading.asked(mapped, decimal, beside)
+        check_destinations(*sets, given=[*paths, *judged, *how.beside, network, start])
+        if out is not None:
+            set_format(out)
+        described = read_network(find_network(network))
+        if start is not None:
+            described = read_set(start).apply(described)
+        described = with_filters(described, filters or ())
+        recordings = [_beats(path, how, described, as_measured, period) for path in paths]
+        unseen = [_beats(path, how, described, as_measured, period) for path in judged]
+        tried = calibrate_from(
+            recordings, described, free, starts, varies=varies or (), seed=seed, jobs=jobs, scheduler=scheduler,
+            progress=progress,
+        )  # fmt: skip
+        result = tried.best
+        progress(1.0, "indices of the sites")
+        indices = [network_indices(result.of(i), described, beats) for i, beats in enumerate(recordings)]
+        held_out, unjudged = [], list[str]()
+        for beats in unseen:
+            try:
+                held_out.append(judge(result, beats, described))
+            except (InputError, NonPhysicalState, NotPeriodic) as error:  # the fit stands without it
+                unjudged.append(not_judged(beats.source, error))
+        extra: dict[str, object] = {"filters": list(filters)} if filters else {}
+        if starts > 1:
+            extra["starts"] = tried.plain()
+        if held_out:
+            extra["held_out"] = [each.plain() for each in held_out]
+        complete = start is not None
+        parameters = _with(result.parameter_set(complete=complete), extra, indices[0] if len(paths) == 1 else None)
+        written = [parameters]
+        if len(paths) > 1:
+            each = [result.of(i).parameter_set(complete=complete) for i in range(len(paths))]
+            written += [_with(own, extra, found) for own, found in zip(each, indices, strict=True)]
+        if out is not None:
+            write_all({path: set_content(own, path) for path, own in zip(sets, written, strict=True)})
+    if as_json:
+        put(set_json(parameters))
+    elif not quiet:
+        show(calibration_table(result))
+        if len(paths) == 1:
+            show(network_indices_table(result.network, indices[0]))
+        show(recordings_table(result, held_out))
+    if not quiet:
+        say_notes([*result.report, *unjudged], aside=as_json)
+        say_written(*sets, aside=as_json)
+
+
+def _sets(out: Path | None, labels: Sequence[str]) -> list[Path]:
+    """The files of the common values and, for several recordings, of each: set.json, set.A.json, set.B.json."""
+    if out is None:
+        return []
+    return [out, *(out.with_name(f"{out.stem}.{label}{out.suffix}") for label in labels if len(labels) > 1)]
+
+
+def _beats(path: Path, how: Reading, network: Network, as_measured: bool, period: str | None) -> Beats:
+    measured = read_record(path, how)
+    if not as_measured:
+        check_plausible(measured, arteries(network))
+    return align(measured, seconds(period, "--period"))
+
+
+def _with(
+    parameters: ParameterSet, extra: dict[str, object], found: dict[str, dict[str, Estimate]] | None
+) -> ParameterSet:
+    """The set with further provenance, including the physiological indices."""
+    indices = {} if found is None else {"indices": {site: plain(each) for site, each in found.items()}}
+    return replace(parameters, provenance={**parameters.provenance, **indices, **extra})

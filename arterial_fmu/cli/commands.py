@@ -1,0 +1,77 @@
+"""Every command by name, with its function and its sentence for --help; imports happen on first use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import typer
+
+from ..packages import check_own
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: the package behind it, its function or group of sub-commands as "module:name", and its sentence."""
+
+    package: str
+    where: str
+    does: str
+
+
+COMMANDS: Mapping[str, Command] = {
+    "solve": Command("solver", "arterial_fmu.cli.solve:main", "Simulate a network of arteries."),
+    "list": Command("solver", "arterial_fmu.cli.networks:list_networks", "List the included networks."),
+    "import": Command("solver", "arterial_fmu.cli.networks:importers", "Make a network file of another format."),
+    "export": Command(
+        "solver", "arterial_fmu.cli.networks:export_csv", "Write a network as a table, or as a network file."
+    ),
+    "build": Command(
+        "build_fmu", "arterial_fmu.cli.build:app", "Build FMUs of arteries, hearts, bodies and whole systems."
+    ),
+    "run": Command("fmu_src", "arterial_fmu.cli.run:main", "Run an FMU from its start to a stop time."),
+    "doctor": Command(
+        "fmu_src", "arterial_fmu.cli.doctor:main", "Check whether an FMU runs here, and list what is missing."
+    ),
+    "virtual": Command(
+        "fitting", "arterial_fmu.cli.fit:virtual_command", "Make a cohort of virtual animals: synthetic records."
+    ),
+    "fit": Command(
+        "fitting", "arterial_fmu.cli.fit:fit_command", "Fit the wall of one site from its pressure and radius."
+    ),
+    "cohort": Command(
+        "fitting", "arterial_fmu.cli.fit:cohort_command", "Fit many subjects at many sites, and test claims."
+    ),
+    "first": Command("fitting", "arterial_fmu.cli.first:first_command", "Make a first model from a recording."),
+    "calibrate": Command(
+        "fitting", "arterial_fmu.cli.calibrate:calibrate_command", "Fit parameters of a network to records of it."
+    ),
+    "check": Command(
+        "fitting", "arterial_fmu.cli.fit:check_command", "Compare an FMU, run with a parameter set, with a record."
+    ),
+    "discover": Command(
+        "discrepancy",
+        "arterial_fmu.cli.discover:discover_command",
+        "Find, name and add the physics that a model lacks.",
+    ),
+    "isolability": Command(
+        "discrepancy", "arterial_fmu.cli.discover:isolability_command", "Predict which effects sensors can distinguish."
+    ),
+    "study": Command(
+        "arterial_fmu", "arterial_fmu.study.command:main", "Vary parameters, and show which of them matter where."
+    ),
+}
+
+
+def load(name: str) -> Any:
+    """The command object of typer."""
+    from arterial_fmu.cli.terminal.console import sentences
+    from arterial_fmu.cli.terminal.options import one_command
+
+    module, _, attribute = COMMANDS[name].where.partition(":")
+    with sentences(ImportError):
+        check_own(COMMANDS[name].package)
+    found = getattr(import_module(module), attribute)
+    return typer.main.get_command(found if isinstance(found, typer.Typer) else one_command(found, name))

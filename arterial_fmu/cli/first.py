@@ -1,0 +1,119 @@
+"""The command ``first``: a network file from a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from arterial_fmu.cli.terminal.console import put, right, say_notes, say_written, sentences, show
+from arterial_fmu.cli.terminal.options import Force, Json, Quiet
+from arterial_fmu.cli.terminal.progress import bar
+from fitting.first.model import FirstModel, first_model
+from fitting.first.species import NAMES
+from fitting.first.text import error, value
+from fitting.records.alignment.align import align
+from fitting.records.plausible import check_plausible
+from fitting.records.read.columns import Reading
+from fitting.records.read.record import read_record
+from solver.errors import InputError
+from solver.io.writing import check_destinations, check_new, write_whole
+from solver.quantities.legible import number, significant
+from solver.quantities.text import typed_quantity
+from solver.quantities.units import of_signal
+
+from .terminal.record_options import RECORD_HELP, AsMeasured, Beside, Columns, Decimal, Mapped, Period, seconds
+
+
+def first_command(
+    record: Annotated[Path, typer.Argument(is_eager=True, help=f"{RECORD_HELP}, with `inlet.Q` and P at the root.")],
+    out: Annotated[Path | None, typer.Option(help="Write the network file.")] = None,
+    like: Annotated[str, typer.Option(help=f"Whose typical aorta: {', '.join(NAMES)}.")] = "human",
+    mass: Annotated[str | None, typer.Option(help='Body mass, "35 kg"; default: the usual one.')] = None,
+    venous: Annotated[str, typer.Option(help="P_venous, behind all resistances.")] = "5 mmHg",
+    distance: Annotated[
+        list[str] | None, typer.Option(help='Of a site from the root, along the vessels, repeatable: "FA=45 cm".')
+    ] = None,
+    path: Annotated[
+        list[str] | None,
+        typer.Option(help='Sites behind one another, repeatable: "Ao,CA"; default: all, in the order of their delays.'),
+    ] = None,
+    period: Period = None,
+    beside: Beside = None,
+    mapped: Mapped = None,
+    decimal: Decimal = None,
+    columns: Columns = False,
+    as_measured: AsMeasured = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make a first model from a recording: resistance, compliance, impedance, delays, and the network they give."""
+    with sentences(), bar(quiet) as progress:
+        progress(0.0, "reading")
+        how = Reading.asked(mapped, decimal, beside)
+        check_destinations(out, given=[record, *how.beside])
+        measured = read_record(record, how)
+        if not as_measured:
+            check_plausible(measured, {})
+        beats = align(measured, seconds(period, "--period"))
+        found = first_model(
+            beats,
+            like,
+            mass=None if mass is None else typed_quantity(mass, "kg", "--mass"),
+            P_venous=typed_quantity(venous, "Pa", "--venous"),
+            distances=_distances(distance or []),
+            paths=path or [],
+        )
+        if out is not None:
+            check_new({out: found.text}, force)
+            write_whole(out, found.text)
+    if as_json:
+        put(plain(found))
+    elif not quiet:
+        show(*tables(found))
+    if not quiet:
+        say_notes([*found.notes, *beats.warnings], aside=as_json)
+        say_written(out, aside=as_json)
+
+
+def plain(model: FirstModel) -> dict[str, Any]:
+    """For JSON: numbers, record against model, notes and the network file, in SI."""
+    return {
+        "found": [
+            {"name": x.name, "value": x.value, "unit": x.unit, "error": x.error, "how": x.how} for x in model.found
+        ],
+        "shown": [{"channel": x.channel, "mean": x.mean, "pulse": x.pulse, "rms": x.rms} for x in model.shown],
+        "notes": list(model.notes),
+        "network": model.text,
+    }
+
+
+def tables(model: FirstModel) -> tuple[Table, Table]:
+    """The numbers, and each channel of the record beside that of the model."""
+    found = Table("found", right("value"), right("1 sd"), "how", title="First model", title_justify="left")
+    for each in model.found:
+        found.add_row(each.name, value(each), error(each), each.how)
+    shown = Table(
+        "channel", "unit", *map(right, ("mean", "of the model", "pulse", "of the model", "rms of the difference"))
+    )
+    for row in model.shown:
+        unit, factor = of_signal(row.channel)
+        numbers = (significant(factor * x, 3) for x in (*row.mean, *row.pulse))
+        shown.add_row(row.channel, unit, *numbers, number(factor * row.rms, 2))
+    return found, shown
+
+
+def _distances(texts: list[str]) -> dict[str, float]:
+    """{"FA": 0.45} of ["FA=45 cm"]. Raises ValueError for a text that is none, or a length that is not positive."""
+    found = {}
+    for text in texts:
+        site, equals, length = (part.strip() for part in text.partition("="))
+        if not (site and equals):
+            raise InputError(f'--distance "{text}": must be SITE=LENGTH, such as --distance "FA=45 cm".')
+        found[site] = typed_quantity(length, "m", f"--distance {site}")
+        if not 0.0 < found[site] <= 10.0:
+            raise InputError(f"--distance {site} = {length}: must be more than 0 and at most 10 m; check its unit.")
+    return found

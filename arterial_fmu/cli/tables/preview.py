@@ -1,0 +1,26 @@
+"""The columns of a file on the terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.table import Table as Printed
+
+from arterial_fmu.cli.terminal.console import right
+
+
+def preview_table(found: dict[str, Any]) -> Printed:
+    """The same for people; what is asked for stands below it: :func:`preview_questions`."""
+    table = Printed(
+        "Column", "Unit", right("First values"), right("Min"), right("Max"), right("Gaps"), "Read as",
+        title=f"{found['file']}: {found['samples']} samples; {found['format']}",
+    )  # fmt: skip
+    for each in found["columns"]:
+        first, low, high = (
+            " ".join("" if value is None else f"{value:.5g}" for value in values)
+            for values in (each["first"], [each["min"]], [each["max"]])
+        )
+        told = each["read_as"] if each["understood"] else "?, see below"
+        texts = (each["title"], each["unit"], first, low, high, str(each["gaps"]), told)
+        table.add_row(*(text.replace("[", "\\[") for text in texts))  # rich reads brackets as styles
+    return table

@@ -1,0 +1,1 @@
+"""Terminal, options and progress, shared by all commands."""

@@ -1,0 +1,94 @@
+"""Options of every command that reads a record: assignment and preview of the columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from arterial_fmu.cli.terminal.console import put, say, sentences, show
+from fitting.cohort.file import read_cohort
+from fitting.records.read.columns import Reading
+from fitting.records.read.preview import preview, preview_questions
+from solver.network.files import parse_quantity
+
+from ..tables.preview import preview_table
+
+
+def _look(ctx: typer.Context, wanted: bool) -> None:
+    """Show the columns and stop, before other arguments are checked."""
+    if not wanted or ctx.resilient_parsing:
+        return
+    given: dict[str, Any] = ctx.params
+    with sentences():
+        path = given["record"] if "record" in given else read_cohort(given["cohort"])[0].record
+        how = Reading.asked(given["mapped"], given["decimal"], given.get("beside"))
+        looks = [preview(file, how) for file in (path, *how.beside)]
+    if given["as_json"]:
+        put(looks[0] if not how.beside else {"files": looks})
+    else:
+        for found in looks:
+            show(preview_table(found))
+            for question in preview_questions(found):
+                say(question)
+    raise typer.Exit
+
+
+# The options that --columns needs are eager, so that they are known with it, in any order.
+RECORD_HELP = "CSV, text of LabChart or AcqKnowledge, .mat or .edf"
+Mapped = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="TITLE=VARIABLE",
+        is_eager=True,
+        help='Assign a column to a variable, by title or number, repeatable: "Druck=AA.P [mmHg]", "2=inlet.Q [mL/s]", '
+        '"Q.csv:2=…" for one file of several; "ECG=" ignores one.',
+    ),
+]
+Beside = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--with",
+        metavar="FILE[=SHIFT]",
+        is_eager=True,
+        help="A further file of the same recording, repeatable: aligned by the times in the files, to which a shift, "
+        'as "Q.csv=0.3 s", is added; "Q.csv=start" starts with the first.',
+    ),
+]
+Filters = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--filter",
+        metavar="CHANNEL=FILTER",
+        help='A known filter of the recorder, repeatable: "inlet.Q=lowpass 10 Hz", "AA.P=lowpass 55 Hz order 2".',
+    ),
+]
+Decimal = Annotated[
+    str | None, typer.Option("--decimal", is_eager=True, help="Decimal mark: comma or point; default: found.")
+]
+AsMeasured = Annotated[
+    bool, typer.Option("--as-measured", help="Accept values that no artery has, as of a phantom or a vein.")
+]
+Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
+Columns = Annotated[
+    bool, typer.Option("--columns", callback=_look, help="Show the columns of the record and exit; also with --json.")
+]
+
+
+# Options rather than further arguments: `RECORD --columns` has no network, and the role of each file must be
+# unambiguous
+Further = Annotated[
+    list[Path] | None,
+    typer.Option("--and", metavar="FILE", help="A further recording of the same animal, repeatable."),
+]
+HeldOutFiles = Annotated[
+    list[Path] | None,
+    typer.Option("--hold-out", metavar="FILE", help="A held-out recording for validation, repeatable."),
+]
+
+
+def seconds(text: str | None, name: str) -> float | None:
+    """The value of an option in seconds; None if it is not given."""
+    return None if text is None else parse_quantity(text, "s", name)

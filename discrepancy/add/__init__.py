@@ -1,0 +1,1 @@
+"""Add what no effect of the catalogue explains: learned laws, tables of sources."""

@@ -1,0 +1,97 @@
+"""Where no law is found: a network with what acts at the places of the source map as tables, which explain nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
+
+import numpy as np
+
+from fitting.check.fmu_run import RunFailed
+from fitting.inference.fit import Fit
+from fitting.inference.forward import Forward
+from fitting.inference.models.bench import Bench
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.source_maps.source_map import SourceMap
+from fitting.inference.unknown import parameter_values
+from fitting.records.read.record import Record
+from solver.errors import InputError
+from solver.mesh.sources import BY_KIND, Source
+from solver.network.curve import Curve
+from solver.network.description import Network
+from solver.network.table_source import KINDS, TableSource
+
+from .. import thresholds as at
+from ..find.study import Study
+from ..findings.learned_law import LearnedLaw
+from ..name.verdict import Naming
+from ..show.fmu_validation import Run, fall, gap
+
+Array = np.ndarray
+Runner = Callable[[Study, Network, Fit], tuple[Run, bytes]]
+
+_NONE = np.zeros(0)
+NOTHING = Fit((), (), _NONE, _NONE, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))  # the network as it is
+_NAMES = {kind: name for name, kind in BY_KIND.items()}
+
+
+def described(study: Study, naming: Naming, before: Run, record: Record, run: Runner) -> LearnedLaw | None:
+    """The tables of a map, if their FMU shrinks the gap to the held-out beats by more than chance and closes most of
+    it. None of a bench, and where nothing but sensors and numbers acts.
+
+    before : the run without them. run : as of :func:`discrepancy.add.learning.law_of`.
+    """
+    found = naming.map
+    if found is None or study.problem.site is not None:
+        return None
+    try:
+        if not (tables := tuple(tables_of(found, study.fitted.T))):
+            return None
+        values = {name: float(x) for name, x in parameter_values(found.unknowns, study.network, found.x).items()}
+        network = replace(study.network.with_parameters(values), sources=tables)
+        own = replace(study, problem=with_network(study.problem, network))
+        after, archive = run(own, network, NOTHING)
+    except (RunFailed, InputError):
+        return None
+    left, (fallen, sd) = gap(study, before.X).total, fall(study, before, after)
+    if fallen <= at.FALL * sd or after.gap.total[1] > (1.0 - at.PART_CLOSED) * left[1]:
+        return None
+    return LearnedLaw(
+        name="table_source",
+        where=tuple(dict.fromkeys(table.segment for table in tables)),
+        formula=" and ".join(dict.fromkeys(s.place.label for s in found.signals if s.place.sources)),
+        parameters={},
+        seen={},
+        beside=(),
+        instead=(),
+        before=left,
+        after=after.gap.total,
+        record=(record.path, record.sha256),
+        network=network,
+        archive=archive,
+        explains=False,
+    )
+
+
+def with_network(problem: Forward, network: Network) -> Forward:
+    """The same problem with a network of the same parts."""
+    if isinstance(problem, NetworkProblem):
+        return replace(problem, network=network, simulator=replace(problem.simulator, network=network))
+    assert isinstance(problem, Bench)
+    return replace(problem, network=network)
+
+
+def tables_of(found: SourceMap, T: float) -> Iterator[TableSource]:
+    """Those of all places that are in the equations, over beats of T [s]."""
+    for signal in found.signals:
+        for source, g in zip(signal.place.sources, signal.g.T, strict=False):
+            if type(source) in _NAMES:
+                yield _table(source, g, T)
+
+
+def _table(source: Source, g: Array, T: float) -> TableSource:
+    """g : (K+1,) harmonics."""
+    kind = _NAMES[type(source)]
+    how = {f.name: float(getattr(source, f.name)) for f in fields(source) if f.name != "place"}
+    series = Curve.series(KINDS[kind][0], float(g[0].real), 2.0 * g[1:].real, -2.0 * g[1:].imag, T)
+    return TableSource(kind, source.place, series, how)

@@ -1,0 +1,294 @@
+"""Learn a law of what no effect of the catalogue explains: some of the few terms that an effect says a law may have.
+
+    σ = … + Σ c_j f_j(ε, ε̇)   of a wall,    Q = … + Σ c_j f_j(P - P_venous)   of an outlet,    c_j >= 0
+
+Each f_j of a wall is odd in the strain rate and does not fall with it, and each of an outlet runs down the pressure, so
+that a law gives out energy over no loop (:mod:`solver.laws.learned`). Terms are added one by one while the evidence
+gains more than their price, each hypothesis refitted in full with all walls; what the others made dispensable is
+dropped. The law begins beside no effect, and beside what explains a part. It lies in the one wall of a bench, or in
+walls and outlets where the source map has something, and in all alike. Whether it stands is for its FMU to say, on the
+held-out beats; where none does, tables describe what acts (:mod:`discrepancy.add.described`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from fitting.check.fmu_run import RunFailed
+from fitting.inference import hierarchy
+from fitting.inference.extended_network import estimates, extended
+from fitting.inference.fit import Fit, misfit
+from fitting.inference.forward import Forward
+from fitting.inference.hypothesis import Term, effect_of, searched
+from fitting.inference.models.bench import Bench
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.runs import OutOfTime, Runs
+from fitting.inference.unknown import quantile
+from fitting.parallel.workers import Workers
+from fitting.records.read.record import Record
+from solver.laws import effects
+from solver.laws.effect import ALL_PLACES, OUTFLOW, OUTLET, WALL, Effect
+from solver.loop import derivative_matrix
+from solver.network.description import Network, Site
+from solver.simulate import BROKEN
+
+from .. import thresholds as at
+from ..find.study import Study
+from ..findings.learned_law import LearnedLaw
+from ..name.scoring import there, weighed
+from ..name.verdict import Naming
+from ..show.fmu_validation import Run, agreement, fall, gap
+from .described import Runner, described, with_network
+
+Array = np.ndarray
+
+_TRIED = 2  # terms that promise most, refitted at every step
+_ALONG = (0.0, 0.5, 1.0)  # x/L where a segment's strains are seen
+_SAMPLES = 4  # of a beat for each harmonic
+_AGREE = 1e-3  # of a pulse, by which an FMU may differ from what was inferred
+
+Stage = Callable[[str, Callable[[], Any]], Any]
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """A law that the evidence favours.
+
+    fit : with its term last. keys : of the terms that it has. ranges : by variable, where it holds. seen : by segment,
+    lowest and highest strain [-] and highest strain rate [1/s] of the record. score : -2 ln of evidence and prior.
+    instead : effects of a part, which it does without.
+    """
+
+    fit: Fit
+    keys: tuple[str, ...]
+    ranges: Mapping[str, float]
+    seen: Mapping[str, tuple[float, float, float]]
+    score: float
+    instead: tuple[str, ...] = ()
+
+    @property
+    def term(self) -> Term:
+        return self.fit.terms[-1]
+
+
+def learns(naming: Naming) -> bool:
+    """Whether more than noise remains that no effect of the catalogue explains."""
+    return naming.verdict == "partial" or (naming.verdict == "unknown" and not naming.base.explains)
+
+
+def law_of(
+    study: Study, naming: Naming, before: Run, record: Record, run: Runner, jobs: int, until: float, stage: Stage
+) -> LearnedLaw | None:
+    """A law of what remains, if there is one, its FMU bears it out (:func:`stands`), and time is left; else the tables
+    that describe it.
+
+    jobs : processes that simulate, until a time of ``time.monotonic`` [s]. stage : keeps what was found.
+    """
+    with suppress(OutOfTime, RunFailed), Workers(jobs) as workers:
+        runs = Runs(deadline=until, clock=monotonic, workers=workers)
+        found: Learnt | None = stage("learned", lambda: learnt(study, naming, runs))
+        law = None if found is None else stands(study, found, before, record, run)
+        if law is not None:
+            return law
+    return described(study, naming, before, record, run)
+
+
+def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
+    """The most probable law of what remains; None where none is worth its price.
+
+    study : with the problem as it was prepared, without the errors of the model that a partial answer grants.
+    """
+    problem = study.problem.individual() if naming.problem.deviations else study.problem
+    problem = problem.sharpened(naming.base.fit, runs)
+    starts = [naming.base.fit, *([naming.best.fit] if naming.verdict == "partial" else [])]
+    begun = [f for start in starts for f in _again(problem, start, runs)]
+    found: list[Learnt] = []
+    for effect in (e for e in effects.ALL if e.library):
+        places = _places(naming, effect, problem)
+        states = _states(effect, problem, naming.base.fit, runs) if places else {}
+        for place in places if states else ():
+            ranges, seen = _range(effect, problem.network, place, states)
+            path = _Path(in_range(problem, ranges), effect, place, 2.0 * math.log(len(places)), runs)
+            for here in begun:
+                fit, keys, score = path.walked(here, weighed(problem, here, study.terms).score)
+                if keys:
+                    gone = () if here.terms else tuple(t.label for t in starts[-1].terms)
+                    found.append(Learnt(fit, keys, ranges, seen, score, gone))
+    return min(found, key=lambda law: law.score, default=None)
+
+
+def _range(
+    effect: Effect, network: Network, place: str, states: Mapping[str, tuple[Array, Array]]
+) -> tuple[dict[str, float], dict[str, tuple[float, float, float]]]:
+    """Where a law at a place holds, by variable, and what was seen by segment; in all of them it is one and the
+    same."""
+    own = {place: states[place]} if place in states else states
+    state, rate = (np.concatenate([np.ravel(each[i]) for each in own.values()]) for i in (0, 1))
+    seen = {s: (float(x.min()), float(x.max()), float(np.abs(r).max())) for s, (x, r) in own.items()}
+    variables = {s: effect.variables(network, s) for s in own}
+    return {variables[s][key][0]: x for s in own for key, x in effect.valid(state, rate).items()}, seen
+
+
+def in_range(problem: Forward, ranges: Mapping[str, float]) -> Forward:
+    """The same problem with a network that knows where a learned law holds, and has none yet."""
+    return with_network(problem, problem.network.with_terms(ranges))
+
+
+def _again(problem: Forward, fit: Fit, runs: Runs) -> list[Fit]:
+    """A fit searched on from where it is under the weights of this problem."""
+    return there(problem.refit([fit.terms], fit, runs) if problem.site else problem.refine([fit], runs))
+
+
+@dataclass(frozen=True)
+class _Path:
+    """A forward path at one place. choice : -2 ln of the prior of the place."""
+
+    problem: Forward
+    effect: Effect
+    place: str
+    choice: float
+    runs: Runs
+
+    def term(self, keys: Sequence[str]) -> Term:
+        """A law of some terms, all of them sizes."""
+        own = self.effect.learned(self.problem.network, self.place, keys)
+        return Term(self.effect.name, self.place, (self.place,), tuple(searched(self.effect, c) for c in own))
+
+    def price(self, keys: Sequence[str]) -> float:
+        """-2 ln of the prior of a law: a first term as a first effect, each further one as a second."""
+        each = 2.0 * math.log(len(self.effect.library))
+        return self.choice + at.FIRST + each + (len(keys) - 1) * (at.SECOND + each) if keys else 0.0
+
+    def walked(self, here: Fit, first: float) -> tuple[Fit, tuple[str, ...], float]:
+        """The fit, its terms and its score, from a fit without any, of score ``first``."""
+        plain = first - hierarchy.score(here)
+        beside, best, keys, score = here.terms, here, tuple[str, ...](), first
+
+        def tried(some: Sequence[tuple[str, ...]]) -> list[tuple[float, tuple[str, ...], Fit]]:
+            fits = self.problem.refit([(*beside, self.term(each)) for each in some], best, self.runs)
+            pairs = zip(some, fits, strict=True)
+            return [(hierarchy.score(f) + plain + self.price(each), each, f) for each, f in pairs if f is not None]
+
+        while len(keys) < len(self.effect.library):
+            more = tried([(*keys, key) for key in self._promising(best, keys)])
+            if not more or (nearest := min(more, key=lambda each: each[0]))[0] >= score:
+                break
+            score, keys, best = nearest
+        if len(keys) > 2:  # the last two were chosen beside all others
+            fewer = tried([tuple(k for k in keys if k != gone) for gone in keys[:-2]])
+            score, keys, best = min([(score, keys, best), *fewer], key=lambda each: each[0])
+        return best, keys, score
+
+    def _promising(self, best: Fit, keys: Sequence[str]) -> list[str]:
+        """The terms that promise the most evidence beside those that are there, by their columns."""
+        left = [key for key in self.effect.library if key not in keys]
+        whole = self.term(left)
+        columns = self.problem.columns(best, [whole], self.runs).get(whole.label)
+        if columns is None:
+            return left
+        promised = []
+        for key, unknown, column in zip(left, whole.unknowns, columns.T, strict=True):
+            J, x = np.column_stack([best.J, column]), np.append(best.x, 0.0)
+            linear = hierarchy.Linear.of_columns(best.z, J, x, (*best.unknowns, unknown), best.log_volume)
+            promised.append((linear.inferred().score, key))
+        return [key for _, key in sorted(promised)[:_TRIED]]
+
+
+# --- its FMU ----------------------------------------------------------------------------------------------------------
+
+
+def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner) -> LearnedLaw | None:
+    """A law whose FMU bears it out: it shrinks the gap to the held-out beats by more than chance, and closes most of
+    it where it leaves more than noise; and it is the model that was inferred. Else None.
+
+    before : the run without it. run : a law's FMU under the record's wave, and the FMU that is delivered.
+    """
+    own = replace(study, problem=in_range(study.problem, found.ranges))
+    network = extended(own.problem.network, found.fit)
+    after, archive = run(own, network, found.fit)
+    left = gap(own, before.X).total
+    fallen, sd = fall(own, before, after)
+    alike = agreement(own, found.fit, own.problem.wave(own.fitted, found.fit), after)
+    if alike is not None and not alike.difference <= _AGREE:
+        return None
+    explains = misfit(found.fit, own.problem.dof_of_noise) < at.MISFIT
+    if fallen <= at.FALL * sd or not (explains or after.gap.total[1] <= (1.0 - at.PART_CLOSED) * left[1]):
+        return None
+    fit, term = hierarchy.with_widths(found.fit), found.term
+    return LearnedLaw(
+        name=term.effect,
+        where=term.where,
+        formula=effect_of(term).formula(found.keys),
+        parameters=estimates(own.problem.network, fit, term, quantile(own.problem.dof_of_noise)),
+        seen=found.seen,
+        beside=tuple(t.label for t in found.fit.terms[:-1]),
+        instead=found.instead,
+        before=left,
+        after=after.gap.total,
+        record=(record.path, record.sha256),
+        network=network,
+        archive=archive,
+    )
+
+
+# --- where, and in which range ----------------------------------------------------------------------------------------
+
+
+def _places(naming: Naming, effect: Effect, problem: Forward) -> list[str]:
+    """The wall of a bench; in a network those of the map, or that cannot be told from it, and all together. An outlet
+    is one also where its segment loses flow."""
+    if problem.site is not None:
+        return [problem.site] if effect.source == WALL else []
+    if naming.map is None:
+        return []
+    near = [p for r in naming.map.rivals if r.above < at.RULED_OUT for p in r.places]
+    places, kinds = effect.where(problem.network), {effect.source, OUTFLOW if effect.source == OUTLET else ""}
+    found = [p.name for p in (*naming.map.places, *near) if p.kind in kinds and p.name in places]
+    return list(dict.fromkeys([*found, ALL_PLACES])) if found else []
+
+
+def _states(effect: Effect, problem: Forward, fit: Fit, runs: Runs) -> dict[str, tuple[Array, Array]]:
+    """What an effect's laws depend on, over a beat, with its rates: strains ε of every segment, P - P_venous [Pa] of
+    every outlet that it acts at; nothing where the simulation breaks down."""
+    network = extended(problem.network, fit)
+    if isinstance(problem, Bench):
+        strain = problem.start[None] / network.segment(problem.site).R0 - 1.0
+        return {problem.site: (strain, strain @ derivative_matrix(strain.shape[1], problem.loop.T).T)}
+    assert isinstance(problem, NetworkProblem)
+    names, sites = list[tuple[str, str]](), list[Site]()
+    for place in effect.where(network):
+        if place != ALL_PLACES and effect.source == WALL:
+            sites += [Site(f"{place}_{i}_strain", place, x) for i, x in enumerate(_ALONG)]
+            names += [(place, f"{site.name}.R") for site in sites[-len(_ALONG) :]]
+        elif place != ALL_PLACES:
+            names.append((place, f"{place}.outlet.P"))
+    waves = _beats(problem, replace(network, sites=tuple(sites), channels=()), [name for _, name in names], runs)
+    found = {}
+    for place in dict.fromkeys(place for place, _ in names) if len(waves) else ():
+        own = waves[[i for i, (of, _) in enumerate(names) if of == place]]
+        state = own / network.segment(place).R0 - 1.0 if effect.source == WALL else own - _venous(network, place)
+        found[place] = state, state @ derivative_matrix(own.shape[1], problem.simulator.T).T
+    return found
+
+
+def _venous(network: Network, place: str) -> float:
+    return next(o.P_venous for o in network.outlets if o.segment == place)
+
+
+def _beats(problem: NetworkProblem, network: Network, names: Sequence[str], runs: Runs) -> Array:
+    """(len(names), N) outputs of a network over a beat; empty where the simulation breaks down."""
+    simulator = replace(problem.simulator, network=network, names=tuple(names))
+    try:
+        (X,) = simulator.coefficients(network, {}, runs)
+    except BROKEN:
+        return np.zeros((0, 0))
+    if np.isnan(X).any():
+        return np.zeros((0, 0))
+    return np.fft.irfft(X, _SAMPLES * problem.K, axis=0, norm="forward").T

@@ -1,0 +1,312 @@
+"""The outcome of a study: what find, name and show came to, put together for verdict.json and the report."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+
+from fitting.inference.fit import Fit
+from fitting.inference.hierarchy import with_widths
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.unknown import quantile
+from fitting.records.read.record import Record
+from fitting.records.read.sensors import UnusableRecord
+from fitting.results.provenance import engine, software
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
+
+from . import thresholds
+from .find.balances import Found, find, mass_balances, momentum_balances, wall_balances
+from .find.study import Study
+from .findings.isolability import isolability, smallest
+from .findings.map_marks import of_sensor, plain
+from .findings.outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
+from .findings.recorded import Pair, pair_json
+from .findings.shown_map import SourceMapShown, gap_shares, shown_map
+from .name.individual_walls import implausible, odd_ones, walls_of
+from .name.intervals import stated
+from .name.verdict import Naming
+from .report.map_text import acts_as
+from .report.verdict_text import late_drive, separating_measurement
+from .show.fmu_validation import Gap, Run, changed, left, met_only_with
+
+_SHOWN = 12  # candidates in the report
+_ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"
+_BENT = (
+    "The walls are as far as the search came, and some may be bent for want of what is missing: do not take them for "
+    "the subject's."
+)
+_PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more is warned about
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Free runs of the FMUs: of the model as given, with its nuisances refitted (``before``), and with what was added
+    (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``), the FMU's difference
+    from the direct solver (``parity``) or why that could not be told (``failure``), and the effects; alone : the gap
+    with the first of two alone. agreement : of the last of these FMUs with what was inferred. gaps : before and after,
+    over all of several recordings. second : which second state would separate the class."""
+
+    given: Run
+    before: Run
+    after: Run | None = None
+    network: Network | None = None
+    archive: bytes | None = None
+    parity: float | None = None
+    failure: str | None = None
+    effects: tuple[NamedEffect, ...] = ()
+    alone: Pair | None = None
+    agreement: Agreement | None = None
+    gaps: tuple[Gap, Gap | None] | None = None
+    second: str = ""
+
+
+def unusable(
+    reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | UnusableRecord
+) -> Outcome:
+    """The outcome for a record that cannot be used."""
+    channels = measured.channels if isinstance(measured, Record) else ()
+    of_one_site = bool(channels) and INFLOW not in channels and len({n.rpartition(".")[0] for n in channels}) == 1
+    return Outcome(
+        verdict="unusable",
+        sentence="This record cannot be used with this model.",
+        record=os.fspath(record),
+        model=os.fspath(model),
+        kind="bench" if of_one_site else "network",
+        reason=reason,
+        provenance={"software": software()},
+    )
+
+
+def summary(record: Record, model: str | os.PathLike[str], study: Study, naming: Naming, shown: Shown) -> Outcome:
+    """The outcome of all stages."""
+    before, after = shown.before, shown.after
+    gaps = shown.gaps or (before.gap, after.gap if after else None)
+    # what remains is found by the noise alone, without the errors of the model that a partial answer is weighed with
+    located, balances = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
+    base, columns, terms = naming.base.fit, naming.columns, naming.terms
+    final = naming.best.fit if after else base
+    walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
+    bent, none, partial = _bent(walls, naming), naming.verdict == "none", naming.verdict == "partial"
+    acting = _acting(study, naming)
+    late = late_drive(shown.effects, study.problem.signals) if after and study.site is None else ""
+    return Outcome(
+        verdict=naming.verdict,
+        sentence=sentence(naming, shown.effects, *gaps, acting, late),
+        confidence=naming.confidence,
+        complete=naming.complete,
+        met=_met(naming),
+        map=acting,
+        walls=walls,
+        record=record.path,
+        model=os.fspath(model),
+        kind=study.problem.kind,
+        effects=shown.effects,
+        members=tuple(tuple((t.effect, t.where) for t in n.fit.terms) for n in naming.members),
+        reason=None if partial or none else naming.reason,
+        remains=naming.reason if partial else None,
+        separating_measurement=" ".join(filter(None, (separating_measurement(naming), shown.second))) or None,
+        located=located.located,
+        balances=balances,
+        channels=tuple(_channel(study, n, before, after) for n in study.problem.signals),
+        time=study.fitted.time,
+        z_map=located.z,
+        candidates=_candidates(study, naming),
+        absorbed=_absorbed(final),
+        isolability=isolability(base, columns, terms),
+        smallest=smallest(base, columns, terms) if none else {},
+        sites=naming.problem.left_out(final),
+        alone=shown.alone,
+        gap_before=gaps[0].total,
+        gap_after=gaps[1].total if gaps[1] else None,
+        parity=shown.parity,
+        agreement=shown.agreement,
+        network_before=study.network,
+        network_after=shown.network,
+        p_value=global_p(study, naming, located.p_value),
+        warnings=(*study.warnings, *fmu_warnings(shown), *([_BENT] if bent else [])),
+        notes=(*([f"{naming.reason}."] if none and naming.reason else []),
+               *(() if bent else odd_ones(walls, study.network))),
+        provenance={
+            "record_sha256": record.sha256,
+            **({"columns": dict(record.told)} if record.told else {}),
+            "model": os.fspath(model),
+            "beats": {"fitted": study.fitted.n_beats, "held_out": study.held_out.n_beats},
+            "period": {"value": study.fitted.T, "unit": "s"},
+            "gap_as_given": pair_json(shown.given.gap.total),
+            "thresholds": decided(),
+            "software": software(),
+            "engine": engine(),
+        },
+    )  # fmt: skip
+
+
+def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
+    """The source map, with the share of the gap of every place where it has any."""
+    if naming.map is None:
+        return None
+    whole = study.problem if naming.map.signals else None
+    shares = gap_shares(whole, naming.map) if isinstance(whole, NetworkProblem) else ()
+    return shown_map(naming.map, study.network, study.fitted, shares)
+
+
+def _bent(walls: Walls, naming: Naming) -> bool:
+    """Whether walls beyond their spreads may be so for want of what is missing, and not in the animal."""
+    ended = naming.complete and naming.verdict != "unknown"
+    return not ended and any(own.beyond for own in walls.arteries.values())
+
+
+def global_p(study: Study, naming: Naming, of_map: float) -> float:
+    """p-value of the global χ² before anything is added; of_map : that of the z map.
+
+    The pressure drives a bench, so that its channel has no residual there: that of the wall law, with the errors of
+    both, is judged.
+    """
+    if study.site is None:
+        return of_map
+    base = naming.base.fit
+    return float(chi2_distribution.sf(base.chi2, max(1, len(base.z) - len(base.x))))
+
+
+def fmu_warnings(shown: Shown) -> tuple[str, ...]:
+    """What to know of the FMUs that ran, and of the delivered one."""
+    found, a = [], shown.agreement
+    if a is not None and not a.difference <= _PARITY:
+        found.append(
+            f"error of the program: with the same numbers and under the same inflow the FMU leaves a gap of "
+            f"{a.fmu[1]:.3g} times the noise of held-out beats, and the model that effects were sought with "
+            f"{a.inferred[1]:.3g}: {a.channel} differs by {a.difference:.1g} of its pulse at harmonic {a.harmonic} "
+            f"(more than {_PARITY:g}); do not rely on this study; report this."
+        )
+    if shown.failure is not None:
+        found.append(f"model.fmu does not run with its network's own inflow: {shown.failure}")
+    elif shown.archive is not None and shown.parity is None:
+        found.append(
+            "model.fmu was not compared with the direct solver, because its network's own inflow moves nothing, as "
+            "of one artery on a bench; give the [inlet] of the --model file a Q_max above 0 or a curve."
+        )
+    elif shown.parity is not None and not shown.parity <= _PARITY:
+        found.append(
+            f"model.fmu differs from the direct solver by {shown.parity:.1g} of a channel's pulse (more than "
+            f"{_PARITY:g}): do not rely on it; report this as an error."
+        )
+    return tuple(found)
+
+
+def decided() -> dict[str, Any]:
+    """All thresholds by name."""
+    return {name: value for name, value in vars(thresholds).items() if name.isupper()}
+
+
+def weighted(study: Study, naming: Naming) -> Study:
+    """The study with its record, the first of several, weighted as it was in naming at last."""
+    return replace(study, problem=naming.problem.first)
+
+
+def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]:
+    """Where the refitted model and the record disagree, by all that is noise: sensors, drive and solver.
+
+    And the balances: mass, momentum and wall law where the measured channels tell them.
+    """
+    beats, network, signals = study.fitted, study.network, study.problem.signals
+    K = len(before.X) - 1
+    residual = study.problem.repeated(beats, beats, K) - before.X
+    covariance = study.problem.covariance(beats)[: K + 1]
+    momentum = momentum_balances(signals, residual, covariance, network)
+    balances = (*mass_balances(beats, network), *momentum, *wall_balances(beats, network))
+    return find(signals, residual, covariance), balances
+
+
+def sentence(
+    naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None,
+    acting: SourceMapShown | None = None, late: str = "",
+) -> str:  # fmt: skip
+    """The verdict in one sentence; a second one where the search was cut short, or no law explains all.
+
+    acting : the source map, which then says what is missing. late : what drives the model late.
+    """
+    somewhere = acting is not None and acting.acting
+    if naming.verdict == "none":
+        said = f"The model meets the record: the gap is {left(before)}; nothing is missing."
+    elif naming.verdict in ADDED and after:
+        said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}")
+        said += f" The simplest reading: {late}." if late else ""
+        if acting and somewhere and naming.verdict == "partial":
+            said += f" {acts_as(acting, 'All that is missing')}"
+    elif _met(naming):
+        met = met_only_with(implausible(naming.base.fit))
+        said = f"{met[0].upper()}{met[1:]}: another subject than the file's, or something that the catalogue lacks."
+    elif acting and somewhere and naming.verdict == "unknown":
+        tried = "No law of the catalogue explains it" if naming.complete else "Nothing that was tried explains it"
+        gap = f"the gap to held-out beats is {left(before)}"
+        said = f"Something is missing: {gap}. {tried}. {acts_as(acting)}"
+    else:
+        why = " that the catalogue does not explain" if naming.complete else ", and nothing that was tried explains it"
+        said = f"Something is missing{why}: the gap to held-out beats is {left(before)}."
+    return said if naming.complete else f"{said} Search incomplete: the time limit was over before all was compared."
+
+
+def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
+    """What is missing, what adding it does to the gap, and what else it may be."""
+    labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
+    sensors, others = all(of_sensor(e.name) for e in effects), max(len(naming.members) - 1, 0)
+    kind = "pair" if naming.verdict == "several" else "candidate"
+    rest = f"{others} other {kind}{'s' if others > 1 else ''} cannot be ruled out"
+    lacks, tail = "The model lacks", ""
+    match naming.verdict:
+        case "effect" if sensors:
+            return f"The sensor is at fault, not the arteries: {labels}; with it {gap}."
+        case "several" if others:
+            lacks, tail = "The model lacks two effects, most likely", f", but {rest}"
+        case "ambiguous" if naming.of_one_site:
+            lacks, tail = _ONE_SITE, f"; {rest}" if others else ""
+        case "ambiguous":
+            lacks, tail = "The model lacks something like", f", but {rest}"
+        case "partial":
+            lacks = _ONE_SITE if naming.of_one_site else "The measurement is at fault," if sensors else lacks
+            tail = ", but more than noise remains" + (f"; {rest}" if others else "")
+    return f"{lacks} {labels}: with {'both' if len(effects) > 1 else 'it'} {gap}{tail}."
+
+
+def _met(naming: Naming) -> bool:
+    """Whether the model meets the record, but only with numbers that no animal has."""
+    return naming.verdict == "unknown" and naming.base.explains and bool(implausible(naming.base.fit))
+
+
+def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:
+    band = study.fitted.scatter(channel) / np.sqrt(study.fitted.n_beats)
+    beat, ending = (after.beats[channel], after.gap.channels[channel]) if after else (None, None)
+    measured, gap = study.fitted.mean(channel), before.gap.channels[channel]
+    rms = before.gap.rms.get(channel), after.gap.rms.get(channel) if after else None
+    return ChannelBeats(channel, measured, band, before.beats[channel], beat, gap, ending, *rms)
+
+
+def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
+    """What all arteries have in common: x times its step, as logarithm of a scale or as a shift."""
+    own = {u.name for term in fit.terms for u in term.unknowns}
+    sd = np.sqrt(np.diag(with_widths(fit).covariance))
+    return tuple(
+        Absorbed(f"ln {u.name}" if u.kind == "scale" else u.name, float(x) * u.size, float(s) * u.size, u.size, u.unit)
+        for u, x, s in zip(fit.unknowns, fit.x, sd, strict=True)
+        if u.name not in own and not u.group
+    )
+
+
+def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
+    """The best hypotheses, each with what it leaves of the held-out beats."""
+    shown = naming.ranked[:_SHOWN]
+    kept = naming.problem.held_out(study.held_out, study.fitted)
+    found = []
+    for n, (chi2, size) in zip(shown, kept.predict([n.fit for n in shown]), strict=True):
+        parameters = {name: e for t in n.fit.terms for name, e in stated(study.network, naming, n, t).items()}
+        names = " + ".join(t.effect for t in n.fit.terms)
+        where = tuple(dict.fromkeys(place for t in n.fit.terms for place in t.where))
+        per_dof, left = n.fit.chi2 / max(1, len(n.fit.z) - len(n.fit.x)), float(np.sqrt(chi2 / size))
+        in_class = any(n is member for member in naming.members)
+        walls = "individual" if n.individual else "common"
+        found.append(Candidate(names, where, parameters, n.above_best, per_dof, left, n.separation, in_class, walls))
+    return tuple(found)

@@ -1,0 +1,119 @@
+"""Find where simulation and record disagree: z of every channel and harmonic, and balances of measured channels alone.
+
+z is the residual of the mean beat's Fourier coefficient over its standard deviation, sensors, inflow and solver taken
+together; for a complex coefficient |z|² is a χ² of two degrees of freedom over two. First the global χ², then which
+entries stand out, by Benjamini and Yekutieli (Ann. Stat. 29, 2001, 1165), which holds for correlated entries too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import false_discovery_control, norm
+
+from fitting.inference.models.bench import bench, fit
+from fitting.inference.models.bench_network import on_bench
+from fitting.records.alignment.beats import Beats
+from solver.errors import InputError
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
+
+from .. import thresholds
+from ..findings.outcome import Balance, Located
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Found:
+    """z : (K+1, m) of the channels. p_value : of the global χ². located : the loudest that are significant."""
+
+    z: Array
+    p_value: float
+    located: tuple[Located, ...]
+
+
+def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
+    """Where a residual measured less simulated stands out.
+
+    residual : (K+1, m) complex coefficients. covariance : (K+1, m, m).
+    """
+    variance = np.einsum("kii->ki", covariance).real
+    z = np.abs(residual) / np.sqrt(variance)
+    p = np.where(np.arange(len(z))[:, None] == 0, 2.0 * norm.sf(z), np.exp(-(z**2)))
+    significant = benjamini_yekutieli(p, thresholds.CHANCE)
+    order = np.argsort(-np.where(significant, z, -1.0), axis=None)
+    located = []
+    for flat in order[: thresholds.FEW]:
+        k, i = (int(n) for n in np.unravel_index(int(flat), z.shape))
+        if significant[k, i]:
+            site, _, signal = names[i].rpartition(".")
+            phase = float(np.degrees(np.angle(residual[k, i])))
+            located.append(Located(site, signal, int(k), float(z[k, i]), phase))
+    power = np.einsum("ki,kij,kj->k", residual.conj(), np.linalg.inv(covariance), residual).real
+    total = power[0] + 2.0 * power[1:].sum()  # χ² = Σ weight x† C⁻¹ x
+    p_value = float(chi2_distribution.sf(total, residual.shape[1] * (2 * len(power) - 1)))
+    return Found(z, p_value, tuple(located))
+
+
+def benjamini_yekutieli(p: Array, rate: float) -> Array:
+    """Which of the p-values are discoveries at this false discovery rate, whatever their dependence; any shape."""
+    return np.asarray(false_discovery_control(p.ravel(), method="by") <= rate).reshape(p.shape)
+
+
+def mass_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
+    """Mean flow in less mean flow out between measured sites, from the record alone, in noise units.
+
+    Every junction whose vessels all have a measured flow (the inlet's is that of its segment).
+    """
+    flows = {site.segment: f"{site.name}.Q" for site in network.sites if f"{site.name}.Q" in beats.values}
+    root, joined = network.inlet.segment, []
+    if INFLOW in beats.values and root in flows:
+        joined.append((root, [INFLOW], [flows[root]]))
+    for junction in network.junctions:
+        if all(s in flows for s in (*junction.inflow, *junction.outflow)):
+            into, out = [flows[s] for s in junction.inflow], [flows[s] for s in junction.outflow]
+            joined.append((f"junction {junction.name}", into, out))
+    found = []
+    for where, into, out in joined:
+        names, sign = (*into, *out), np.repeat([1.0, -1.0], [len(into), len(out)])
+        difference = sign @ np.array([beats.mean(name).mean() for name in names])
+        variance = sign @ beats.covariance(names)[0].real @ sign
+        found.append(Balance("mass", where, float(difference / np.sqrt(max(variance, 1e-300)))))
+    return tuple(found)
+
+
+def momentum_balances(
+    names: Sequence[str], residual: Array, covariance: Array, network: Network
+) -> tuple[Balance, ...]:
+    """Pressure drops between neighbouring measured sites against the simulated ones: RMS over harmonics / noise.
+
+    residual : (K+1, m) measured less simulated coefficients. covariance : (K+1, m, m).
+    """
+    at = {site.segment: names.index(f"{site.name}.P") for site in network.sites if f"{site.name}.P" in names}
+    found = []
+    for junction in network.junctions:
+        for a in (s for s in junction.inflow if s in at):
+            for b in (s for s in junction.outflow if s in at):
+                sign = np.zeros(len(names))
+                sign[[at[a], at[b]]] = 1.0, -1.0
+                variance = np.einsum("i,kij,j->k", sign, covariance, sign).real
+                z = np.sqrt(np.mean(np.abs(residual @ sign) ** 2 / np.maximum(variance, 1e-300)))
+                found.append(Balance("momentum", f"{a} to {b}", float(z)))
+    return tuple(found)
+
+
+def wall_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
+    """The wall law at every site with P and R: RMS of its residual over its noise, E, phi0 and R0 refitted there."""
+    found = []
+    for site in network.sites:
+        if {f"{site.name}.P", f"{site.name}.R"} <= set(beats.values):
+            try:
+                local = fit(bench(beats, on_bench(network, site.name, segment=site.segment), site.name), ())
+            except InputError:  # a loop that no wall of this kind carries
+                continue
+            found.append(Balance("wall law", site.name, float(np.sqrt(np.mean(local.z**2)))))
+    return tuple(found)

@@ -1,0 +1,74 @@
+"""The model of a study: a network file, an FMU that carries its own, or a first one that is made of the record."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from fitting.check.fmu_run import read_fmu, run_module
+from fitting.first.model import first_model
+from fitting.records.alignment.align import align
+from fitting.records.plausible import check_plausible
+from fitting.records.read.record import Record
+from fitting.records.read.sensors import UnusableRecord
+from solver.errors import InputError
+from solver.io.host_died import ended
+from solver.io.writing import check_new, write_whole
+from solver.network.description import Network
+from solver.network.files import find_network, read_network
+
+FILE = "first.toml"
+
+
+def read_model(path: str | os.PathLike[str]) -> Network:
+    """The network of a TOML file, of a bundled network's name, or of an FMU. Raises ValueError, one sentence."""
+    network = read_network(find_network(path))
+    if Path(path).suffix.lower() != ".fmu":
+        return network
+    starts = read_fmu(path).starts
+    for name, value in {**network.parameters(), "network.elastic_law": network.elastic_law}.items():
+        if starts[name] != value:
+            raise InputError(
+                f"{path}: {name} starts at {starts[name]} in its description, and is {value} in its network file; "
+                "build it anew, with --set where a value was changed."
+            )
+    return network
+
+
+def build_fmu(network_file: Path, folder: Path) -> Path:
+    """Build the FMU of a network file in a process of its own: ``<folder>/<name>.fmu``.
+
+    Raises ValueError with what the process said.
+    """
+    code, said = run_module("build_fmu", os.fspath(network_file), "--out", os.fspath(folder))
+    if code != 0:
+        raise InputError(said or f"{network_file}: its FMU could not be built; the process {ended(code)}.")
+    return folder / f"{read_network(network_file).name}.fmu"
+
+
+def first_of(
+    record: Record | UnusableRecord, folder: Path, period: float | None, as_measured: bool
+) -> tuple[Path, str]:
+    """Write the first model of a record into the folder of the study; its file, and a sentence about it.
+
+    period : of the beat [s], found by default. as_measured : values that no artery has are taken as they are. Raises
+    ValueError for a record that cannot be used or lacks flow and pressure at the root, and for a file that is there and
+    was edited.
+    """
+    if isinstance(record, UnusableRecord):
+        raise record
+    if not as_measured:
+        check_plausible(record, {})
+    found, path = first_model(align(record, period)), folder / FILE
+    try:
+        check_new({path: found.text}, force=False)
+    except InputError:
+        raise InputError(
+            f"{path}: is there and is not what this record gives; if you edited it, give it: --model {path}, else "
+            "remove it."
+        ) from None
+    write_whole(path, found.text)
+    return path, (
+        f"no model was given: {path} was made of the record, with a human's aorta for what a recording does not tell; "
+        "arterial-fmu first says how each number was found, and makes others."
+    )

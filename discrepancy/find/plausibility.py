@@ -1,0 +1,103 @@
+"""Whether record and model belong together: wrong units, clocks and dead sensors, each refused in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fitting.records.alignment.period import find_period
+from fitting.records.read.record import Record
+from solver.errors import InputError
+
+from .study import Study, Unusable
+
+Array = np.ndarray
+
+_PERIODS = 0.02  # relative difference between the heart periods of two channels
+_LATE = 0.08  # of the period, by which a channel may be away from where it fits best
+_ALIKE = 0.9  # correlation there, so that the shape is the artery's and the time is wrong
+_MORE_ALIKE = 0.15  # than without the shift
+_SIZE = {"P": 6.0, "Q": 25.0, "R": 6.0}  # ratio of a channel's pulse to the model's: a hidden effect stays below
+_STRANGE = 0.5  # correlation of the middle channel below which the waves are not of this network
+_DEAD = 0.05  # of the usual pulse of a beat
+_DEAD_FOR = 0.125  # of the beats
+
+
+def check_record(record: Record) -> None:
+    """Raise Unusable unless all channels share one heart rate."""
+    periods = {}
+    for name, values in record.channels.items():
+        try:
+            periods[name] = find_period({name: values}, record.dt, record.path).T
+        except InputError:  # too noisy by itself; together with the others it may do
+            continue
+    if not periods:
+        return
+    middle = float(np.median(list(periods.values())))
+    for name, T in periods.items():
+        ratio = T / middle
+        whole = min(abs(ratio - round(ratio)) if ratio >= 1.0 else abs(1.0 / ratio - round(1.0 / ratio)), 1.0)
+        if whole > _PERIODS:
+            raise Unusable(
+                f"{record.path}: channel {name} repeats every {T:.4g} s, the others every {middle:.4g} s: they were "
+                f"not recorded together, or one clock is wrong; record all channels at once."
+            )
+
+
+def check_beats(study: Study) -> None:
+    """Raise Unusable if a sensor was dead for an eighth of the beats."""
+    for name in study.fitted.values:
+        beats = np.concatenate([study.fitted.values[name], study.held_out.values[name]])
+        pulse = np.nanstd(beats, axis=1)
+        dead = pulse < _DEAD * np.nanmedian(pulse)
+        if dead.mean() > _DEAD_FOR:
+            raise Unusable(
+                f"{study.fitted.source}: channel {name} is flat in {int(dead.sum())} of {len(dead)} beats: its "
+                f"sensor was dead there; leave these samples empty or leave the channel out."
+            )
+
+
+def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:
+    """Raise Unusable if the measured beats are not those of this network: size, time or shape.
+
+    simulated : (N,) beats of the model as given, by channel.
+    """
+    source, fits = study.fitted.source, {}
+    for name in study.problem.signals:
+        measured, model, largest = study.fitted.mean(name), simulated[name], _SIZE[name.rpartition(".")[2]]
+        ratio = float(np.std(measured) / max(np.std(model), 1e-300))
+        if not 1.0 / largest < ratio < largest:
+            raise Unusable(
+                f"{source}: the pulse of {name} is {ratio:.3g} times that of the model: a wrong unit, or a record of "
+                "another network; check the column's unit and the network file."
+            )
+        fits[name] = _best_shift(measured, model)
+    late = {
+        name: shift * study.fitted.T
+        for name, (shift, best, without) in fits.items()
+        if abs(shift) > _LATE and best > _ALIKE and best - without > _MORE_ALIKE
+    }
+    if late:
+        name, lag = max(late.items(), key=lambda item: abs(item[1]))
+        others = f", and so do {len(late) - 1} more channels" if len(late) > 1 else ""
+        raise Unusable(
+            f"{source}: {name} comes {abs(lag) * 1e3:.0f} ms too {'late' if lag > 0.0 else 'early'} against what "
+            f"drives the model{others}: the channels are not synchronised; shift them onto one clock."
+        )
+    middle = float(np.median([without for _, _, without in fits.values()]))
+    if study.site is None and middle < _STRANGE:
+        raise Unusable(
+            f"{source}: its waves do not resemble those of network {study.network.name} (correlation about "
+            f"{middle:.2f}); check that the record is of this network and that inlet.Q is the flow into it."
+        )
+
+
+def _best_shift(measured: Array, model: Array) -> tuple[float, float, float]:
+    """By how many periods the measured beat is late where it fits best, the correlation there, and without shift."""
+    a, b = np.fft.rfft(measured - measured.mean()), np.fft.rfft(model - model.mean())
+    size = float(np.linalg.norm(measured - measured.mean()) * np.linalg.norm(model - model.mean()))
+    correlation = np.fft.irfft(a * np.conj(b), len(measured)) / max(size, 1e-300)
+    at = int(np.argmax(correlation))
+    shift = (at if at <= len(measured) // 2 else at - len(measured)) / len(measured)
+    return shift, float(correlation[at]), float(correlation[0])

@@ -1,0 +1,196 @@
+"""A study: a record, the network that it is compared with, and what of the record is kept from every fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from fitting.inference.forward import Forward
+from fitting.inference.hypothesis import Term, candidates
+from fitting.inference.models.bench import bench
+from fitting.inference.models.network_record import network_problem
+from fitting.inference.prior import Calibrated
+from fitting.inference.runs import Runs
+from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
+from fitting.records.channels.noise import seam_said
+from fitting.records.read.record import Record
+from fitting.records.read.sensors import UnusableRecord
+from fitting.wall.elastic_law import MISFIT
+from fitting.wall.site_fit import fit
+from solver import NonPhysicalState, NotPeriodic
+from solver.errors import InputError
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
+
+from .. import thresholds
+
+_SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer, a beat does not serve
+_SCATTER = 1e-7  # of the pulse, a standard deviation: the rounding of a converter of 24 bits, below any sensor's noise
+
+
+class Unusable(UnusableRecord):
+    """The record cannot be compared with this model; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """fitted, held_out : beats. problem : of the fitted ones. warnings : what to know of the record, in sentences."""
+
+    network: Network
+    fitted: Beats
+    held_out: Beats
+    problem: Forward
+    terms: tuple[Term, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def site(self) -> str | None:
+        """The only artery that is compared, if P and R of it are all that was measured."""
+        return self.problem.site
+
+
+def prepare(
+    record: Record,
+    network: Network,
+    period: float | None = None,
+    runs: Runs | None = None,
+    prior: Calibrated | None = None,
+) -> Study:
+    """Cut the record into beats, keep the last quarter of them apart, and set up the comparison.
+
+    prior : what a calibration of the network left uncertain.
+    Raises Unusable if the record cannot be used with this network.
+    """
+    try:
+        fitted, kept, warnings = parts(align(record, period))
+        if INFLOW in record.channels:
+            whole = network_problem(fitted, network, channels(record, network), runs, prior)
+            problem: Forward = whole
+            warnings += seam_said(fitted, whole.signals, whole.felt)
+        else:
+            site = bench_site(record, network)
+            problem = bench(fitted, network, site)
+            warnings += other_law(fitted, network, site)
+        sensors = problem.signals if problem.site else (*problem.signals, INFLOW)
+        terms = candidates(network, sensors, problem.site)
+        return Study(network, fitted, kept, problem, terms, warnings)
+    except Unusable:
+        raise
+    except (InputError, NonPhysicalState, NotPeriodic) as error:
+        raise Unusable(str(error)) from None
+
+
+def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
+    """The beats that are fitted, the last quarter that is kept apart, and what to know of them.
+
+    Beats that a channel has hardly a sample of serve in neither. Raises Unusable if too few are left, if a channel was
+    measured in no beat of a part at some phase, or if its beats are all the same.
+    """
+    least = thresholds.FEWEST_BEATS
+    if beats.n_beats < least:
+        raise Unusable(
+            f"{beats.source}: {beats.n_beats} beats are too few; record at least {least}, so that some can be kept "
+            f"apart to judge by."
+        )
+    there = {channel: (~np.isnan(values)).mean(axis=1) for channel, values in beats.values.items()}
+    serves = {channel: share >= _SERVES * share.max() for channel, share in there.items()}
+    whole = np.flatnonzero(np.all(list(serves.values()), axis=0))
+    if len(whole) < least:
+        worst = min(serves, key=lambda channel: int(serves[channel].sum()))
+        raise Unusable(
+            f"{beats.source}: {worst} lacks {1.0 - there[worst].mean():.0%} of its samples, and only {len(whole)} of "
+            f"{beats.n_beats} beats have all channels, which is too few (at least {least}); cut the record to where "
+            f"all were measured, record more beats, or leave the channel out."
+        )
+    held = max(2, math.floor(thresholds.HELD_OUT * len(whole)))
+    fitted, kept = beats.select(whole[:-held]), beats.select(whole[-held:])
+    for part, what in ((fitted, "fitted"), (kept, "kept apart to judge by")):
+        for channel, values in part.values.items():
+            if lost := float(np.isnan(values).all(axis=0).mean()):  # phases that no beat has
+                raise Unusable(
+                    f"{part.source}: {channel} lacks {1.0 - there[channel].mean():.0%} of its samples, and the "
+                    f"{part.n_beats} beats that are {what} have none of it over {lost:.0%} of a beat; cut the record "
+                    f"to where it was measured, record more beats, or leave the channel out."
+                )
+    check_scatter(fitted)
+    if len(whole) == beats.n_beats:
+        return fitted, kept, fitted.warnings
+    gaps = ", ".join(channel for channel, serving in serves.items() if not serving.all())
+    left_out = f"{beats.n_beats - len(whole)} of {beats.n_beats} beats were left out for the gaps of {gaps}."
+    return fitted, kept, (*beats.warnings, left_out)
+
+
+def check_scatter(beats: Beats) -> None:
+    """Raise Unusable if the beats of a channel are all the same: no noise to judge a disagreement by.
+
+    The inflow may be the command of a pump, which is known without noise.
+    """
+    for channel in beats.values:
+        alike = beats.noise(channel) / float(np.ptp(beats.mean(channel)))
+        if channel != INFLOW and not alike > _SCATTER:
+            raise Unusable(
+                f"{beats.source}: the beats of {channel} are all the same to {max(alike, 1e-16):.0e} of its pulse, so "
+                f"there is no scatter to judge by; give the record as it was measured, not an averaged beat that is "
+                f"repeated, nor a simulation without noise."
+            )
+
+
+def channels(record: Record, network: Network) -> tuple[str, ...]:
+    """The recorded outputs of the network. Raises Unusable if there is none, or one that the network has not."""
+    known = network.output_units()
+    names = tuple(n for n in record.channels if n != INFLOW)
+    foreign = [n for n in names if n not in known]
+    if foreign or not names:
+        sites = ", ".join(site.name for site in network.sites)
+        what = f"its channel {foreign[0]} is no output of" if foreign else f"it has no channel but {INFLOW} of"
+        raise Unusable(
+            f"{record.path}: {what} network {network.name} (sites {sites}); use the network that was recorded, add "
+            f"the site to it, or leave the channel out."
+        )
+    return names
+
+
+def bench_site(record: Record, network: Network) -> str:
+    """The segment whose P and R a bench record holds. Raises Unusable if it holds anything else."""
+    sites = list(dict.fromkeys(n.rpartition(".")[0] for n in record.channels))
+    lacks = [n for n in (f"{sites[0]}.P", f"{sites[0]}.R") if n not in record.channels]
+    if len(sites) != 1 or lacks:
+        instead = f"add {' and '.join(lacks)}" if len(sites) == 1 else "give P and R of one site alone"
+        raise Unusable(
+            f"{record.path}: it has {', '.join(record.channels)}, but no {INFLOW}; add {INFLOW} to compare it with the "
+            f"network, or {instead} to compare one artery with its wall."
+        )
+    segments = {site.name: site.segment for site in network.sites}
+    segment, known = segments.get(sites[0], sites[0]), [s.name for s in network.segments]
+    if segment not in known or segment != sites[0]:
+        raise Unusable(
+            f"{record.path}: network {network.name} has no segment {sites[0]}; name the channels after the segment "
+            f"that was measured ({', '.join(known)})."
+        )
+    return sites[0]
+
+
+def other_law(beats: Beats, network: Network, site: str) -> tuple[str, ...]:
+    """A sentence where a wall of another law than the file's describes P and R of a site within their noise, and its
+    evidence is decided (:mod:`fitting.wall.law_selection`); none otherwise.
+
+    benchmarks/elastic_laws.py counts how often the wrong law is decided: in 1 of 1600 recordings.
+    """
+    name = next((s.segment for s in network.sites if s.name == site), site)
+    try:
+        found = fit(beats, site, network.segment(name).h, eta=network.eta)
+    except InputError:  # no wall of either law
+        return ()
+    law, own, weights = found.model.elastic, network.elastic_law, found.evidence
+    decided = law != own and weights is not None and weights.decided
+    if not decided or chi2.sf(found.chi2, found.dof) < MISFIT:
+        return ()
+    return (
+        f"{site}: the file's elastic law is {own}, but a wall of the {law} law explains P and R within their noise by "
+        f"itself ({found.law}): what is named may only stand for the law; set "
+        f'elastic_law = "{law}" in the file, fit its wall anew, and compare.',
+    )

@@ -1,0 +1,83 @@
+"""Where in the network an effect acts: which vessel, outlet, junction or channel to mark."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import chain
+
+from solver.laws import effects
+from solver.laws.effect import Effect
+from solver.quantities.legible import DASH
+
+from .outcome import Outcome
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place to mark.
+
+    kind : "segment", "outlet", "junction" or "channel". place : a name of that kind (of a channel: its site) or "all".
+    named : by the verdict, or only in its class.
+    """
+
+    kind: str
+    place: str
+    named: bool
+    text: str
+
+    def is_at(self, kind: str, place: str) -> bool:
+        """Whether this mark stands at a place."""
+        return self.kind == kind and self.place in (place, "all")
+
+
+def marks(outcome: Outcome) -> list[Mark]:
+    """Every place of the verdict's effects, and of the others in its class."""
+    found = [(effect.name, effect.where) for effect in outcome.effects]
+    named = found if outcome.verdict in ("effect", "several", "partial") else []
+    return [
+        Mark(_kind(entry(name).owner), site_of(place), (name, where) in named, effect_text(name, (place,)))
+        for name, where in dict.fromkeys((*named, *chain.from_iterable(outcome.members), *found))
+        for place in where
+    ]
+
+
+def _kind(owner: str) -> str:
+    """The kind of place of an effect; one of the fluid acts in the segments."""
+    return "segment" if owner == "fluid" else owner
+
+
+def entry(name: str) -> Effect:
+    """The effect of the catalogue that has this name."""
+    return effects.BY_NAME[name]
+
+
+def of_sensor(name: str) -> bool:
+    """Whether the effect belongs to a measurement chain, not to the arteries."""
+    return entry(name).owner == "channel"
+
+
+def plain(name: str) -> str:
+    """ "wall_viscosity" as people write it."""
+    return name.replace("_", " ")
+
+
+def places_text(where: Iterable[str]) -> str:
+    """Places in words."""
+    return ", ".join("all places" if place == "all" else place for place in where) or DASH
+
+
+def effect_text(name: str, where: Iterable[str]) -> str:
+    """An effect at its places in words."""
+    return f"{plain(name)} at {places_text(where)}"
+
+
+def label_text(label: str) -> str:
+    """ "wall_viscosity at CA" in words, or several of them with a plus; names of places stay as they are."""
+    found = (each.partition(" at ") for each in label.split(" + "))
+    return " + ".join(plain(name) + (f" at {places_text([place])}" if at else "") for name, at, place in found)
+
+
+def site_of(place: str) -> str:
+    """The site of a channel; another place as it is."""
+    return place.rpartition(".")[0] or place

@@ -1,0 +1,172 @@
+"""Name what acts at the places of the source map: the catalogue's laws there, each refitted in full.
+
+A law begins where the map ended: with the walls that the map found, the other places keeping their free sources, at the
+size with which it comes nearest to the record. Walls that were fitted without it would have taken up a part of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.inference.fit import Fit, Member, sizes_of
+from fitting.inference.hypothesis import Term, effect_of, placed
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.places import NUMBER, Place
+from fitting.inference.runs import Runs
+from fitting.inference.source_maps.beside import found_beside
+from fitting.inference.source_maps.source_map import SourceMap
+from solver.errors import InputError
+from solver.laws.effect import CHANNEL
+
+from .. import thresholds as at
+from .individual_walls import implausible
+from .law_starts import TYPICAL, Base, Begun, along, nearest
+from .rivals import with_rivals
+from .scoring import Compared, exact, promised, there
+
+Array = np.ndarray
+
+_ROUNDS = 3  # of rivals of the best hypothesis, at most, while these find a better one
+
+
+def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
+    """The laws of a place of the map and of its segment, and those of places that do nearly as well beside the others:
+    between two sites a wall, a drop, a loss and an outlet are told apart by their laws alone. A place that does no
+    better than none is no such place."""
+    mine, others = found.places[i], {p.key for j, p in enumerate(found.places) if j != i}
+    most = min([at.NEAR, *(r.above for r in found.rivals if {p.key for p in r.places} == others)])
+    near = [mine]
+    for rival in found.rivals:
+        new = [p for p in rival.places if p.key not in others]
+        if rival.above < most and len(new) == 1 and others <= {p.key for p in rival.places}:
+            near.append(new[0])
+    chosen = dict[tuple[str, int], Term]()
+    for place in near:
+        for t in terms:
+            if acts_at(t, place) or (place is mine and in_segment(t, place)):
+                for each in along(problem, t, place):
+                    chosen.setdefault((each.label, len(each.unknowns)), each)
+    return list(chosen.values())
+
+
+def in_segment(term: Term, place: Place) -> bool:
+    """Whether a law acts in the segment of a place, or at its end."""
+    return place.kind != CHANNEL and not term.is_sensor and term.place == place.segment
+
+
+def acts_at(term: Term, place: Place) -> bool:
+    """Whether a law may be what acts at a place."""
+    if place.kind == NUMBER:
+        return in_segment(term, place)
+    return effect_of(term).source == place.kind and term.place == place.name
+
+
+def base(problem: NetworkProblem, found: SourceMap) -> Base:
+    """The walls of the map."""
+    return Base(Member((), problem.hypothesis(()), found.x), problem.target.whiten(found.J))
+
+
+def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[Fit]:
+    """Laws of any place of the map, refitted without what the map has at the others: one may be all that acts."""
+    every = {(t.label, len(t.unknowns)): t for some in laws for t in some}
+    plain, walls = found.forced(problem, []), found.standing_out(())
+    chosen = _few(nearest(plain, base(plain, walls), list(every.values()), runs))
+    return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
+
+
+def _few(begun: Sequence[Begun]) -> list[Begun]:
+    """The laws that are refitted: the nearest, all that promise so much that they might not be ruled out beside the
+    nearest (few sensors see many alike), and every outlet of another kind, which begins far off."""
+    most = begun[0].left + at.RULED_OUT if begun else 0.0
+    return [b for k, b in enumerate(begun) if k < at.FEW or b.left < most or b.term.rewires]
+
+
+def refitted(
+    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs
+) -> list[Fit]:  # fmt: skip
+    """Hypotheses searched for from the walls of the map, and where their laws begin: from afar first, with an error
+    granted to the model as in the map, and then to the noise."""
+    if not hypotheses:
+        return []
+    wide = problem.granted(at.AFAR)
+    begin = base(wide, found)
+    known = {u.name: column for u, column in zip(found.unknowns, begin.J.T, strict=True)}
+    members = [begin.with_laws(problem, laws) for laws in hypotheses]
+    seen = there(wide.searched_from(members, runs, known))
+    return there(problem.relaxed(problem.restated(seen, wide), runs))
+
+
+def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+    """What is known after every stage. found : the map of the problem's record."""
+    none = refitted(problem, found, [[]], runs) or there(problem.refit([()], runs=runs))
+    if not none:
+        raise InputError("the model as given cannot be simulated with this record")
+    result = Compared.of(problem, none, {}, terms)
+    yield result
+    laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
+    yield (result := exact(problem, [*none, *single(problem, found, laws, runs)], {}, terms, runs))
+    columns = result.problem.columns(result.none.fit, result.sought, runs)
+    yield (result := result.with_columns(columns))
+    if result.none.explains:
+        yield (result := _also_promising(result, columns, runs))
+        if implausible(result.none.fit):
+            yield (result := _of_the_file(result, found, runs))
+    for _ in range(_ROUNDS):
+        best, left = result.best.key, _leaves(result)
+        if left and result.best.fit.terms:
+            result = result.at_minimum(runs)
+            yield (result := result.joined_by(_refined(result, runs)).polished(runs))
+        # where one place is enough for all that acts, a law that explains a part of it is the wrong one
+        more = left and not (found.explains and len(found.places) == 1 and not result.best.explains)
+        yield (result := with_rivals(result, runs, left, more))
+        if result.best.key == best:
+            break
+    yield result.at_minimum(runs)
+
+
+def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) -> Compared:
+    """With the laws that add evidence to the model without effect by their columns, where that explains the record:
+    weak ones that act everywhere are no single place, and few sensors show none."""
+    base, tried = result.none.fit, {n.label for n in result.ranked}
+    best, gained = promised(base, result.sought, columns)
+    near = [t for k, (score, t) in enumerate(gained) if k < at.FEW or score < gained[0][0] + at.RULED_OUT]
+    worth = {t.label for score, t in gained if score < best - at.FIRST}
+    chosen = [t for t in near if t.label in worth - tried]
+    if not chosen:
+        return result
+    return result.joined_by(result.problem.refit([(t,) for t in chosen], base, runs, columns)).polished(runs)
+
+
+def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
+    """With the laws that promise most from the walls of the file, and every outlet of another kind: where the model
+    without effect explains the record as an animal alone that there hardly is, its walls say nothing of where to begin.
+    """
+    problem = result.problem
+    assert isinstance(problem, NetworkProblem)
+    plain, walls = found.forced(problem, []), replace(found, x=np.zeros(len(found.x)))
+    laws = [t for t in result.terms if t.rewires or t in result.sought]
+    wide = plain.granted(at.AFAR)
+    chosen = _few(nearest(wide, base(wide, walls), laws, runs, TYPICAL))
+    return result.joined_by(refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)).polished(runs)
+
+
+def _leaves(result: Compared) -> bool:
+    """Whether something acts beside the best hypothesis."""
+    assert isinstance(result.problem, NetworkProblem)
+    return not result.best.explains or found_beside(result.problem, result.best.fit) is not None
+
+
+def _refined(result: Compared, runs: Runs) -> list[Fit]:
+    """The best law finer: one that acts everywhere with a size of its own for every segment, one of a part of a segment
+    wherever it lies, and however long it is."""
+    first, problem, hypotheses = result.best.fit, result.problem, list[tuple[Term, ...]]()
+    for i, t in enumerate(first.terms):
+        for finer in (problem.refined(first, t), placed(problem.network, t, sizes_of(first, t))):
+            if finer is not None:
+                hypotheses.append((*first.terms[:i], finer, *first.terms[i + 1 :]))
+                if len(first.terms) > 1:  # the other one may have stood in for it
+                    hypotheses.append((finer,))
+    return there(problem.refit(hypotheses, first, runs)) if hypotheses else []

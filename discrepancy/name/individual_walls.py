@@ -1,0 +1,228 @@
+"""This animal's walls: every number of every artery and outlet as the record has it, beside the network file's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.inference.fit import Fit
+from fitting.inference.forward import Forward
+from fitting.inference.hierarchy import Linear, with_widths
+from fitting.inference.hypothesis import Term, rewired
+from fitting.inference.model_discrepancy import settled
+from fitting.inference.prior import calibrated
+from fitting.inference.runs import Runs
+from fitting.inference.unknown import Unknown, bounds, interval
+from solver.network.description import Network
+from solver.quantities.quantity import Quantity
+
+from .. import thresholds as at
+from ..findings.outcome import BEYOND, OwnNumber, Walls
+from .scoring import Compared
+
+_TOLD = 3  # odd numbers with a sentence of their own
+_MOST = 3  # one number in so many of a kind may stand out
+_FEWEST = 3  # others that tell a spread
+_TRIED = 3  # effects in place of each
+_SAME = 0.01  # of what a number does, that an effect of that number may not do: derivatives are good to 1e-3
+
+
+def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
+    """What a fit says of every artery and outlet; only of the kind where all have it in common.
+
+    The deviation of a number is what its own unknowns move it by, beside what moves all together. quantile : half a
+    95 % interval in standard deviations.
+    """
+    named = {u for term in fit.terms for u in term.unknowns}  # what an effect has of its own is no deviation
+    own = np.array([bool(u.group) and u not in named for u in fit.unknowns], bool)
+    if not own.any():
+        return Walls()
+    fit = with_widths(fit)
+    whole = rewired(network, fit.terms)
+    file, nominal, known = network.parameters(), whole.parameters(), whole.parameter_quantities()
+    arteries, told = {}, calibrated(fit.unknowns)
+    deviate = {variable for u, mine in zip(fit.unknowns, own, strict=True) if mine for variable in u.variables}
+    for name in (name for name in nominal if name in deviate and known[name].individual > 0.0):
+        now = interval(fit.unknowns, name, nominal[name], known[name], fit.x, fit.covariance, quantile)
+        moved = np.array([dict(u.moves).get(name, 0.0) for u in fit.unknowns])[own] @ fit.x[own]
+        source = "calibration" if name in told else "file"
+        arteries[name] = OwnNumber(file[name], now, float(moved / known[name].individual), source)
+    return Walls("individual", _spread(fit, known), arteries)
+
+
+def _spread(fit: Fit, known: dict[str, Quantity]) -> dict[str, tuple[float, float]]:
+    """The stated spread of every quantity between arteries, and the one that makes the record most probable."""
+    sizes = {name.rpartition(".")[2]: q.individual for name, q in known.items()}
+    return {group: (sizes[group], width * sizes[group]) for group, width in Linear.of(fit).inferred().of.items()}
+
+
+def odd_ones(walls: Walls, network: Network) -> list[str]:
+    """A sentence for each of the numbers farthest beyond the stated spread, and one for all the others."""
+    odd = sorted((name for name, own in walls.arteries.items() if own.beyond),
+                 key=lambda name: -abs(walls.arteries[name].deviation))  # fmt: skip
+    told, rest = odd[:_TOLD], odd[_TOLD:]
+    said = [_odd_text(name, walls.arteries[name], network) for name in told]
+    if rest:
+        said.append(f"Beyond their stated spreads, and this subject's own, are also {', '.join(rest)}; see its walls.")
+    return said
+
+
+def _odd_text(name: str, own: OwnNumber, network: Network) -> str:
+    quantity, more = network.parameter_quantities()[name], own.now.value - own.file
+    scaled = quantity.low >= 0.0 and own.file > 0.0
+    by = f"{100.0 * abs(more) / own.file:.0f} %" if scaled else f"{abs(more):.2g}"
+    side = "above" if more > 0.0 else "below"
+    return (
+        f"{name}: the {quantity.description} is {by} {side} the {own.source}'s, {abs(own.deviation):.1f} stated "
+        "spreads from what all have in common: this subject's own, not counted as an effect."
+    )
+
+
+Array = np.ndarray
+
+# --- numbers that stand out -------------------------------------------------------------------------------------------
+# Left free, one far number widens the spread that all of its kind share, and hides in it: among walls that differ, an
+# artery of 2.2 times the modulus left noise as "this animal's own", nine stated spreads from the others. So where
+# nothing else is missing, such a number is held where one of its kind may be, and effects where it acts must explain
+# the rest.
+
+
+def standing_out(unknowns: Sequence[Unknown], x: Array) -> dict[str, float]:
+    """How far [stated spreads] each number that stands out could be and still be one of its kind, by its unknown.
+
+    Of a kind the r farthest stand out if the r-th is beyond the limit that the rest set, whatever the r - 1 do
+    (B. Rosner, Technometrics 25 (1983) 165): two do not hide each other.
+    """
+    kinds: dict[str, list[int]] = {}
+    for i, u in enumerate(unknowns):
+        if u.group and not u.stated:
+            kinds.setdefault(u.group, []).append(i)
+    found = {}
+    for same in kinds.values():
+        order = sorted(same, key=lambda i: -abs(x[i]))
+        for r in range(max(1, len(order) // _MOST), 0, -1):
+            rest = x[order[r:]] if len(order) - r >= _FEWEST else np.zeros(1)
+            limit = max(at.OUTLIER, at.OUTLIER_OF_OTHERS * float(np.sqrt(np.mean(rest**2))))
+            if abs(x[order[r - 1]]) > limit:
+                found.update({unknowns[i].name: limit for i in order[:r]})
+                break
+    return found
+
+
+def implausible(fit: Fit) -> dict[str, float]:
+    """How far from the file's [stated spreads] numbers are that no animal has: of one artery or outlet those that stand
+    out, of all arteries together or of the one wall of a bench those beyond four."""
+    out = standing_out(fit.unknowns, fit.x)
+    far = {u.name: float(x) / u.prior_sd for u, x in zip(fit.unknowns, fit.x, strict=True) if u.prior_sd}
+    common = {u.name for u in fit.unknowns if not u.group and abs(far.get(u.name, 0.0)) > at.OUTLIER}
+    return {name: x for name, x in far.items() if name in common | out.keys()}
+
+
+def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
+    """Where the animal without effect is the best, with what stands out in it held, and then with the effects that do
+    most nearly what those numbers do. A number that is none of any effect's stays as it is: no effect is that animal
+    by another name."""
+    none = found.best.fit
+    limits = {} if none.terms else standing_out(none.unknowns, none.x)
+    if not limits:
+        return
+    odd = _odd(none, limits)
+    asked = [t for t in found.terms if t.place in {_owner(none.unknowns[i]) for i in odd} and not t.rewires]
+    columns = found.problem.columns(none, asked, runs)
+    instead = {i: _instead(none, i, asked, columns) for i in odd}
+    own = [none.unknowns[i] for i in odd if instead[i] and instead[i][0][0] < _SAME]
+    kinds = {u.group: limits[u.name] for u in own if u.name in limits}
+    if not kinds:
+        return
+    held = _held(none, kinds)
+    kept = [n.fit for n in found.every if not (n.individual and _beyond(n.fit, kinds))]
+    yield Compared.of(found.problem, [*kept, settled(held)], found.columns, found.terms)
+    effects = [[each for _, each in instead[i][:_TRIED]] for i in odd if none.unknowns[i].group in kinds]
+    hypotheses = [[one] for some in effects for one in some]
+    if len(effects) > 1 and all(effects[:2]):
+        hypotheses.append([effects[0][0], effects[1][0]])
+    base, *fits = found.problem.refine([held, *(f for each in hypotheses for f in _with(held, each))], runs)
+    new = [settled(held) if base is None else base, *(f for f in fits if f is not None)]
+    yield Compared.of(found.problem, [*kept, *new], found.columns, found.terms)
+
+
+def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
+    """The unknowns that stand out, farthest first, and of their kinds others that are far, or all where they are few:
+    what all have in common may have moved instead."""
+    groups = [u.group for u in none.unknowns]
+    kinds = {u.group for u in none.unknowns if u.name in limits}
+    far = [
+        i
+        for i, (group, x) in enumerate(zip(groups, none.x, strict=True))
+        if group in kinds and (abs(x) > BEYOND or groups.count(group) <= _FEWEST)
+    ]
+    return sorted(far, key=lambda i: (none.unknowns[i].name not in limits, -abs(none.x[i])))
+
+
+def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
+    """The animal of a hypothesis without its effect, where a number stood out or does so in ``none``, the best animal
+    without effect; None where none did.
+
+    Without the effect, an animal that is odd elsewhere may come as near to the record, and is not what is missing; and
+    one that is odd there is the effect by another name.
+    """
+    own = {u.name: u for u in problem.individual().deviations}
+    held = any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns)
+    if not held and not standing_out(none.unknowns, none.x):
+        return None
+    mine = np.array([not any(u in t.unknowns for t in fit.terms) for u in fit.unknowns], bool)
+    unknowns = tuple(u for u, keep in zip(fit.unknowns, mine, strict=True) if keep)
+    return replace(fit, terms=(), unknowns=unknowns, x=fit.x[mine], J=fit.J[:, mine])
+
+
+Instead = tuple[Term, int, Array]  # an effect, the number that it stands for, and where its search begins
+
+
+def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Array]) -> list[tuple[float, Instead]]:
+    """The effects that do most nearly what the unknown i does, each as large as that is, with the part of it that they
+    do not do; nearest first. None where it does nothing."""
+    found = []
+    moved = none.J[:, i] * none.x[i]
+    if not moved.any():
+        return []
+    for t in terms:
+        if t.place == _owner(none.unknowns[i]) and columns.get(t.label, moved[:, None][:, :0]).shape[1] == len(
+            t.unknowns
+        ):
+            x = np.linalg.lstsq(columns[t.label], moved, rcond=None)[0]
+            left = float(np.linalg.norm(moved - columns[t.label] @ x) / np.linalg.norm(moved))
+            found.append((left, (t, i, np.clip(x, *bounds(t.unknowns)))))
+    return sorted(found, key=lambda f: f[0])
+
+
+def _with(held: Fit, effects: Sequence[Instead]) -> list[Fit]:
+    """A fit with effects in place of numbers that stand out; of a kind of few also as in the file, where what all have
+    in common may have moved instead of the one."""
+    x, groups = held.x.copy(), [u.group for u in held.unknowns]
+    x[[i for _, i, _ in effects]] = 0.0
+    few = {groups[i] for _, i, _ in effects if groups.count(groups[i]) <= _FEWEST}
+    moved = {variable for u in held.unknowns if u.group in few for variable in u.variables}
+    as_in_file = np.where([bool(moved & set(u.variables)) for u in held.unknowns], 0.0, x)
+    terms = tuple(t for t, _, _ in effects)
+    unknowns = (*held.unknowns, *(u for t in terms for u in t.unknowns))
+    return [
+        replace(held, terms=terms, unknowns=unknowns, x=np.concatenate([walls, *(own for _, _, own in effects)]))
+        for walls in ([x, as_in_file] if few else [x])
+    ]
+
+
+def _owner(unknown: Unknown) -> str:
+    """The artery whose number, or whose outlet's, an unknown moves."""
+    return unknown.variables[0].partition(".")[0]
+
+
+def _held(fit: Fit, kinds: Mapping[str, float]) -> Fit:
+    """A fit with all numbers of some kinds where one of these may be: else another one would stand out instead."""
+    unknowns = tuple(u.within(kinds[u.group]) if u.group in kinds else u for u in fit.unknowns)
+    return replace(fit, unknowns=unknowns, x=np.clip(fit.x, *bounds(unknowns)))
+
+
+def _beyond(fit: Fit, kinds: Mapping[str, float]) -> bool:
+    return any(abs(x) > kinds.get(u.group, np.inf) for u, x in zip(fit.unknowns, fit.x, strict=True))

@@ -1,0 +1,124 @@
+"""The intervals that a study states: of an effect that was searched for, and whatever the walls may be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.inference.extended_network import estimates
+from fitting.inference.fit import Fit
+from fitting.inference.hierarchy import with_widths
+from fitting.inference.hypothesis import Term, effect_of, rewired
+from fitting.inference.intervals.profile import reaches
+from fitting.inference.intervals.selection import conditioned
+from fitting.inference.jackknife import jackknife
+from fitting.inference.runs import OutOfTime, Runs
+from fitting.inference.unknown import Unknown, quantile
+from fitting.results.estimate import Estimate
+from solver.network.description import Network
+from solver.quantities.coordinate import SCALE
+
+from ..findings.outcome import ADDED
+from .scoring import Named, found_from
+from .verdict import Naming
+
+_FEWEST = 3  # sites
+_MOST = 4  # numbers of an effect whose intervals are profiled
+_STRAIGHT = 0.05  # half an interval relative to its number, under which a valley is as straight as its covariance
+_SEARCHES = 4  # for the minimum, at most
+_GAIN = 0.05  # of the cost: less is none
+
+
+def profiled(naming: Naming, runs: Runs) -> Naming:
+    """With the best at its minimum, which a search that compares need not reach, and with the reach of the intervals of
+    effects of two numbers and more by profile likelihood; of those of very many, of narrow ones, and where time runs
+    out, it stays that of the covariance."""
+    if naming.verdict not in ADDED:
+        return naming
+    with suppress(OutOfTime):
+        naming = _at_minimum(naming, runs)
+        best, half = naming.best.fit, quantile(naming.problem.dof_of_noise)
+        several = [t for t in best.terms if 1 < len(t.unknowns) <= _MOST]
+        chosen = [u for t in several if any(_wide(best, u, half) for u in t.unknowns) for u in t.unknowns]
+        if chosen:
+            naming = replace(naming, reaches=reaches(naming.problem, best, chosen, half, runs))
+    return naming
+
+
+def _at_minimum(naming: Naming, runs: Runs) -> Naming:
+    """With the best searched for anew: where its walls are odd, from the file's, and with fresh derivatives until that
+    gains nothing."""
+    problem, (best, *rest) = naming.problem, naming.ranked
+    fit = best.fit
+    if fit.odd:
+        fit = _lower(fit, problem.refit([fit.terms], None, runs))
+    for _ in range(_SEARCHES):
+        before, fit = fit, _lower(fit, problem.refine([fit], runs))
+        if fit is before:
+            break
+    if fit is best.fit:
+        return naming
+    found = best.moved_to(fit, problem.dof_of_noise)
+    members = tuple(found if m is best else m for m in naming.members)
+    return replace(naming, ranked=(found, *rest), members=members)
+
+
+def _lower(fit: Fit, others: Sequence[Fit | None]) -> Fit:
+    """The fit of the lowest cost; what gains nothing does not count, but where it alone ended at a minimum."""
+
+    def gained(other: Fit) -> bool:
+        alone = other.converged and not fit.converged
+        return other.cost < fit.cost + (_GAIN if alone else -_GAIN)
+
+    return min((f for f in others if f is not None and gained(f)), key=lambda f: f.cost, default=fit)
+
+
+def _wide(fit: Fit, unknown: Unknown, half: float) -> bool:
+    """Whether an interval is so wide that its valley may bend, or comes to an end of its range."""
+    i = fit.unknowns.index(unknown)
+    x, reach = float(fit.x[i]), half * math.sqrt(float(fit.covariance[i, i]))
+    narrow = reach < _STRAIGHT * (1.0 / unknown.size if unknown.kind == SCALE else abs(x))
+    return not narrow or x - reach <= unknown.low or x + reach >= unknown.high
+
+
+def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[str, Estimate]:
+    """Values and 95 % intervals, in their ranges, of a term of a hypothesis, with the spread of walls that the record
+    tells.
+
+    Given that the effect was found, which near the limit of detection says that it is smaller than it looks.
+    """
+    half, fit = quantile(naming.problem.dof_of_noise), with_widths(named.fit)
+    found = estimates(network, fit, term, half, naming.reaches if named.key == naming.best.key else None)
+    if naming.verdict == "partial":
+        wider = _wider(naming, fit, term)
+        found = {key: _scaled(e, wider) for key, e in found.items()}
+    elif len(term.unknowns) == 1 and term.unknowns[0].of_size:
+        i = fit.unknowns.index(term.unknowns[0])
+        x, sd = float(fit.x[i]), math.sqrt(float(fit.covariance[i, i]))
+        limit = found_from(naming.terms, term, named)
+        found = {key: conditioned(e, x > 0.0, abs(x) / sd, limit, half) for key, e in found.items()}
+    known = rewired(network, named.fit.terms).parameter_quantities()
+    known = known | {f"{term.place}.{k}": q for k, q in effect_of(term).terms.items()}
+    return {key: e.within(known[key].low, known[key].high) if key in known else e for key, e in found.items()}
+
+
+def _wider(naming: Naming, fit: Fit, term: Term) -> float:
+    """By how much an interval beside an error of the model is wider than its covariance says.
+
+    As the estimate moves when one site, or on a bench one harmonic, is left out.
+    """
+    parts = naming.problem.without_each(fit)
+    if len(parts) < _FEWEST:
+        return 1.0
+    mine = [i for i, u in enumerate(fit.unknowns) if u in term.unknowns]
+    sd = np.sqrt(np.diag(fit.covariance))[mine]
+    return float(max(1.0, *(jackknife(fit, parts)[mine] / sd)))
+
+
+def _scaled(told: Estimate, factor: float) -> Estimate:
+    low, high = (told.value + factor * (end - told.value) for end in told.ci95)
+    return replace(told, ci95=(low, high))

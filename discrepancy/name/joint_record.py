@@ -1,0 +1,346 @@
+"""Several recordings of one animal as one record: unknowns in common, and what each recording has of its own.
+
+    |z|² + Σ (x_i/s_i)²,    z = (z_1(x_c, x_1), …, z_n(x_c, x_n)),
+
+with the whitened residual z_i of each recording, the unknowns x_c that all have in common (walls, geometry, sensors,
+effects) and those x_i that vary. Period, drive and noise are each recording's own. The Jacobian has a block of rows for
+each recording, which are 0 in the columns of what the others have of their own. What reads a fit to several recordings
+as one of the network reads the first of them: what the others have of their own moves variables "CA.E of B", which no
+network has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from fitting.inference.extended_network import allowed
+from fitting.inference.fit import Fit, Member, begun, taken_over
+from fitting.inference.forward import Forward
+from fitting.inference.gauss_newton import Point, Search, Trial, promised, search
+from fitting.inference.hypothesis import Term
+from fitting.inference.jackknife import Rest
+from fitting.inference.model_discrepancy import Beside, settled
+from fitting.inference.models.bench import Bench
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.runs import Runs
+from fitting.inference.source_maps.beside import found_beside
+from fitting.inference.unknown import Unknown
+from fitting.inference.unknown_text import named, parse_unknown
+from fitting.records.alignment.beats import Beats
+from solver.errors import InputError
+from solver.network.description import Network
+
+Array = np.ndarray
+
+_FARTHEST = 4.0  # stated spreads that a number which alone varies may be from the network's: R2 and P_venous imitate
+
+
+@dataclass(frozen=True)
+class Several(Forward):
+    """Problems of recordings of one animal, compared with one network; all of them of networks, or of one site.
+
+    labels : of the recordings. varies : names of numbers with wildcards, "*.outlet.R2", that each has of its own.
+    beats : of each, those that are fitted and those that are held out.
+    """
+
+    parts: tuple[Forward, ...]
+    labels: tuple[str, ...]
+    varies: tuple[str, ...] = ()
+    beats: tuple[tuple[Beats, Beats], ...] = ()
+
+    # --- what is in common, and what is not --------------------------------------------------------------------------
+
+    @property
+    def first(self) -> Forward:
+        return self.parts[0]
+
+    @property
+    def network(self) -> Network:  # type: ignore[override]
+        return self.first.network
+
+    @property
+    def site(self) -> str | None:  # type: ignore[override]
+        return self.first.site
+
+    @property
+    def K(self) -> int:  # type: ignore[override]
+        return max(part.K for part in self.parts)
+
+    @property
+    def signals(self) -> tuple[str, ...]:  # type: ignore[override]
+        return tuple(
+            f"{name} of {label}" for part, label in zip(self.parts, self.labels, strict=True) for name in part.signals
+        )
+
+    @property
+    def dof_of_noise(self) -> float:
+        return sum(part.dof_of_noise for part in self.parts)
+
+    @property
+    def deviations(self) -> tuple[Unknown, ...]:
+        return self.first.deviations
+
+    def individual(self) -> Several:
+        return replace(self, parts=tuple(part.individual() for part in self.parts))
+
+    @cached_property
+    def added(self) -> tuple[Unknown, ...]:
+        """Numbers that vary and are no unknown of one recording, such as a venous pressure: those of one name together.
+
+        Raises InputError for one of ``varies`` that names no number.
+        """
+        numbers = self.first.part(self.network).parameters()
+        known = [(u, set(u.variables)) for u in self.first.hypothesis(())]
+        found: dict[str, list[str]] = {}
+        for pattern in self.varies:
+            there = [n for n in numbers if fnmatchcase(n, pattern)]
+            there = [n for n in there if self.site is None or ".outlet." not in n]
+            mine = [variables for u, variables in known if named(u, pattern)]
+            if not (there or mine):
+                raise InputError(
+                    f"--varies {pattern}: it names no number of {self.network.name} that could vary; write it as "
+                    f'"*.E", "*.outlet.R2" or "{self.network.segments[0].name}.E".'
+                )
+            for name in (n for n in there if not any(n in variables for variables in mine)):
+                where, _, key = name.partition(".")
+                found.setdefault(key, []).append(where)
+        names = [f"{'+'.join(dict.fromkeys(where))}.{key}" for key, where in found.items()]
+        return tuple(parse_unknown(name, self.network).within(_FARTHEST) for name in names)
+
+    def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
+        mine = [u for t in terms for u in t.unknowns]
+        present = {v for t in terms if t.rewires for u in t.unknowns for v in u.variables}
+        animal = [u for u in self.first.hypothesis(terms) if u not in mine]
+        found = list[Unknown]()
+        for u in (*animal, *(a for a in self.added if not set(a.variables) & present)):
+            if u in self.added or any(named(u, pattern) for pattern in self.varies):
+                found += [self._of(u, i) for i in range(len(self.parts))]
+            else:
+                found.append(u)
+        return (*found, *mine)
+
+    def _of(self, unknown: Unknown, i: int) -> Unknown:
+        """An unknown of a recording's own, which the network has of the first alone."""
+        label = f" of {self.labels[i]}"
+        moves = unknown.moves if i == 0 else tuple((f"{variable}{label}", step) for variable, step in unknown.moves)
+        return replace(unknown, name=f"{unknown.name}{label}", moves=moves)
+
+    def _whose(self, unknown: Unknown) -> int | None:
+        """The recording that alone has an unknown; None: all."""
+        mine = [i for i, label in enumerate(self.labels) if unknown.name.endswith(f" of {label}")]
+        return max(mine, key=lambda i: len(self.labels[i]), default=None)
+
+    def own(self, unknowns: Sequence[Unknown], i: int) -> tuple[tuple[Unknown, ...], Array]:
+        """The unknowns of one recording, as it has them alone, and their places among all."""
+        whose = [self._whose(u) for u in unknowns]
+        which = [j for j, w in enumerate(whose) if w in (None, i)]
+        label, found = f" of {self.labels[i]}", list[Unknown]()
+        for j in which:
+            u = unknowns[j]
+            if whose[j] is not None:
+                moves = tuple((variable.removesuffix(label), step) for variable, step in u.moves)
+                u = replace(u, name=u.name.removesuffix(label), moves=moves)
+            found.append(u)
+        return tuple(found), np.array(which, int)
+
+    def of(self, fit: Fit, i: int) -> Fit:
+        """The fit as one of the i-th recording: its unknowns, its rows of z and J."""
+        unknowns, which = self.own(fit.unknowns, i)
+        rows, (order, signal) = self.rows[i], self.parts[i].entries
+        return replace(fit, unknowns=unknowns, x=fit.x[which], z=fit.z[rows], J=fit.J[rows][:, which],
+                       order=order, signal=signal, log_volume=0.0)  # fmt: skip
+
+    @cached_property
+    def rows(self) -> list[slice]:
+        """Each recording's entries of z."""
+        ends = np.cumsum([0, *(len(part.entries[0]) for part in self.parts)])
+        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+    @property
+    def entries(self) -> tuple[Array, Array]:
+        ends = np.cumsum([0, *(len(part.signals) for part in self.parts)])
+        order, signal = zip(*(part.entries for part in self.parts), strict=True)
+        return np.concatenate(order), np.concatenate([s + end for s, end in zip(signal, ends[:-1], strict=True)])
+
+    # --- the search ---------------------------------------------------------------------------------------------------
+
+    def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
+        """The residuals of all recordings at every trial, one after the other, and their derivatives."""
+        runs.check()
+        owns = [[self._trial(t, i) for t in trials] for i in range(len(self.parts))]
+        found = [part.points(mine, runs) for part, mine in zip(self.parts, owns, strict=True)]
+        return [self._joined(t, each) for t, *each in zip(trials, *found, strict=True)]
+
+    def _trial(self, trial: Trial, i: int) -> Trial:
+        unknowns, which = self.own(trial.member.unknowns, i)
+        member = Member(trial.member.terms, unknowns, trial.member.x[which])
+        by = np.flatnonzero(np.isin(which, trial.by))
+        return Trial(member, by, None if trial.before is None else trial.before.memory[i], trial.step[which])
+
+    def _joined(self, trial: Trial, found: Sequence[Point | None]) -> Point | None:
+        known = [point for point in found if point is not None]
+        if len(known) < len(found):
+            return None
+        J = self._jacobian(trial.member.unknowns, trial.by, known)
+        return Point(np.concatenate([p.z for p in known]), J, sum(p.log_volume for p in known), tuple(known))
+
+    def _jacobian(self, unknowns: Sequence[Unknown], by: Array, own: Sequence[Point | Fit]) -> Array:
+        """(n, q) derivatives by the unknowns ``by`` : (q,), of those that each recording has."""
+        J = np.zeros((sum(len(each.z) for each in own), len(by)))
+        for i, (rows, each) in enumerate(zip(self.rows, own, strict=True)):
+            J[rows, np.isin(by, self.own(unknowns, i)[1])] = each.J
+        return J
+
+    def searched(
+        self, members: Sequence[Member], runs: Runs, known: float = np.inf, columns: Mapping[str, Array] | None = None
+    ) -> list[Fit | None]:
+        """Hypotheses searched for from where they are. known : a cost, as of :meth:`refit`. columns : whitened
+        derivatives (n,) by unknowns, which need no simulation to begin with."""
+        rules = self.rules if known < np.inf else replace(self.rules, hopeless=np.inf)
+        searches = [Search(m, rules, known=columns if rules.fresh else None) for m in members]
+        search(partial(self.points, runs=runs), searches, known)
+        found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
+        each = range(len(self.parts))
+        return [f if f and all(allowed(self.network, self.of(f, i)) for i in each) else None for f in found]
+
+    def nearest(self, choices: Sequence[Sequence[Member]], runs: Runs, start: Fit | None = None) -> list[Member]:
+        """Of each choice the point that costs least, or promises to where the unknowns of ``start`` follow."""
+        costs = self.costs([m for some in choices if len(some) > 1 for m in some], runs, start)
+        best = list[Member]()
+        for some in choices:
+            mine, costs = ([0.0], costs) if len(some) == 1 else (costs[: len(some)], costs[len(some) :])
+            best.append(some[int(np.argmin(mine))])
+        return best
+
+    def costs(self, members: Sequence[Member], runs: Runs, start: Fit | None = None) -> list[float]:
+        """χ² of points, or what it promises to be where the unknowns of ``start`` follow; ∞ where they break down."""
+        trials = [Trial(m, np.arange(0), None, 0.0 * m.x) for m in members]
+        points = self.points(trials, runs) if trials else []
+        return [np.inf if p is None else promised(p.z, start) + p.log_volume for p in points]
+
+    def begin(self, terms: tuple[Term, ...], start: Fit | None = None) -> list[Member]:
+        """Points where the search for a hypothesis may begin: at another fit, its new terms at each of their starts."""
+        unknowns = self.hypothesis(terms)
+        known = set() if start is None else {u.name for u in start.unknowns}
+        members = [taken_over(terms, unknowns, start)]
+        for term in terms:
+            if term.starts and not {u.name for u in term.unknowns} <= known:
+                members = [trial for m in members for trial in begun(m, term)]
+        return members
+
+    def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
+              columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
+        runs = runs or Runs()
+        return self.searched(self.nearest([self.begin(t, start) for t in hypotheses], runs, start), runs, known)
+
+    def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        return self.searched([f.member for f in fits], runs or Runs())
+
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        return self.refine(fits, runs)
+
+    # --- weights ------------------------------------------------------------------------------------------------------
+
+    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Several:
+        parts = tuple(part.sharpened(self.of(fit, i), runs) for i, part in enumerate(self.parts))
+        return self if all(a is b for a, b in zip(parts, self.parts, strict=True)) else replace(self, parts=parts)
+
+    def restated(self, fits: Sequence[Fit], before: Several) -> list[Fit]:
+        each = [part.restated([self.of(f, i) for f in fits], before.parts[i]) for i, part in enumerate(self.parts)]
+        found = []
+        for fit, *own in zip(fits, *each, strict=True):
+            J = self._jacobian(fit.unknowns, np.arange(len(fit.x)), own)
+            z = np.concatenate([f.z for f in own])
+            found.append(replace(fit, z=z, J=J, log_volume=sum(f.log_volume for f in own)))
+        return found
+
+    @property
+    def weights(self) -> tuple[Any, ...]:
+        return tuple(part.weights for part in self.parts)
+
+    def restored(self, weights: Sequence[Any]) -> Several:
+        return replace(self, parts=tuple(p.restored(w) for p, w in zip(self.parts, weights, strict=True)))
+
+    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
+        found = [part.columns(self.of(at, i), terms, runs) for i, part in enumerate(self.parts)]
+        return {n: np.concatenate([own[n] for own in found]) for n in found[0] if all(n in own for own in found)}
+
+    def rewhitened(self, columns: Mapping[str, Array], before: Several) -> dict[str, Array]:
+        found = [
+            part.rewhitened({n: column[self.rows[i]] for n, column in columns.items()}, before.parts[i])
+            for i, part in enumerate(self.parts)
+        ]
+        return {n: np.concatenate([own[n] for own in found]) for n in columns}
+
+    def beside(self, fit: Fit) -> Beside | None:
+        """The fit with errors of the model beside it, found in each recording by itself; None where none has any."""
+        each = [_beside(part, self.of(fit, i)) for i, part in enumerate(self.parts)]
+        found = [b for b in each if b is not None]
+        if not found:
+            return None
+        errors: Any = tuple(None if b is None else b.errors for b in each)
+        wide = self.widened(errors)
+        whole = wide.restated([fit], self)[0]
+        if self.site is None:
+            whole = replace(whole, log_volume=sum(b.fit.log_volume for b in found))
+        places = tuple({p.key: p for b in found for p in b.places}.values())
+        return Beside(settled(whole), errors, sum(b.cost for b in found), places)
+
+    def widened(self, errors: Any) -> Several:
+        pairs = zip(self.parts, errors, strict=True)
+        return replace(self, parts=tuple(part if e is None else part.widened(e) for part, e in pairs))
+
+    def refined(self, fit: Fit, term: Term) -> Term | None:
+        return self.first.refined(self.of(fit, 0), term)
+
+    def held_out(self, beats: Beats, fitted: Beats) -> Several:
+        """The beats of every recording that were held out, of which the arguments are those of the first."""
+        kept = tuple(part.held_out(last, first) for part, (first, last) in zip(self.parts, self.beats, strict=True))
+        return replace(self, parts=kept)
+
+    def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
+        own = [[self.own(f.unknowns, i) for f in fits] for i in range(len(self.parts))]
+        found = [
+            part.predict([replace(f, unknowns=u, x=f.x[w]) for f, (u, w) in zip(fits, mine, strict=True)])
+            for part, mine in zip(self.parts, own, strict=True)
+        ]
+        return [(sum(chi2 for chi2, _ in each), sum(n for _, n in each)) for each in zip(*found, strict=True)]
+
+    def without_each(self, fit: Fit) -> list[Rest]:
+        found = list[Rest]()
+        for i, part in enumerate(self.parts):
+            others = np.delete(np.arange(len(fit.z)), self.rows[i])
+            for J, z in part.without_each(self.of(fit, i)):
+                mine = np.zeros((len(z), len(fit.x)))
+                mine[:, self.own(fit.unknowns, i)[1]] = J
+                found.append((np.concatenate([fit.J[others], mine]), np.concatenate([fit.z[others], z])))
+        return found
+
+    # --- the FMU: of the first ----------------------------------------------------------------------------------------
+
+    def part(self, network: Network) -> Network:
+        return self.first.part(network)
+
+    def wave(self, beats: Beats, fit: Fit) -> Array:
+        return self.first.wave(beats, self.of(fit, 0))
+
+    @property
+    def highest(self) -> float:
+        return min(part.highest for part in self.parts)
+
+    def shows(self, fit: Fit) -> bool:
+        return all(part.shows(self.of(fit, i)) for i, part in enumerate(self.parts))
+
+
+def _beside(part: Forward, fit: Fit) -> Beside | None:
+    """What acts beside a fit to one recording."""
+    if isinstance(part, Bench):
+        return part.beside(fit)
+    assert isinstance(part, NetworkProblem)
+    return found_beside(part, fit)

@@ -1,0 +1,181 @@
+"""Name what is missing with several recordings of one animal: what each suggests, compared on all of them together.
+
+Each recording is searched by itself first, and names candidates. These, and effects that the derivatives of all
+recordings together promise something of, are refitted to all (:class:`discrepancy.name.joint_record.Several`) and
+compared by one evidence. Viscosity and relaxation, which one heart rate cannot tell apart, part where the rate is
+another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from discrepancy.name.joint_record import Several
+from fitting.calibrate.first_search import ENOUGH, FAR, OTHER_STARTS
+from fitting.inference.fit import Fit, Member
+from fitting.inference.hypothesis import Term
+from fitting.inference.models.from_afar import left_of_pulsation
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.runs import OutOfTime, Runs
+from fitting.inference.source_maps.source_map import is_noise
+from fitting.inference.unknown import bounds, starting_points
+from solver.errors import InputError
+
+from .. import thresholds as at
+from .individual_walls import set_apart
+from .intervals import profiled
+from .model_selection import coupled
+from .scoring import Compared, exact, last_of, names_of, promised, there
+from .verdict import Naming, decided
+
+Array = np.ndarray
+Terms = tuple[Term, ...]
+
+_SEED = 1
+_ELSEWHERE = 0.4  # of the time that is left, at most, which searches from other starts may take
+
+
+def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs) -> Naming:
+    """The verdict on all recordings. alone : that on each by itself.
+
+    Not complete where the time was over in one of these, or in comparing.
+    Raises OutOfTime where it was over before the model without effect was refitted to all.
+    """
+    known, complete = last_of(_stages(problem, alone, terms, runs))
+    complete &= all(naming.complete for naming in alone)
+    several, none = known.problem, known.none.fit
+    assert isinstance(several, Several)
+    naming = profiled(decided(known, terms, lambda n: several.beside(n.fit), complete), runs)
+    return replace(naming, nearest=none if _far(several, none) else None)
+
+
+def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs) -> Iterator[Compared]:
+    """What is known after every stage."""
+    base = _base(problem, [naming.base.fit for naming in alone], runs)
+    yield (found := Compared.of(problem, [base], {}, terms))
+    columns = problem.columns(base, found.sought, runs)
+    hypotheses = _hypotheses(found, alone, promised(base, found.sought, columns))
+    for i in range(0, len(hypotheses), at.FEW):
+        fits = _refitted(problem, hypotheses[i : i + at.FEW], alone, base, columns, runs)
+        yield (found := found.joined_by(fits).with_columns(columns))
+    yield (found := _with_base(exact(problem, found.fits, columns, terms, runs), base, runs))
+    if found.best.fit.terms and not found.best.explains:
+        for more in coupled(found, runs) if problem.site else _with_one_more(found, runs):
+            yield (found := _with_base(more, base, runs))
+    yield (found := found.at_minimum(runs))
+    if problem.site is None:
+        yield from set_apart(found, runs)
+
+
+# --- without effect ---------------------------------------------------------------------------------------------------
+
+
+def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
+    """The model without effect, from where it costs least: as given, as each recording alone has it, or between them.
+
+    Where it ends far from the recordings, also from where each recording has it searched for from the file's values (a
+    map of a wrong model bends walls), and from the nearest three others of these and of a calibration's starts, until
+    one comes near.
+    """
+    members = [*problem.begin(()), *_of_each(problem, (), alone)]
+    first = problem.nearest([members], runs)[0]
+    found = there(problem.searched([first], runs))
+    if found and not _far(problem, found[0]):
+        return found[0]
+    share = runs.part(_ELSEWHERE) if found else runs
+    with suppress(OutOfTime):
+        anew = [part.refit([()], runs=share)[0] for part in problem.parts]
+        fresh = _of_each(problem, (), [b if a is None else a for a, b in zip(anew, alone, strict=True)])
+        more = starting_points(first.unknowns, 1 + OTHER_STARTS, _SEED)[1:]
+        others = [*(m for m in members if m is not first), *(Member((), first.unknowns, x) for x in more)]
+        nearest = np.argsort(problem.costs(others, share))[:ENOUGH]
+        for start in (*fresh, *(others[i] for i in nearest)):
+            found += there(problem.searched([start], share))
+            if found and not _far(problem, found[-1]):
+                break
+    if not found:
+        runs.check()
+        raise InputError("the model as given cannot be simulated with these recordings")
+    return min(found, key=lambda f: f.cost)
+
+
+def _of_each(problem: Several, terms: Terms, alone: Sequence[Fit]) -> list[Member]:
+    """A hypothesis where each recording alone has it, and between them. alone : a fit to each; what varies is its."""
+    unknowns, low_high = problem.hypothesis(terms), bounds(problem.hypothesis(terms))
+    own = {
+        f"{u.name} of {label}": x
+        for fit, label in zip(alone, problem.labels, strict=True)
+        for u, x in zip(fit.unknowns, fit.x, strict=True)
+    }
+    each = [{u.name: x for u, x in zip(fit.unknowns, fit.x, strict=True)} | own for fit in alone]
+    points = [np.array([known.get(u.name, 0.0) for u in unknowns]) for known in each]
+    return [Member(terms, unknowns, np.clip(x, *low_high)) for x in (*points, np.mean(points, axis=0))]
+
+
+def _far(problem: Several, fit: Fit) -> bool:
+    """Whether a fit leaves so much of the pulsation that it may be in a wrong minimum, as a calibration has it."""
+    if problem.site is not None or is_noise(fit.chi2, len(fit.z)):
+        return False
+    left = []
+    for part, rows in zip(problem.parts, problem.rows, strict=True):
+        assert isinstance(part, NetworkProblem)
+        left.append(left_of_pulsation(part, fit.z[rows]))
+    return float(np.sqrt(np.mean(np.concatenate(left) ** 2))) > FAR
+
+
+def _with_base(found: Compared, base: Fit, runs: Runs) -> Compared:
+    """With the model without effect searched for under the last weights from where it was: where much is missing, the
+    one step that takes other fits to these leads it far off, and the FMUs are judged against it."""
+    (again,) = found.problem.refine([base], runs)
+    effects = [n.fit for n in found.ranked]
+    return found if again is None else Compared.of(found.problem, [again, *effects], found.columns, found.terms)
+
+
+# --- with effects -----------------------------------------------------------------------------------------------------
+
+
+def _hypotheses(
+    found: Compared, alone: Sequence[Naming], columns: tuple[float, list[tuple[float, Term]]]
+) -> list[Terms]:
+    """What each recording has near its best, and what promises most on all together."""
+    chosen = dict[str, Terms]()
+    for naming in alone:
+        near = [n for n in naming.ranked if n.fit.terms and n.score < naming.ranked[0].score + at.NEAR]
+        for n in near if found.problem.site else (*naming.members, *near[: at.FEW]):
+            chosen.setdefault(n.key, n.fit.terms)
+    for _, term in columns[1] if found.problem.site else columns[1][: at.FEW]:
+        chosen.setdefault(term.label, (term,))
+    return list(chosen.values())
+
+
+def _refitted(
+    problem: Several, hypotheses: Sequence[Terms], alone: Sequence[Naming], base: Fit, columns: dict[str, Array],
+    runs: Runs,
+) -> list[Fit]:  # fmt: skip
+    """Hypotheses refitted to all recordings, from where each costs least: beside no effect, or where one has it."""
+    choices, known = [], base.columns
+    for terms in hypotheses:
+        own = [{n.key: n.fit for n in naming.ranked}.get(names_of(terms)) for naming in alone]
+        fits = [naming.base.fit if fit is None else fit for fit, naming in zip(own, alone, strict=True)]
+        begun = [m for m, fit in zip(_of_each(problem, terms, fits), [*own, base], strict=True) if fit is not None]
+        choices.append([*problem.begin(terms, base), *begun])
+        for t in (t for t in terms if t.label in columns and columns[t.label].shape[1] == len(t.unknowns)):
+            known |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
+    return there(problem.searched(problem.nearest(choices, runs, base), runs, columns=known))
+
+
+def _with_one_more(found: Compared, runs: Runs) -> Iterator[Compared]:
+    """With a second effect beside the best, of those whose derivatives there promise most."""
+    first, problem = found.best.fit, found.problem
+    if len(first.terms) >= at.MOST_EFFECTS:
+        return
+    labels = {t.label for t in first.terms}
+    others = [t for t in found.sought if t.label not in labels and not t.rewires]
+    best, gained = promised(first, others, problem.columns(first, others, runs))
+    both = [(*first.terms, t) for score, t in gained[: at.FEW] if score < best - at.SECOND]
+    if both:
+        yield found.joined_by(problem.refit(both, first, runs)).polished(runs)

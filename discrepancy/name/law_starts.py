@@ -1,0 +1,137 @@
+"""Where the search of a law begins: at the size, and the place, with which it promises to come nearest to the record.
+
+A law s of size a at a point θ of a search, with the residual z_a that a simulation with it shows and z_0 without it,
+
+    z(a', θ + dθ) = z_0 + a' (z_a - z_0) / a + J dθ,
+
+promises the least of |z|² and the priors of θ + dθ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fitting.inference.fit import Member
+from fitting.inference.gauss_newton import bounded_step
+from fitting.inference.hypothesis import Term, effect_of, placed
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.places import NUMBER, Place
+from fitting.inference.runs import Runs
+from fitting.inference.unknown import bounds, penalty, precisions
+from solver.laws.effect import WALL
+
+Array = np.ndarray
+
+TYPICAL = (1.0,)  # sizes at which many laws are looked at
+SIZES = (0.3, *TYPICAL, 3.0)  # sizes at which a law may begin, beside its own starts
+_FARTHER = 5.0  # times the size that was tried, at most, where its linear promise lies farther
+
+
+@dataclass(frozen=True)
+class Base:
+    """A point to which laws are added. J : (n, p) whitened derivatives by its unknowns there."""
+
+    member: Member
+    J: Array
+
+    def with_laws(self, problem: NetworkProblem, laws: Sequence[tuple[Term, Array]]) -> Member:
+        """A hypothesis at this point, with its laws where they begin."""
+        terms = (*self.member.terms, *(t for t, _ in laws))
+        x = dict(zip((u.name for u in self.member.unknowns), self.member.x, strict=True))
+        for t, own in laws:
+            x |= dict(zip((u.name for u in t.unknowns), own, strict=True))
+        unknowns = problem.hypothesis(terms)
+        return Member(terms, unknowns, np.clip([x.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A law at the size, or sizes, at which its search begins. step : (p,) of the unknowns of the base. left : the cost
+    that is promised from there."""
+
+    term: Term
+    x: Array
+    step: Array
+    left: float
+
+
+def along(problem: NetworkProblem, term: Term, place: Place | None = None) -> list[Term]:
+    """A law where it usually lies, and, of a part of a segment, begun where the map has it, or anywhere; a part of a
+    wall anywhere alone, as it is mostly whole walls that differ."""
+    whole = place is not None and (place.kind == NUMBER or effect_of(term).source == WALL)
+    moved = None if whole else placed(problem.network, term, [0.0] * len(term.unknowns))
+    if moved is None:
+        return [term]
+    first = len(term.unknowns)
+    if place is not None and place.at is not None:
+        (position, *_) = moved.unknowns[first:]
+        x = (place.at - position.nominal) / position.size
+        starts = [min(moved.starts, key=lambda start: abs(start[first] - x))]
+        starts = [(*starts[0][:first], x, *starts[0][first + 1 :])]
+    else:
+        starts = list(moved.starts)
+    return [term, replace(moved, starts=tuple(starts))]
+
+
+def nearest(
+    problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, sizes: Sequence[float] = SIZES
+) -> list[Begun]:
+    """Laws at the size with which each promises to come nearest to the record, linear in the size and in the unknowns
+    of the base, nearest first.
+
+    problem : with what acts beside them. sizes : that are tried.
+    """
+    trials = [(t, x) for t in laws for x in _sizes(t, sizes)]
+    (none,) = problem.observe([base.with_laws(problem, [])], runs)
+    if none is None:
+        return []
+    shown = problem.observe([base.with_laws(problem, [each]) for each in trials], runs)
+    z0, best = problem.residual(none), dict[int, Begun]()
+    for (t, x), X in zip(trials, shown, strict=True):
+        if X is not None:
+            begun = _promised(base, z0, problem.residual(X), t, x)
+            if id(t) not in best or begun.left < best[id(t)].left:
+                best[id(t)] = begun
+    return sorted(best.values(), key=lambda b: b.left)
+
+
+def _promised(base: Base, z0: Array, z: Array, term: Term, x: Array) -> Begun:
+    """A law where it may begin, with the residual z there and z0 without it: its size and the unknowns of the base
+    moved to where they promise to leave least."""
+    unknowns, at = base.member.unknowns, base.member.x
+    sizes = np.array([u.of_size for u in term.unknowns])
+    lead = int(np.argmax(np.where(sizes, np.abs(x), -1.0)))
+    low, high = (np.append(rest, own[lead]) for rest, own in zip(bounds(unknowns), bounds(term.unknowns), strict=True))
+    column = (z - z0) / x[lead] if x[lead] else np.zeros_like(z)
+    prior = np.append(precisions(unknowns), 0.0)
+    step = bounded_step(np.column_stack([base.J, column]), z, prior, np.append(at, x[lead]), low, high)
+    size = float(np.clip(x[lead] + step[-1], *sorted((x[lead] / _FARTHER, x[lead] * _FARTHER))))
+    begin = np.where(sizes, x * (size / x[lead] if x[lead] else 1.0), x)
+    left = z + base.J @ step[:-1] + column * step[-1]
+    return Begun(term, begin, step[:-1], float(left @ left) + penalty(prior[:-1], at + step[:-1]))
+
+
+def _sizes(term: Term, sizes: Sequence[float]) -> list[Array]:
+    """Where the search of a law may begin: its own starts, and these sizes, of either sign if it may be."""
+    low, high = bounds(term.unknowns)
+    found = [np.array(start) for start in term.starts if len(start) == len(term.unknowns)]
+    if effect_of(term).rewires:
+        return [np.clip(x, low, high) for x in (*found, np.zeros(len(low)))]
+    starts = list(found) if term.moves_along else [np.zeros(len(term.unknowns))]
+    for start in starts:
+        for size in (sign * size for size in (sizes if len(starts) == 1 else TYPICAL) for sign in (1.0, -1.0)):
+            for which in _which(term):
+                x = start.copy()
+                x[which] = size
+                found.append(x)
+    inside = [x for x in found if np.all((x >= low) & (x <= high))]
+    return inside or [np.clip(found[0], low, high)]
+
+
+def _which(term: Term) -> list[list[int]]:
+    """Of a law's numbers that are sizes each by itself, and all of them together."""
+    sizes = [i for i, u in enumerate(term.unknowns) if u.of_size]
+    return [*([i] for i in sizes), *([sizes] if len(sizes) > 1 else [])]

@@ -1,0 +1,95 @@
+"""Moves from the best hypothesis: another law, of any place, in the stead of one of its laws or of all, or beside it.
+
+The laws that were compared first are those of the places of the source map. Others may explain the record as well:
+few sensors see an external pressure of one artery as one of its neighbour, a law that is more flexible takes up what
+another one beside it does while that one is missing, and one that acts everywhere is no place of a map. A name needs
+all of these refitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.inference.fit import Fit, Member
+from fitting.inference.gauss_newton import Trial
+from fitting.inference.hypothesis import Term, joins
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.runs import Runs
+
+from .. import thresholds as at
+from .law_starts import TYPICAL, Base, Begun, nearest
+from .scoring import Compared, names_of, there
+
+Array = np.ndarray
+
+
+def with_rivals(result: Compared, runs: Runs, left: bool = False, more: bool = False) -> Compared:
+    """With the laws refitted that promise to explain the record in the stead of one of the best hypothesis, or of all
+    of it, and those whose search ended far above what they promise from there.
+
+    left : whether the best leaves something; searches then begin with an error granted to the model. more : whether
+    another law may act beside it.
+    """
+    best = min(result.every, key=lambda n: n.score).fit  # even one that is never named, as no sensor can show it
+    problem, members = result.problem, dict[str, Member]()
+    assert isinstance(problem, NetworkProblem)
+    known, none = {n.key: n.fit.cost for n in result.ranked}, result.none.fit
+    for rest in _rests(best.terms, left, more):
+        base, labels = without(problem, best, rest, runs), {t.label for t in rest}
+        if base is not None:
+            laws = [t for t in result.sought if t.label not in labels and joins(t, rest)]
+            most = best.cost - at.SECOND if rest == best.terms else none.cost
+            for begun in promising(problem, base, laws, most, runs):
+                key = names_of((*rest, begun.term))
+                if begun.left < known.get(key, np.inf) - at.RULED_OUT:
+                    members.setdefault(key, _begun(problem, base, begun))
+    if not members:
+        return result
+    chosen = list(members.values())
+    if left:
+        wide = problem.granted(at.AFAR)
+        seen = problem.restated(there(wide.searched_from(chosen, runs)), wide)
+        return result.joined_by(problem.relaxed(seen, runs)).polished(runs)
+    return result.joined_by(problem.searched_from(chosen, runs, best.columns, best.cost)).polished(runs)
+
+
+def _rests(terms: tuple[Term, ...], left: bool, more: bool) -> list[tuple[Term, ...]]:
+    """What stays of a hypothesis: nothing, of two laws each alone, and all of it where another one may act beside."""
+    rests = [(), *((t,) for t in terms if len(terms) > 1)] if terms or left else []
+    return [*rests, terms] if terms and more and len(terms) < at.MOST_EFFECTS else rests
+
+
+def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Runs) -> Base | None:
+    """Where a fit is, but for the laws that are not of ``rest``; what the outlet had that one of these replaced is as
+    it usually is. None where that cannot be simulated."""
+    unknowns, columns = problem.hypothesis(rest), fit.columns
+    x = dict(zip((u.name for u in fit.unknowns), fit.x, strict=True))
+    member = Member(rest, unknowns, np.array([x.get(u.name, 0.0) for u in unknowns]))
+    missing = np.flatnonzero([u.name not in columns for u in unknowns])
+    if len(missing):
+        (point,) = problem.points([Trial(member, missing, None, np.zeros(len(unknowns)))], runs)
+        if point is None:
+            return None
+        columns |= {unknowns[i].name: column for i, column in zip(missing, point.J.T, strict=True)}
+    return Base(member, np.stack([columns[u.name] for u in unknowns], axis=1))
+
+
+def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], most: float, runs: Runs) -> list[Begun]:
+    """The nearest laws that promise to cost less than ``most``, each at the size where it does; what a strong one
+    promises is far from exact, but it is among the nearest. All are looked at with one size first."""
+    first = _fewest(nearest(problem, base, laws, runs, TYPICAL), most, 2 * at.FEW)
+    return _fewest(nearest(problem, base, [b.term for b in first], runs), most, at.FEW) if first else []
+
+
+def _fewest(begun: Sequence[Begun], most: float, n: int) -> list[Begun]:
+    """The n nearest, and all that promise so much that they might not be ruled out beside these."""
+    return [b for k, b in enumerate(begun) if b.left < most and (k < n or b.left < begun[0].left + at.RULED_OUT)]
+
+
+def _begun(problem: NetworkProblem, base: Base, begun: Begun) -> Member:
+    """A hypothesis where it promises to come nearest."""
+    x = base.member.x + begun.step
+    return replace(base, member=replace(base.member, x=x)).with_laws(problem, [(begun.term, begun.x)])

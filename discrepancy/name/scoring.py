@@ -1,0 +1,294 @@
+"""Hypotheses on one record: what each is worth, and all that were found so far, ranked under one weighting.
+
+The score is -2 ln of evidence and prior. Every hypothesis is evaluated in two ways: exact, or with an error of the
+model beside it: in a network free terms at places (:mod:`fitting.inference.source_maps.beside`), on a bench a random
+error of its law (:mod:`fitting.inference.model_discrepancy`). The model without effect and with such an error is
+"something else". A few prices make the prior: effects are equally likely beforehand, and so are the places of one
+effect, so that many candidates do not make a discovery likelier.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fitting.inference import hierarchy
+from fitting.inference.fit import Fit, misfit, projected
+from fitting.inference.forward import Forward
+from fitting.inference.hypothesis import Term, effect_of
+from fitting.inference.model_discrepancy import Beside, settled
+from fitting.inference.places import Place
+from fitting.inference.runs import OutOfTime, Runs
+from fitting.inference.unknown import free, precision
+
+from .. import thresholds as at
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Named:
+    """A hypothesis with its score. probability : among all. separation : d' to the best.
+    above_best : by how much its score is worse than the best one's. errors : of the model that it is held with, None
+    for an exact one; ``fit`` is then whitened with them. places : of a network where they act. shown : whether a record
+    can show it: a sensor that is named by a frequency above half the sampling rate may be another fault of it, or the
+    aliases of a flow with a kink, and is never what is named."""
+
+    fit: Fit
+    score: float
+    misfit: float
+    probability: float = 0.0
+    separation: float = 0.0
+    above_best: float = 0.0
+    errors: Array | None = None
+    places: tuple[Place, ...] = ()
+    shown: bool = True
+
+    @property
+    def label(self) -> str:
+        return " + ".join(term.label for term in self.fit.terms)
+
+    @property
+    def key(self) -> str:
+        """What tells it from other hypotheses."""
+        return names_of(self.fit.terms)
+
+    @property
+    def individual(self) -> bool:
+        """Whether every artery has deviations of its own."""
+        return any(u.group for u in self.fit.unknowns)
+
+    @property
+    def explains(self) -> bool:
+        """Whether its residual is noise."""
+        return self.misfit < (at.MISFIT_SEVERAL if len(self.fit.terms) > 1 else at.MISFIT)
+
+    @property
+    def visible(self) -> bool:
+        """Whether each of two effects shows beside the other."""
+        alone = [float(np.linalg.norm(seen_by(self.fit, [t]))) for t in self.fit.terms]
+        return len(alone) < 2 or min(alone) >= at.VISIBLE
+
+    def moved_to(self, fit: Fit, dof_of_noise: float) -> Named:
+        """The same hypothesis at another fit to the same data, at the same price."""
+        score = self.score + hierarchy.score(fit) - hierarchy.score(self.fit)
+        return replace(self, fit=fit, score=score, misfit=misfit(fit, dof_of_noise))
+
+
+def names_of(terms: Sequence[Term]) -> str:
+    """The labels of effects, in the order of the alphabet."""
+    return " + ".join(sorted(term.label for term in terms))
+
+
+def seen_by(fit: Fit, terms: Sequence[Term]) -> Array:
+    """(n,) what the sizes of some effects of a fit change, where and how they act there, and no other of its numbers
+    takes up, whitened: its norm is their d'."""
+    names = {u.name for t in terms for u in t.unknowns}  # of which some may be held
+    mine = np.array([u.name in names for u in fit.unknowns], bool)
+    size = mine & np.array([u.of_size or bool(u.group) for u in fit.unknowns], bool)
+    free_others = ~mine & np.array([u.low < u.high for u in fit.unknowns], bool)
+    prior = precision(fit.prior, fit.x)[free_others]
+    change = fit.J[:, size] @ fit.x[size]
+    return projected(fit.J[:, free_others], prior, change[:, None])[:, 0]
+
+
+# --- evidence and prior -----------------------------------------------------------------------------------------------
+
+
+def promised(base: Fit, terms: Sequence[Term], columns: Mapping[str, Array]) -> tuple[float, list[tuple[float, Term]]]:
+    """-2 ln evidence without effect, and what the columns of every effect promise, best first."""
+    found = []
+    for term, column in ((t, columns[t.label]) for t in terms if t.label in columns):
+        unknowns = [u for u, moves in zip(term.unknowns, free(term.unknowns), strict=True) if moves]
+        x, J = np.concatenate([base.x, np.zeros(len(unknowns))]), np.column_stack([base.J, column])
+        linear = hierarchy.Linear.of_columns(base.z, J, x, (*base.unknowns, *unknowns), base.log_volume)
+        found.append((linear.inferred().score, term))
+    return hierarchy.Linear.of(base).inferred().score, sorted(found, key=lambda each: each[0])
+
+
+def choice(term: Term, terms: Sequence[Term]) -> float:
+    """-2 ln of the odds beforehand of one effect and place among all."""
+    effects, places = {t.effect for t in terms}, sum(t.effect == term.effect for t in terms)
+    return 2.0 * math.log(max(len(effects), 1) * max(places, 1))
+
+
+def price(fit: Fit, terms: Sequence[Term]) -> float:
+    """-2 ln of the prior of a hypothesis: its effects and places among all."""
+    return sum(choice(t, terms) + (at.FIRST if i == 0 else at.SECOND) for i, t in enumerate(fit.terms))
+
+
+def found_from(terms: Sequence[Term], term: Term, named: Named) -> float:
+    """d' from which an effect of one number is found in a hypothesis: where its evidence is worth the price.
+
+    Each of two effects is a second one, whose price is that of both less that of the other alone, and must show.
+    """
+    beside = len(named.fit.terms) > 1
+    cost, d = choice(term, terms) + (at.SECOND if beside else at.FIRST), 4.0
+    for _ in range(20):  # d² = cost + the price of a size that is d standard deviations large
+        d = math.sqrt(max(cost + 2.0 * math.log(2.0 * d * hierarchy.LOG_RANGE / math.sqrt(2.0 * math.pi)), 1.0))
+    return max(d, at.VISIBLE) if beside and named.visible else d
+
+
+def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
+    """An exact hypothesis."""
+    score = hierarchy.score(fit) + price(fit, terms)
+    return Named(fit, score, misfit(fit, problem.dof_of_noise), shown=problem.shows(fit))
+
+
+def with_errors(exact: Named, beside: Beside | None) -> Named | None:
+    """The same hypothesis with the errors of the model beside it; None where there are none."""
+    if beside is None:
+        return None
+    gained = hierarchy.score(beside.fit) - hierarchy.score(exact.fit)
+    score = exact.score + gained + at.ELSE + beside.cost
+    return replace(exact, fit=beside.fit, score=score, errors=beside.errors, places=beside.places)
+
+
+def ranked(found: Sequence[Named]) -> tuple[Named, ...]:
+    """Hypotheses by score, those that may be named first, with their distance from the best of these."""
+    return apart(sorted(found, key=lambda n: (not n.shown, n.score)))
+
+
+def apart(found: Sequence[Named]) -> tuple[Named, ...]:
+    """Hypotheses in this order, with their distance from the first."""
+    return tuple(
+        replace(
+            n,
+            above_best=n.score - found[0].score,
+            separation=math.sqrt(max(n.fit.cost - found[0].fit.cost, 0.0)),
+        )
+        for n in found
+    )
+
+
+def shares(all_ways: Sequence[Named]) -> list[float]:
+    """Probabilities of hypotheses among themselves."""
+    best = min((n.score for n in all_ways), default=0.0)
+    weights = [math.exp(-0.5 * (n.score - best)) for n in all_ways]
+    return [w / sum(weights) for w in weights]
+
+
+# --- all that were compared -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What was compared so far.
+
+    problem : as it was weighted at last. none : without effect. ranked : those with effects, best first. columns : of
+    every candidate at ``none``, whitened; empty where the time was over before they were simulated.
+    """
+
+    problem: Forward
+    none: Named
+    ranked: tuple[Named, ...]
+    columns: Mapping[str, Array]
+    terms: tuple[Term, ...]
+
+    @classmethod
+    def of(
+        cls, problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...]
+    ) -> Compared:
+        """Of fits, one without effect among them, weighed; of one hypothesis the more probable fit."""
+        known: dict[str, Named] = {}
+        for n in (weighed(problem, f, terms) for f in fits):
+            if n.key not in known or n.score < known[n.key].score:
+                known[n.key] = n
+        none = known.pop(names_of(()))
+        return cls(problem, none, ranked(list(known.values())), columns, terms)
+
+    @property
+    def every(self) -> tuple[Named, ...]:
+        """All hypotheses, that without effect first."""
+        return (self.none, *self.ranked)
+
+    @property
+    def fits(self) -> list[Fit]:
+        """Of all hypotheses."""
+        return [n.fit for n in self.every]
+
+    @property
+    def best(self) -> Named:
+        """The best hypothesis of those that may be named."""
+        return min((n for n in self.every if n.shown), key=lambda n: n.score)
+
+    @property
+    def sought(self) -> tuple[Term, ...]:
+        """What is looked for: where every artery differs, nothing that is merely the animal's."""
+        if not self.none.individual:
+            return self.terms
+        return tuple(t for t in self.terms if not effect_of(t).of_animal(self.problem.network, t.place))
+
+    def joined_by(self, fits: Sequence[Fit | None]) -> Compared:
+        """With further hypotheses, those that could be fitted."""
+        return Compared.of(self.problem, [*self.fits, *there(fits)], self.columns, self.terms)
+
+    def with_columns(self, columns: Mapping[str, Array]) -> Compared:
+        """With the columns of candidates at the hypothesis without effect."""
+        return replace(self, columns=columns)
+
+    def polished(self, runs: Runs) -> Compared:
+        """As the best hypothesis needs it weighted, and those near the best refitted with fresh derivatives."""
+        sharp = self.problem.sharpened(self.best.fit, runs)
+        if sharp is self.problem:
+            return self
+        near = [n.fit for n in self.every if n.score < self.best.score + at.NEAR]
+        again = {names_of(f.terms): f for f in there(sharp.refine(near[: at.FEW], runs))}
+        fits = sharp.restated(self.fits, self.problem)
+        if sharp.site is None:  # where other weights have it
+            fits = [settled(f) for f in fits]
+        columns = sharp.rewhitened(self.columns, self.problem)
+        old = Compared.of(sharp, fits, columns, self.terms)
+        return Compared.of(sharp, [again.get(names_of(f.terms), f) for f in old.fits], columns, self.terms)
+
+    def at_minimum(self, runs: Runs) -> Compared:
+        """With the best hypothesis searched on, where it leaves something: its search may have begun far off."""
+        return self if self.best.explains else self.joined_by(self.problem.refine([self.best.fit], runs))
+
+
+def there(fits: Sequence[Fit | None]) -> list[Fit]:
+    """Those that could be fitted."""
+    return [f for f in fits if f is not None]
+
+
+def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
+    """What is known after the last stage, and whether there is none after it: the time may be over before.
+
+    Raises OutOfTime where it was over before the first.
+    """
+    known = None
+    try:
+        while (later := next(stages, None)) is not None:
+            known = later
+    except OutOfTime:
+        if known is None:
+            raise
+        return known, False
+    assert known is not None
+    return known, True
+
+
+def exact(
+    problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...], runs: Runs
+) -> Compared:
+    """The hypotheses within reach of the best, weighted as it needs them and searched on; the others as they are."""
+    order = sorted((weighed(problem, f, terms).score, i) for i, f in enumerate(fits))
+    sharp = problem.sharpened(fits[order[0][1]], runs)
+    fits = sharp.restated(fits, problem)
+    found = {i: settled(f) for i, f in enumerate(fits)}
+    left = set(found)
+    again = [i for score, i in order if score < order[0][0] + at.NEAR]
+    while again := again[: at.FEW]:  # until none that was not searched on looks better than those that were
+        left -= set(again)
+        for i, fit in zip(again, sharp.refine([fits[i] for i in again], runs), strict=True):
+            if fit is not None:
+                found[i] = fit
+            elif fits[i].terms:
+                del found[i]
+        score = {i: weighed(sharp, f, terms).score for i, f in found.items()}
+        lowest = min((score[i] for i in found if i not in left), default=np.inf)
+        again = sorted((i for i in left if score[i] < lowest), key=score.__getitem__)
+    return Compared.of(sharp, list(found.values()), sharp.rewhitened(columns, problem), terms)

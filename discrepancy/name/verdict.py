@@ -1,0 +1,198 @@
+"""The verdict: which hypotheses stand, exact or with an error of the model beside them, and what may be said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fitting.inference.fit import Fit
+from fitting.inference.forward import Forward
+from fitting.inference.hypothesis import Term
+from fitting.inference.model_discrepancy import Beside, settled
+from fitting.inference.places import NUMBER, Place
+from fitting.inference.source_maps.source_map import SourceMap
+from fitting.inference.unknown import Reach
+
+from .. import thresholds as at
+from ..findings.map_marks import label_text
+from .scoring import Compared, Named, apart, ranked, shares, with_errors
+
+Array = np.ndarray
+Freed = Callable[[Named], Beside | None]
+
+
+@dataclass(frozen=True)
+class Naming:
+    """What a record says.
+
+    verdict : none, effect, ambiguous, several, partial or unknown. problem : as it was weighted at last. base : without
+    effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened.
+    confidence : probability that the verdict is right: the best name (effect and place), or that nothing acts, at no
+    place either; of unknown, that what comes nearest does not act: small where it acts but leaves most of the gap.
+    reason : for unknown; of partial, what remains. complete : whether the search came to its end.
+    reaches : how far intervals of the best go, by unknown (:func:`discrepancy.name.intervals.profiled`). map : where
+    something acts, of a network. nearest : the best model without effect where even that is far from the record, which
+    a name must do better than (:mod:`discrepancy.name.nearest`).
+    """
+
+    verdict: str
+    problem: Forward
+    base: Named
+    ranked: tuple[Named, ...]
+    members: tuple[Named, ...]
+    columns: Mapping[str, Array]
+    terms: tuple[Term, ...]
+    confidence: float
+    reason: str | None = None
+    complete: bool = True
+    reaches: Mapping[str, Reach] = field(default_factory=dict)
+    map: SourceMap | None = None
+    nearest: Fit | None = None
+
+    @property
+    def best(self) -> Named:
+        return self.ranked[0] if self.ranked else self.base
+
+    @property
+    def of_one_site(self) -> bool:
+        """Whether the best are two faults of the sensors of one site: both can imitate much that is neither."""
+        return _of_one_site(self.best)
+
+    @property
+    def walls(self) -> str:
+        """Whether the arteries have all in common, or deviations of their own."""
+        return "individual" if self.base.individual else "common"
+
+
+def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True) -> Naming:
+    """The verdict on what was compared. beside : an error of the model that a hypothesis may have beside it."""
+    made = _decided(found, tuple(terms), beside)
+    surest = at.SUREST["partial" if made.verdict == "partial" else found.problem.kind] if made.members else 1.0
+    most = surest if complete else at.INCOMPLETE
+    return replace(made, confidence=min(made.confidence, most), complete=complete)
+
+
+def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
+    problem, none = found.problem, found.none
+    exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
+    loose = [with_errors(n, beside(n)) for n in _held_loosely(found, exact)]
+    ways = ranked([*exact, *(n for n in loose if n is not None and not _by_a_law(n, exact))])
+    ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
+    named = sum(n.probability for n in ways if n.fit.terms)
+    unknown = Naming("unknown", problem, none, found.ranked, (), found.columns, terms, 1.0 - named)
+    if not ways:  # nothing explains the record, and where no wall law holds no error of it can be estimated
+        return replace(unknown, confidence=at.INCOMPLETE, reason=_left(none.fit, problem))
+    # several that look alike share what they have between them: together they may be likelier than none
+    best = next((n for n in ways if n.fit.terms), ways[0]) if named > 0.5 else ways[0]
+    if not best.fit.terms:
+        if best.errors is None or (none.explains and not best.places):
+            nothing = sum(n.probability for n in ways if not n.fit.terms and not n.places)
+            return replace(unknown, verdict="none", confidence=nothing)
+        return replace(unknown, reason=_acting(best.places) if best.places else _left(none.fit, problem))
+    confidence = sum(n.probability for n in ways if n.key == best.key)
+    if best.errors is not None:
+        return _partial(replace(unknown, confidence=confidence), found, ways)
+    same = tuple(n for n in ways if n.errors is None and n.fit.terms)
+    rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
+    order = apart([*same, *rest])
+    members = _class(order[: len(same)])
+    return replace(unknown, verdict=_said(best, members), ranked=order, members=members, confidence=confidence)
+
+
+def _with_shown(exact: Sequence[Named]) -> list[Named]:
+    """Without hypotheses that the record cannot show, but where another fault of the same sensors explains it, too:
+    beside that one they compete."""
+    places = [{t.place for t in n.fit.terms} for n in exact if n.shown]
+    return [n for n in exact if n.shown or {t.place for t in n.fit.terms} in places]
+
+
+def both_show(found: Compared, n: Named) -> bool:
+    """Whether each of two effects shows beside the other: linear (:attr:`Named.visible`), or on a bench by what the
+    other alone leaves, d'² = cost(the other alone) - cost(both), which is more where valleys bend."""
+    if n.visible or found.problem.site is None:
+        return n.visible
+    alone = {other.label: other.fit.cost for other in found.ranked if len(other.fit.terms) == 1}
+    least = min(alone.get(t.label, -math.inf) for t in n.fit.terms)
+    return least - n.fit.cost >= at.BESIDE**2
+
+
+def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
+    """True if the map has only numbers that stand out, and a law at the same arteries explains the record, within the
+    odds of 1 : 100 of the map and more probable than no effect."""
+    if loose.fit.terms or not loose.places or any(p.kind != NUMBER for p in loose.places):
+        return False
+    none = min((n.score for n in exact if not n.fit.terms), default=math.inf)
+    there, most = {p.segment for p in loose.places}, min(loose.score + at.RULED_OUT, none)
+    return any(n.fit.terms and n.score < most and {t.place for t in n.fit.terms} <= there for n in exact)
+
+
+def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
+    """Hypotheses that are also evaluated with an error of the model: no effect, and the most probable single effects,
+    with each member of a pair that explains the record, so that a second effect must do better than such an error. In
+    a network whose best hypothesis explains the record, no effect and that one alone."""
+    if found.problem.site is None and any(n is found.best for n in exact):
+        return [found.none, *([found.best] if len(found.best.fit.terms) == 1 else [])]
+    single = [n for n in found.ranked if len(n.fit.terms) == 1 and n.shown]
+    alone = {t.label for n in exact if len(n.fit.terms) > 1 for t in n.fit.terms}
+    return [found.none, *single[: at.FEW], *(n for n in single[at.FEW :] if n.label in alone)]
+
+
+def _class(order: Sequence[Named]) -> tuple[Named, ...]:
+    """What cannot be ruled out."""
+    return tuple(n for n in order if n.score - order[0].score < at.RULED_OUT)
+
+
+def _said(best: Named, members: Sequence[Named]) -> str:
+    """The verdict of exact hypotheses."""
+    if len(best.fit.terms) == 1:
+        return "effect" if len(members) == 1 else "ambiguous"
+    return "ambiguous" if _of_one_site(best) else "several"
+
+
+def _of_one_site(best: Named) -> bool:
+    sites = [t.place.rpartition(".")[0] for t in best.fit.terms if t.is_sensor]
+    return len(sites) == 2 and sites[0] == sites[1]
+
+
+def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
+    """What explains a part of the gap and not all of it. unknown : what is said where it does not, with the confidence
+    of the best name."""
+    problem, none, best = found.problem, found.none, next(n for n in ways if n.fit.terms)
+    exact = next(n for n in found.ranked if n.key == best.key)
+    closed = 1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)
+    if closed < at.PART_CLOSED:
+        nearest = next(n for n in found.ranked if n.fit.terms)
+        reason = f"{label_text(nearest.label)} comes nearest, but more remains: {_left(nearest.fit, problem)}"
+        return replace(unknown, confidence=1.0 - unknown.confidence, reason=reason)
+    assert best.errors is not None
+    wide = problem.widened(best.errors)
+    held = [none, exact, *(n for n in found.ranked if n is not exact)]
+    fits = [settled(f) for f in wide.restated([n.fit for n in held], problem)]
+    none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(held, fits, strict=True))
+    chance = {n.key: n.probability for n in ways if n.errors is not None}
+    order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in apart([first, *ranked(rest)]))
+    labels = {n.key for n in _class([n for n in ways if n.errors is not None and n.fit.terms])}
+    anew = wide.columns(none.fit, found.terms) if wide.site else wide.rewhitened(found.columns, problem)
+    return replace(
+        unknown, verdict="partial", problem=wide, base=none, ranked=order, columns=anew,
+        members=tuple(n for n in order if n.key in labels), confidence=unknown.confidence,
+        reason=_left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else ""),
+    )  # fmt: skip
+
+
+def _acting(places: Sequence[Place]) -> str:
+    """What acts that is no law, in words."""
+    return f"something acts as {' and as '.join(p.label for p in places)}, which no law of the catalogue explains"
+
+
+def _left(fit: Fit, problem: Forward) -> str:
+    """Where the residual of a fit is largest, in words."""
+    power = {int(s): float(np.mean(fit.z[fit.signal == s] ** 2)) for s in np.unique(fit.signal)}
+    rms = math.sqrt(float(np.mean(fit.z**2)))
+    low = float(np.mean(fit.z[fit.order <= 3] ** 2)) ** 0.5
+    worst = max(power, key=lambda s: power[s])
+    where = f", most in {problem.signals[worst]}" if len(power) > 1 else ""
+    return f"whitened RMS {rms:.2g} ({low:.2g} up to the third harmonic){where}"

@@ -1,0 +1,98 @@
+"""What is asked of a study beside its record and its model."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fitting.calibrate.calibration_prior import Prior, read_prior
+from fitting.records.read.record import Record
+from solver.errors import InputError
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
+
+from .name.model_selection import COMMON, INDIVIDUAL
+
+TIME_LIMIT = 300.0  # s
+
+
+@dataclass(frozen=True)
+class Asked:
+    """period : of the beat [s], found by default. walls : "common" or "individual", by default as the record is more
+    probable. prior : a calibration's file. time_limit : of naming and of every refit after it [s]. jobs : processes
+    that simulate. filters : known, of channels. further, hold_out : other recordings of the animal, and varies : what
+    each of them has of its own."""
+
+    period: float | None = None
+    walls: str | None = None
+    prior: str | os.PathLike[str] | None = None
+    time_limit: float = TIME_LIMIT
+    jobs: int = 1
+    filters: tuple[str, ...] = ()
+    further: tuple[str | os.PathLike[str], ...] = ()
+    varies: tuple[str, ...] = ()
+    hold_out: tuple[str | os.PathLike[str], ...] = ()
+
+    def check(self) -> None:
+        """Raise ValueError, one sentence, for what cannot be asked."""
+        if self.walls not in (None, COMMON, INDIVIDUAL):
+            raise InputError(f"walls {self.walls!r}: must be {COMMON} or {INDIVIDUAL}; or leave it out.")
+        if not (math.isfinite(self.time_limit) and self.time_limit > 0.0):
+            raise InputError(f'time limit {self.time_limit:g} s: must be above 0 s and finite, such as "5 min".')
+        if not (isinstance(self.jobs, int) and self.jobs >= 1):
+            raise InputError(f"jobs {self.jobs!r}: must be a whole number of processes, at least 1.")
+        if self.varies and not self.further:
+            raise InputError(f"--varies {self.varies[0]}: there is one recording; give others with --and.")
+        if self.prior is not None and self.walls == COMMON:
+            raise InputError(
+                f"{os.fspath(self.prior)}: a calibration says how far each artery may differ, which walls {COMMON} "
+                f"leave out; ask for one of the two."
+            )
+
+    def known(self, network: Network, record: Record | None) -> Prior | None:
+        """What the calibration says of the network; raises ValueError, one sentence, where it is of no use.
+
+        record : None where it cannot be used.
+        """
+        if self.prior is None:
+            return None
+        found = read_prior(self.prior, network)
+        if record is not None and INFLOW not in record.channels:
+            raise InputError(
+                f"{os.fspath(self.prior)}: {record.path} has no {INFLOW} and is compared with one wall alone, whose "
+                f"spread is its own; leave the calibration out."
+            )
+        return found
+
+    @property
+    def chosen(self) -> str | None:
+        """The walls that are looked for; a calibration is of arteries that differ."""
+        return self.walls if self.prior is None else INDIVIDUAL
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """What was asked, as a result says it and as its answer depends on it; a calibration by file and hash.
+
+        Not how many processes simulate: to what the solver resolves, their answer is the same.
+        """
+        walls, prior = self.walls or "by evidence", None
+        if self.prior is not None:
+            sha256 = hashlib.sha256(Path(self.prior).read_bytes()).hexdigest()
+            walls, prior = INDIVIDUAL, {"file": os.fspath(self.prior), "sha256": sha256}
+        given = {
+            "filters": list(self.filters),
+            "and": [os.fspath(each) for each in self.further],
+            "varies": list(self.varies),
+            "hold_out": [os.fspath(each) for each in self.hold_out],
+            "prior": prior,
+        }
+        return {
+            "walls": walls,
+            "period": "found" if self.period is None else {"value": self.period, "unit": "s"},
+            "time_limit": {"value": self.time_limit, "unit": "s"},
+            **{key: value for key, value in given.items() if value},
+        }

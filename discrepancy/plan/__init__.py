@@ -1,0 +1,1 @@
+"""Plan measurements: sensors and states that would separate effects."""

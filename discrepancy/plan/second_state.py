@@ -1,0 +1,150 @@
+"""Which second recording would separate the class: states of the animal that were not recorded, simulated.
+
+In a state the best of the class, a, is what is recorded there, without noise, and another member b is fitted to it:
+
+    d'² = min_δ |z + J δ|² + δᵀ C⁻¹ δ = zᵀ (1 + J C Jᵀ)⁻¹ z
+
+with the whitened residual z and the derivatives J of b there, and the covariance C of what the record leaves b free to
+be. The noise is that of the record. Of a class of more than two the least d' counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from discrepancy.name.joint_record import Several
+from fitting.inference.fit import Fit
+from fitting.inference.forward import Forward
+from fitting.inference.gauss_newton import Trial
+from fitting.inference.models.bench import Bench
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.runs import Runs
+from fitting.records.channels.noise import Target
+from solver.errors import InputError
+
+from ..findings.isolability import INSEPARABLE
+from ..findings.map_marks import label_text
+from ..name.verdict import Naming
+
+Array = np.ndarray
+
+_MOST = 4  # members of a class that are simulated
+_NEWTON, _CLOSE = 30, 1e-9  # steps to the radius under a pressure, and its error, of the radius
+
+
+@dataclass(frozen=True)
+class State:
+    """Another state of the animal: its heart rate and inflow (of a bench the pulse of the pressure) as factors of the
+    recorded ones, and the change of the mean pressure as a part of it."""
+
+    words: str
+    rate: float = 1.0
+    flow: float = 1.0
+    level: float = 0.0
+
+
+STATES = (
+    State("heart rate × 1.5", rate=1.5),
+    State("mean pressure + 30 %", level=0.3),
+    State("mean pressure − 30 %", level=-0.3),
+    State("inflow × 1.5", flow=1.5),
+)
+_OF_BENCH = {"inflow × 1.5": "pulse pressure × 1.5"}
+
+
+def second_state(naming: Naming, runs: Runs | None = None) -> str:
+    """A sentence on the state that separates the class best; "" for a class of one, or where none can be simulated."""
+    found = separations(naming, runs or Runs())
+    if not found:
+        return ""
+    said = {_OF_BENCH.get(words, words) if naming.problem.site else words: d for words, d in found.items()}
+    best, *others = sorted(said, key=lambda words: -said[words])
+    rest = ", ".join(f"{words}: {said[words]:.2g}" for words in others)
+    if said[best] < INSEPARABLE:
+        tried = f"{best}: {said[best]:.2g}" + (f", {rest}" if rest else "")
+        return f"No second state that was simulated would separate the class (d′ below {INSEPARABLE:g}: {tried})."
+    members = " from ".join(label_text(n.label) for n in naming.members[:2])
+    more = " and the others" if len(naming.members) > 2 else ""
+    d = f"d′ {said[best]:.2g}" + (f"; {rest}" if rest else "")
+    return f"A second recording at {best} would tell {members}{more} ({d}): give it with --and."
+
+
+def separations(naming: Naming, runs: Runs) -> dict[str, float]:
+    """The least d' between the best of the class and its other members in each state, by the state's words."""
+    if len(naming.members) < 2:
+        return {}
+    problem, (best, *others) = naming.problem, [n.fit for n in naming.members[:_MOST]]
+    rivals = [(fit, fit.covariance) for fit in others]
+    if isinstance(problem, Several):
+        whole, problem = problem, problem.first
+        best, rivals = whole.of(best, 0), [(whole.of(fit, 0), _anew(whole, fit)) for fit in others]
+    found = {}
+    for state in STATES:
+        there = (
+            _of_bench(problem, state, best) if isinstance(problem, Bench) else _of_network(problem, state, best, runs)
+        )
+        each = [] if there is None else [_apart(there, fit, C, runs) for fit, C in rivals]
+        if known := [d for d in each if d is not None]:
+            found[state.words] = min(known)
+    return found
+
+
+def _anew(whole: Several, fit: Fit) -> Array:
+    """The covariance of the unknowns of another recording: of what varies, that of its prior."""
+    own, which = whole.own(fit.unknowns, 0)
+    C = fit.covariance[np.ix_(which, which)]
+    for i, (j, u) in enumerate(zip(which, own, strict=True)):
+        if fit.unknowns[j] is not u and fit.unknowns[j] != u:
+            C[i], C[:, i] = 0.0, 0.0
+            C[i, i] = (u.prior_sd or u.typical_sd) ** 2
+    return C
+
+
+def _apart(there: Forward, fit: Fit, C: Array, runs: Runs) -> float | None:
+    """d' of a member fitted to the state; None where it cannot be simulated there."""
+    (point,) = there.points([Trial(fit.member, np.arange(len(fit.x)), None, 0.0 * fit.x)], runs)
+    if point is None:
+        return None
+    V = np.eye(len(point.z)) + point.J @ C @ point.J.T
+    return float(np.sqrt(point.z @ np.linalg.solve(V, point.z)))
+
+
+def _of_network(problem: Forward, state: State, fit: Fit, runs: Runs) -> NetworkProblem | None:
+    """The problem whose record is what a hypothesis shows in a state; None where it cannot be simulated there. The mean
+    pressure moves with that behind all outlets."""
+    assert isinstance(problem, NetworkProblem)
+    simulator, pressures = problem.simulator, [i for i, name in enumerate(problem.signals) if name.endswith(".P")]
+    network, T = simulator.network, simulator.T / state.rate
+    if state.level:
+        if not pressures:
+            return None
+        more = state.level * float(problem.target.X[0, pressures].real.mean())
+        raised = {n: x + more for n, x in network.parameters().items() if n.endswith(".outlet.P_venous")}
+        try:
+            network = network.with_parameters(raised)
+        except InputError:
+            return None
+    drive = replace(simulator.drive, T=T, X=state.flow * simulator.drive.X)
+    there = replace(problem, simulator=replace(simulator, network=network, drive=drive, T=T))
+    (X,) = there.observe([fit.member], runs)
+    return None if X is None else replace(there, target=Target.of(problem.signals, X, problem.target.covariance))
+
+
+def _of_bench(problem: Bench, state: State, fit: Fit) -> Bench | None:
+    """The same of one wall."""
+    loop, mean = problem.loop, float(problem.loop.P.mean())
+    P = mean * (1.0 + state.level) + state.flow * (loop.P - mean)
+    there = replace(problem, loop=replace(loop, P=P, T=loop.T / state.rate))
+    seen, r = there.seen(fit.member, fit.x[None]), problem.start
+    for _ in range(_NEWTON):
+        with np.errstate(all="ignore"):
+            step = P - seen.pressure(r)[0]
+            if not np.isfinite(step).all():
+                return None
+            step = np.linalg.solve(seen.slope(r), step)
+        r = r + step * min(1.0, 0.02 * r.mean() / max(float(np.abs(step).max()), 1e-300))
+        if float(np.abs(step).max()) < _CLOSE * r.mean():
+            return replace(there, loop=replace(there.loop, R=r))
+    return None

@@ -1,0 +1,132 @@
+"""The folder of a study and its report: one HTML page that needs nothing else, and its figures as PNG."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping
+from math import exp
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fitting.pages.page import environment, words
+from fitting.results.result_files import check_unmixed, json_text
+from solver.errors import InputError
+from solver.io.writing import check_destinations, make_folder, write_folder
+from solver.network.files import dumps
+from solver.quantities.legible import number, plus_minus
+from solver.quantities.units import printed
+
+from .. import thresholds
+from ..findings import isolability, map_marks, recorded
+from ..findings.outcome import Outcome, verdict_json
+from . import tables, verdict_text
+from .learned_text import FILES, learned_files
+from .map_text import map_sentences
+
+if TYPE_CHECKING:
+    from fitting.pages.panels import Drawing
+
+Progress = Callable[[float, str], None]
+
+_STATE = ".state"  # the journal's folder
+_FILES = ("model.toml", "model.fmu", *FILES, "report.html", "verdict.json")  # of a study, as they are written
+_AS_READ = {"gap_as_given": "gap of the file as it is"}
+
+
+def report_files(outcome: Outcome) -> dict[str, str | bytes]:
+    """The figures and, last, the page, by their names in the folder."""
+    from .figures import figures  # matplotlib takes a second
+
+    drawings = figures(outcome)
+    pictures: dict[str, str | bytes] = {f"figures/{name}.png": drawn.png for name, drawn in drawings.items()}
+    return pictures | {"report.html": page(outcome, drawings)}
+
+
+def figure_files() -> tuple[str, ...]:
+    """The names of all figures that a report may have."""
+    from .figures import NAMES
+
+    return tuple(f"figures/{name}.png" for name in NAMES)
+
+
+def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
+    """The page with its figures inside: the template says what of an outcome stands where, these functions how."""
+    templates = environment(Path(__file__).parent / "templates")
+    templates.filters |= {
+        "entry": map_marks.entry,
+        "gap": tables.gap_text,
+        "label": map_marks.label_text,
+        "number": number,
+        "odds": tables.odds_text,
+        "p": tables.p_text,
+        "percent": tables.percent,
+        "places": map_marks.places_text,
+        "plain": map_marks.plain,
+        "printed": printed,
+        "pulse": tables.pulse_text,
+        "times": tables.times_noise,
+    }
+    templates.globals |= {
+        "at": thresholds,
+        "limits": isolability,
+        "recorded": recorded,
+        "tables": tables,
+        "wording": verdict_text,
+        "Z": tables.Z,
+    }
+    return templates.get_template("report.html.j2").render(
+        outcome=outcome,
+        drawings=drawings,
+        acts=map_sentences(outcome.map) if outcome.map else [],
+        beats=json.dumps(tables.beats(outcome), separators=(",", ":")).replace("<", "\\u003c"),
+        plus_minus=plus_minus,
+        exp=exp,
+        provenance={
+            _AS_READ.get(key, key.replace("_", " ")): words(value)
+            for key, value in outcome.provenance.items()
+            if value not in ([], {}) and value not in (outcome.record, outcome.model)
+        },
+    )
+
+
+# --- the folder -------------------------------------------------------------------------------------------------------
+
+
+def check_folder(folder: Path, given: Iterable[str | os.PathLike[str] | None]) -> None:
+    """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way.
+
+    given : the files that the study is of, which it neither replaces nor removes.
+    """
+    check_unmixed(folder, "discover")
+    for path in (folder / _STATE, folder / "figures"):
+        if path.exists() and not path.is_dir():
+            raise InputError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
+    for path in (folder / file for file in _FILES):
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder where a study has a file; move it, or give another --out.")
+    check_destinations(*(folder / file for file in _FILES), given=given, folders=True)
+    make_folder(folder)
+
+
+def write_study(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
+    """All files of a study, the verdict last; those of an earlier one that this verdict does not have are removed.
+
+    A folder with a verdict.json always holds the files that belong to it.
+    """
+    progress(0.94, "writing the report")
+    files: dict[str, str | bytes] = {}
+    if outcome.network_after is not None and fmu is not None:
+        files = {"model.toml": dumps(outcome.network_after), "model.fmu": fmu}
+    files |= learned_files(outcome.learned, outcome.map if outcome.verdict in ("unknown", "partial") else None)
+    files |= report_files(outcome) | {"verdict.json": json_text(verdict_json(outcome))}
+    write_folder(folder, files, gone={*figure_files(), *_FILES} - set(files))
+    progress(1.0, "done")
+
+
+def holds_study(folder: Path) -> bool:
+    """Whether a study is in a folder whose record could be used."""
+    try:
+        return bool(json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["verdict"] != "unusable")
+    except (OSError, ValueError, LookupError, TypeError):
+        return (folder / "model.toml").exists()

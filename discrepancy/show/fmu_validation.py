@@ -1,0 +1,306 @@
+"""Show: free runs of FMUs through fmpy, the gap that they leave to the record, and what of a name that bears out.
+
+The FMU is driven by the most probable wave: the inflow, or the pressure of a bench, as the whole record says it
+was, not only the one noisy sensor. What is left is divided by the sensors' own noise: 1 is noise. Nothing is named that
+does not shrink the gap to held-out beats. The FMU is the model that inference compared: one model has one gap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from fitting.check.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
+from fitting.inference.fit import Fit
+from fitting.inference.models.bench_observation import mean_wander, sense
+from fitting.inference.models.simulator import filters
+from fitting.records.alignment.beats import Beats
+from fitting.records.channels.amounts import changes, sizes
+from fitting.records.channels.noise import check_flow_driven
+from fitting.records.channels.spectral import shift
+from solver import Settings, simulate, simulate_periodic
+from solver.network.description import Network
+from solver.quantities.legible import number
+from solver.quantities.units import INFLOW
+
+from .. import thresholds as at
+from ..find.study import Study
+from ..findings.map_marks import label_text
+from ..findings.outcome import ADDED, Agreement
+from ..findings.recorded import Recorded
+from ..name.individual_walls import implausible
+from ..name.verdict import Naming
+
+Array = np.ndarray
+
+_OWN_BEATS = 2
+_AT_REST = 1e-4  # of a pressure: where none varies by more, there are no waves to compare
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI]."""
+
+    total: tuple[float, float]
+    channels: Mapping[str, tuple[float, float]]
+    rms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A free run: X : (K+1, m) coefficients of the channels as their sensors show them, beats : (N,) each."""
+
+    X: Array
+    beats: Mapping[str, Array]
+    gap: Gap
+
+
+def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str, float]) -> Run:
+    """Run an FMU under a wave and compare it. ``fit`` says what the sensors do; starts : by FMU variable.
+
+    Raises RunFailed with the FMU's sentence.
+    """
+    described, T = read_fmu(fmu), study.fitted.T
+    names = study.problem.signals
+    values: dict[str, float | str] = {
+        n: v for n, v in starts.items() if n in (*described.parameters, *described.inputs)
+    }
+    drive = study.problem.driven(wave)
+    values.update(drive.values)
+    rolled = np.roll(wave, -drive.first)
+    answer = periodic_answer(described, drive.variable, rolled, T, values, drive.beats)
+    waves = {name: shift(beat, drive.first / len(wave)) for name, beat in answer.values.items()}
+    if drive.imposed is not None:
+        waves[drive.imposed] = fourier(wave, steps_per_beat(described, T))
+    return compared(study, fit, np.stack([np.fft.rfft(waves[n], norm="forward") for n in names], axis=1))
+
+
+def compared(study: Study, fit: Fit, X: Array) -> Run:
+    """The run of coefficients X : (n, m) as the FMU gives them."""
+    names = study.problem.signals
+    X = sensed(study, fit, X[: min(study.problem.K, len(X) - 1) + 1])
+    beats = {name: np.fft.irfft(x, study.fitted.N, norm="forward") for name, x in zip(names, X.T, strict=True)}
+    return Run(X, beats, gap(study, X))
+
+
+def gap(study: Study, X: Array) -> Gap:
+    """What coefficients X : (K+1, m) as sensors show them leave of the record."""
+    K = len(X) - 1
+    weight, each, sizes = _weights(K), [], []
+    for part in (study.fitted, study.held_out):
+        power = np.abs(X - study.problem.repeated(part, study.fitted, K)) ** 2
+        sizes.append(np.sqrt((weight * power).sum(axis=0)))
+        each.append(np.sqrt((weight * power / _noise(study, part, K)).sum(axis=0) / weight.sum()))
+    fitted, held_out = (float(np.sqrt(np.mean(e**2))) for e in each)
+    by_channel, rms = (
+        {name: (float(pair[0][i]), float(pair[1][i])) for i, name in enumerate(study.problem.signals)}
+        for pair in (each, sizes)
+    )
+    return Gap((fitted, held_out), by_channel, rms)
+
+
+def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
+    """By how much χ² of the held-out beats falls from one run to another, and the standard deviation of that.
+
+    With the coefficients b and a of the runs and y of the mean of n beats, Σ w (|b - y|² - |a - y|²)/S is linear in y:
+    its noise is that of 2 Σ w Re((a - b)* y)/S, whose scatter from beat to beat is seen. Means, which drift, have that
+    of :func:`compared`.
+    """
+    names, K = study.problem.signals, len(before.X) - 1
+    S, w = _noise(study, study.held_out, K), _weights(K)
+    y = study.problem.repeated(study.held_out, study.fitted, K)
+    value = float((w * (np.abs(before.X - y) ** 2 - np.abs(after.X - y) ** 2) / S).sum())
+    slope = 2.0 * w * (after.X - before.X) / S
+    scatter, free = 0.0, 0
+    for part in (study.fitted, study.held_out):
+        each = sum(_pulsation(part, name, K) @ slope[1:, i].conj() for i, name in enumerate(names)).real
+        scatter += float(((each - each.mean()) ** 2).sum())
+        free += len(each) - 1
+    variance = scatter / free / study.held_out.n_beats + float((np.abs(slope[0]) ** 2 * S[0]).sum())
+    return value, math.sqrt(variance)
+
+
+def _pulsation(part: Beats, name: str, K: int) -> Array:
+    """(n_beats, K) coefficients 1 … K of the beats of a channel, with the mean beat in gaps."""
+    beats = part.values[name]
+    whole = np.where(np.isnan(beats), part.mean(name), beats)
+    return np.fft.rfft(whole, norm="forward")[:, 1 : K + 1]
+
+
+def _noise(study: Study, part: Beats, K: int) -> Array:
+    """(K+1, m) variance of the coefficients of the mean of some beats, by the noise that the fitted ones show."""
+    noise = study.problem.noise[: K + 1] * (study.fitted.n_beats / part.n_beats)
+    if part is not study.fitted:
+        noise[0] = np.maximum(noise[0], mean_wander(part, study.fitted, study.problem.signals))
+    return np.maximum(noise, 1e-300)
+
+
+def _weights(K: int) -> Array:
+    """(K+1, 1) of real and of complex coefficients."""
+    return np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
+
+
+def sensed(study: Study, fit: Fit, X: Array) -> Array:
+    """What the measurement chain of a hypothesis makes of the coefficients, through the filters that are known."""
+    names, T = study.problem.signals, study.fitted.T
+    return sense(fit.member, names, X * filters(study.problem.network, names, T, len(X) - 1), T)
+
+
+def parity(network: Network, study: Study, wave: Array, run: Run, settings: Settings) -> float:
+    """Largest difference of the FMU's free run (without sensors) from the direct solver, of a channel's pulse."""
+    T, names = study.fitted.T, study.problem.signals
+    N, k = len(wave), np.arange(len(wave) // 2 + 1)
+    amplitude = np.fft.rfft(wave, norm="forward") * np.where((k > 0) & (2 * k != N), 2.0, 1.0)
+
+    def inflow(t: Array) -> Array:
+        return np.asarray((np.exp(2j * np.pi * np.mod(np.asarray(t) / T, 1.0)[..., None] * k) @ amplitude).real)
+
+    beat = simulate_periodic(network, inflow, T, settings=settings, tolerance=1e-5)
+    worst, shown = 0.0, filters(study.problem.network, names, T, len(run.X) - 1)
+    for i, name in enumerate(names):
+        X = np.fft.rfft(beat[name][:-1], norm="forward")[: len(run.X)] * shown[:, i]
+        worst = max(worst, float(np.abs(X - run.X[:, i])[1:].max() / np.ptp(beat[name])))
+    return worst
+
+
+def own_parity(fmu: Path, network: Network) -> float | None:
+    """Largest difference of an FMU from the direct solver over two beats from rest under the network's own inflow.
+
+    Of an output's pulse; for an FMU that no record drives: that of a network of which one artery was on the bench.
+    None where that inflow moves nothing: of two networks at rest, any two agree.
+    Raises RunFailed with the FMU's sentence, NonPhysicalState if the solution breaks down, ValueError where a pressure
+    drives the inlet.
+    """
+    check_flow_driven(network)
+    described, T = read_fmu(fmu), network.inlet.T
+    n = steps_per_beat(described, T)
+    time = np.arange(n) * (T / n)
+    wave = network.inlet.Q(time)
+    answer = periodic_answer(described, INFLOW, wave, T, {}, _OWN_BEATS)
+
+    def inflow(t: Array) -> Array:  # as the FMU interpolates its input
+        return np.interp(t, time, wave, period=T)
+
+    run = simulate(network, inflow, _OWN_BEATS * T, settings=Settings(dt=T / n))
+    last = slice((_OWN_BEATS - 1) * n, _OWN_BEATS * n)
+    pressures = [run[name][last] for name in answer.values if name.endswith(".P")]
+    if all(np.ptp(P) <= _AT_REST * np.abs(P).max() for P in pressures):
+        return None
+    worst = 0.0
+    for name, values in answer.values.items():
+        direct = run[name][last]
+        size = float(np.ptp(direct)) or float(np.abs(direct).max())
+        worst = max(worst, float(np.abs(values - direct).max()) / size if size > 0.0 else 0.0)
+    return worst
+
+
+# --- what the runs bear out -------------------------------------------------------------------------------------------
+
+
+def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
+    """The naming, if the free runs bear it out; else without a name, the reason made of the numbers.
+
+    χ² of held-out beats falls by more than chance over all recordings together and in each in which the effect has a d'
+    of 12, with which it does in 96 %, and rises by more than chance in none; over those that were held out whole
+    likewise. Of a part it closes most of the gap. Nor is it ``none`` where the model meets the record only as an animal
+    that there hardly is. each : recording, with what its runs leave. before, after : over all that are fitted.
+    """
+    naming = _borne_out(naming, each, before, after)
+    odd = implausible(naming.base.fit) if naming.verdict == "none" else {}
+    return _without(naming, "unknown", met_only_with(odd)) if odd else naming
+
+
+def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
+    if naming.verdict not in (*ADDED, "unknown"):
+        return naming
+    best, left = label_text(naming.best.label), before.total[1]
+    if left <= at.NO_GAP:
+        found = f"{best} was found but not named" if after else "no effect was named"
+        reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
+        return _without(naming, "none", reason)
+    if after is None:
+        return naming
+    why = _not_fallen([r for r in each if r.fitted], len(each) > 1) or _not_fallen([r for r in each if not r.fitted])
+    if not why and naming.verdict == "partial" and after.total[1] > (1.0 - at.PART_CLOSED) * left:
+        why = "most of it remains"
+    if why:
+        nearest = f"{best} comes nearest, but with it the gap of the FMU to held-out beats {changed(before, after)}"
+        return _without(naming, "unknown", f"{nearest}: {why}")
+    return naming
+
+
+def _not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
+    """Why some recordings do not bear a name out; "" where they do, or are none."""
+    told = [(r, r.fallen, r.sd) for r in each if r.fallen is not None and r.sd is not None]
+    if not told:
+        return ""
+    fallen, sd = sum(f for _, f, _ in told), math.sqrt(sum(s**2 for _, _, s in told))
+    if fallen <= at.FALL * sd:
+        over = f"over {', '.join(r.label for r, _, _ in told)} " if labelled else ""
+        return over + _no_fall(fallen, sd)
+    for r, own, spread in told:
+        if own < -at.FALL * spread or ((r.d or 0.0) >= at.VISIBLE and own <= at.FALL * spread):
+            return f"in {r.label} {_no_fall(own, spread)}"
+    return ""
+
+
+def met_only_with(odd: Mapping[str, float]) -> str:
+    """Numbers that no animal has, with their distances in stated spreads."""
+    them = ", ".join(f"{name} {abs(x):.2g} stated spreads {'above' if x > 0 else 'below'}" for name, x in odd.items())
+    return f"the model meets the record only with {them} the file's"
+
+
+def _no_fall(fallen: float, sd: float) -> str:
+    """What χ² of the held-out beats does, with its standard deviation, where it does not fall by more than chance."""
+    if fallen < -at.FALL * sd:
+        return f"chi2 rises by {-fallen:.3g} ± {sd:.2g}"
+    return f"chi2 {'rises' if fallen < 0.0 else 'falls'} by {abs(fallen):.3g} ± {sd:.2g}, no more than chance"
+
+
+def _without(naming: Naming, verdict: str, reason: str) -> Naming:
+    """Without a name, as sure as the name was not, and no surer than not."""
+    doubt = 1.0 - naming.confidence if naming.verdict in ADDED else naming.confidence
+    return replace(naming, verdict=verdict, members=(), confidence=min(doubt, at.INCOMPLETE), reason=reason)
+
+
+def change(before: Gap, after: Gap) -> str:
+    """How the gap to held-out beats changes, in words that follow the numbers."""
+    first, last = (number(each.total[1]) for each in (before, after))
+    if first == last:
+        return f"stays at {first}"
+    return f"{'falls' if after.total[1] < before.total[1] else 'rises'} from {first} to {last}"
+
+
+def changed(before: Gap, after: Gap) -> str:
+    """The same with its unit and, in brackets, what channels leave before and after: "Ao.P from 1.3 to 0.9 mmHg"."""
+    rms = changes(_held_out(before.rms), _held_out(after.rms), _held_out(before.channels))
+    return f"{change(before, after)} times the noise" + (f" ({rms})" if rms else "")
+
+
+def left(gap: Gap) -> str:
+    """The gap to held-out beats with its unit and, in brackets, what the channels leave: "1.3 mmHg of Ao.P"."""
+    rms = sizes(_held_out(gap.rms), _held_out(gap.channels))
+    return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
+
+
+def _held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    return {name: pair[1] for name, pair in pairs.items()}
+
+
+def agreement(study: Study, fit: Fit, wave: Array, run: Run) -> Agreement | None:
+    """An FMU's run beside what inference holds of the same hypothesis under the same wave; None where it holds nothing.
+
+    Both solve the same equations, by steps in time and by harmonic balance.
+    """
+    X = study.problem.answer(wave, fit)
+    if X is None:
+        return None
+    X = X[: len(run.X)]
+    pulse = np.array([np.ptp(study.fitted.mean(name)) for name in study.problem.signals])
+    apart = np.abs(run.X - X) / pulse
+    k, i = (int(n) for n in np.unravel_index(int(apart.argmax()), apart.shape))
+    return Agreement(float(apart[k, i]), study.problem.signals[i], k, run.gap.total, gap(study, X).total)

@@ -1,0 +1,9 @@
+"""The calibration of a whole network from records."""
+
+from typing import Any
+
+
+def __getattr__(name: str) -> Any:
+    from solver.former_names import former  # this package has the name of a former module
+
+    return former(__name__, name)

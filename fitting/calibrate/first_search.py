@@ -1,0 +1,95 @@
+"""The first search of a calibration, and other starts if it ends far from the record.
+
+A wrong minimum is recognisable, because its residual is a fraction of the pulsation rather than noise. A correct model
+leaves noise and sensor faults, gain errors of a few per cent: at most a twentieth of the pulsation. If more is left,
+other starts follow until one ends nearer, or until three have not: then the model is deficient, not the search, and the
+result from the network's own values stands. A wrong model has lower costs far away, at values that no artery has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from solver.errors import InputError
+from solver.simulate import BROKEN
+
+from ..inference.gauss_newton import Rules
+from ..inference.models.calibration import Ended, Part, Problem, minimum
+from ..inference.unknown import absent, starting_points
+from ..records.channels.noise import pulses
+
+Array = np.ndarray
+
+OTHER_STARTS = 8
+_SEED = 1
+_FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
+FAR = 0.05  # of the RMS of the pulsation
+ENOUGH = 3  # 6 of 100 synthetic tubes need other starts (own start far off or without a beat), and none needs more
+
+
+def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Ended, list[str]]:
+    """The end of the first successful search, and a sentence if its start is not the requested one.
+
+    x0 : (p,) start; None: the network's own values, then others. Raises ValueError if no start has a beat.
+    """
+    weighted: Problem | None = None
+    ended: dict[int, Ended] = {}
+    failure: Exception | None = None
+    for i, x in enumerate(_starts(problem) if x0 is None else [x0]):
+        try:
+            weighted = weighted or problem.with_targets(x, [first_error(part) for part in problem.parts])
+            ended[i] = minimum(weighted, x, weighted.batches(x), rules)
+        except BROKEN as error:
+            failure = failure or error
+            weighted = weighted if ended else None
+            continue
+        if not far(weighted, ended[i]) or len(ended.keys() - {0}) == ENOUGH:
+            break
+    if weighted is None:
+        sources = " + ".join(part.beats.source for part in problem.parts)
+        where = f"as given or at {OTHER_STARTS} other starts" if x0 is None else "at this start"
+        name = problem.parts[0].simulator.network.name
+        raise InputError(f"{sources}: with its inflow, network {name} {where} cannot be simulated: {failure}") from None
+    near = [i for i in ended if not far(weighted, ended[i])]
+    best = min(near or ended, key=lambda i: (not near and i > 0, ended[i].search.cost))
+    asked = x0 is not None or list(ended) == [0]
+    return ended[best], [] if asked else [_said(weighted, ended, best)]
+
+
+def _starts(problem: Problem) -> Iterator[Array]:
+    """The network's own values, then others."""
+    yield absent(problem.unknowns)
+    yield from starting_points(problem.unknowns, 1 + OTHER_STARTS, _SEED)[1:]
+
+
+def first_error(part: Part) -> Array:
+    """(K+1, m) an assumed error of the solver, until it is measured."""
+    s = part.simulator
+    return np.full((s.K + 1, len(s.names)), _FIRST_ERROR) * pulses(part.beats, s.names)
+
+
+def left(problem: Problem, found: Ended) -> float:
+    """RMS of the residual over that of the pulsation, over all channels of all recordings."""
+    parts = [
+        np.array(list(part.rms(batch[0]).values())) / pulses(part.beats, part.simulator.names)
+        for part, batch in zip(problem.parts, found.batches, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def far(problem: Problem, found: Ended) -> bool:
+    """Whether a search ended so far from the record that it may be in a wrong minimum."""
+    return left(problem, found) > FAR and bool(found.errors.any())
+
+
+def _said(problem: Problem, ended: Mapping[int, Ended], best: int) -> str:
+    leaves = {i: f"{100.0 * left(problem, each):.2g} % of the pulsation (rms)" for i, each in ended.items()}
+    why = f"the search leaves {leaves[0]}" if 0 in ended else "there is no periodic beat"
+    then = (
+        f"from other start {best} it leaves {leaves[best]}"
+        if best
+        else f"from none of {len(ended) - 1} others it comes near"
+    )
+    return f"from the network's own values {why}; {then}"

@@ -1,0 +1,287 @@
+"""Network calibration: parameters of a whole network from a record of its inflow and of P, Q and R at some sites.
+
+Gauss–Newton on the whitened harmonics of :mod:`fitting.records.channels.noise`. With the residual z(x), unknowns x
+relative to the network's own values and Gaussian priors of standard deviation s, it minimises
+
+    |z(x)|² + Σ (x_i/s_i)²
+
+One batch of harmonic balances gives z and its derivatives, by finite differences. A model error of the channels
+represents missing physics; its size is estimated alternately with x (:mod:`fitting.inference.models.calibration`). A
+first search approaches the minimum. There, a halved element length measures the solver's own error, and the response to
+the inflow's noise is computed; a second search with these weights gives the result.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from solver import Settings
+from solver.errors import InputError
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
+from solver.simulate import BROKEN
+
+from ..inference.gauss_newton import Point, Rules
+from ..inference.intervals.identify import Determined, sentences
+from ..inference.models.calibration import CHANCE, DERIVATIVE_ERROR, Ended, Problem, granted, minimum, part_of, widening
+from ..inference.runs import Meter
+from ..inference.unknown import Unknown, bounds, parameter_intervals, parameter_values
+from ..inference.unknown_text import parse_unknowns, varied
+from ..parallel.threads import single_threaded
+from ..records.alignment.beats import Beats
+from ..records.channels.amounts import sizes
+from ..records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
+from ..records.thresholds import MAX_HARMONICS
+from .calibrated import Calibration, Recording, labels_of, noise_known
+from .first_search import first_error, first_search
+
+Array = np.ndarray
+Progress = Callable[[float, str], None]
+
+# Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none.
+# Where the model lacks more than noise, a tenth is none
+_NEAR, _SETTLED = 1e-2, 1e-4
+_FEWEST_STEPS = 20  # of the solver in a beat
+
+
+@single_threaded
+def calibrate(
+    beats: Beats | Sequence[Beats],
+    network: Network,
+    unknowns: Iterable[str | Unknown],
+    *,
+    varies: Sequence[str] = (),
+    channels: Sequence[str] | None = None,
+    settings: Settings | None = None,
+    max_iterations: int = 40,
+    x0: Array | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Find the unknowns ("all.E", "CA.phi0:0.1", "CA.outlet.R_t:none" …) of a network from recordings of it.
+
+    beats : recordings with inlet.Q and channels named as the network's outputs; ``channels`` selects some, default all.
+    varies : unknowns with a value for each recording, "*.outlet.R2"; others, walls and geometry, are common.
+    settings : of the solver: the element length, and dt, default 1 ms, for networks too large for harmonic balance.
+    x0 : (p,) start of the search (:mod:`fitting.calibrate.multistart` uses many). Default: the network's own values,
+    and if these have no periodic beat, or the search ends far from the record, up to 8 other starts. progress : called
+    with a fraction of the work and a label.
+    Raises ValueError, one sentence, for unknowns or channels that the network does not have, a record without inlet.Q
+    or with a phase that was never measured, a beat shorter than 20 steps, and a network that fails with this inflow
+    from every start.
+    """
+    started = time.perf_counter()
+    settings = settings or Settings()
+    recorded = [beats] if isinstance(beats, Beats) else list(beats)
+    found = parse_unknowns(unknowns, network)
+    check_flow_driven(network)
+    told = _Stages(progress)
+    meter = Meter(told.simulated)
+    labels = labels_of([each.source for each in recorded])
+    everything, which = varied(found, varies, labels)
+    parts = []
+    for each, numbers in zip(recorded, which, strict=True):
+        names = _channels(each, network, channels)
+        own = tuple(everything[i] for i in numbers)
+        K = _harmonics(each, names, settings)
+        parts.append(part_of(each, network, own, np.array(numbers), names, K, settings, meter))
+    problem = Problem(everything, tuple(parts))
+
+    told.begin(0.0, 0.6, "first search")
+    rules = Rules(_NEAR, math.inf, max_iterations, error=DERIVATIVE_ERROR)
+    near, said = first_search(problem, x0, rules)
+
+    told.begin(0.6, 1.0, "second search")
+    last, unmeasured = _weighted(problem, near)
+    rules = rules if near.errors.any() else replace(rules, gain=_SETTLED)
+    best = minimum(last, near.search.x, near.batches, rules)
+    if progress:
+        progress(1.0, "done")
+    return _result(last, near, best, [*said, *unmeasured], labels, found, meter, time.perf_counter() - started)
+
+
+def _weighted(problem: Problem, near: Ended) -> tuple[Problem, list[str]]:
+    """The problem with the weights at the end of the first search, including the solver's own error."""
+    x, errors, unmeasured = near.search.x, [], list[str]()
+    for part, batch in zip(problem.parts, near.batches, strict=True):
+        pulse = pulses(part.beats, part.simulator.names)
+        errors.append(first_error(part))
+        finer = replace(part, simulator=part.simulator.finer())
+        try:
+            errors[-1] = solver_error(batch[0], finer.simulate(x[part.which][None])[0], pulse)
+        except BROKEN:
+            unmeasured = ["no beat was found with shorter elements, so the solver's own error was not measured"]
+    return problem.with_targets(x, errors), unmeasured
+
+
+# --- the record ----------------------------------------------------------------------------------------------------
+
+
+def _channels(beats: Beats, network: Network, chosen: Sequence[str] | None) -> tuple[str, ...]:
+    if INFLOW not in beats.values:
+        raise InputError(
+            f"{beats.source}: it has no {INFLOW}, which drives the simulation; record the inflow, or fit the wall of "
+            "one site from its P and R."
+        )
+    recorded = [name for name in beats.values if name != INFLOW]
+    names = tuple(recorded if chosen is None else chosen)
+    for name in names:
+        if name not in recorded:
+            raise InputError(f"channel {name}: {beats.source} has no such channel; it has {', '.join(recorded)}.")
+        if name not in network.output_units():
+            sites = ", ".join(site.name for site in network.sites)
+            raise InputError(
+                f"{beats.source}: its channel {name} is no output of network {network.name} (sites {sites}); "
+                "add the site to the network or choose other channels."
+            )
+    if not names:
+        raise InputError(f"{beats.source}: it has no channel but {INFLOW}; P, Q or R at one site at least is needed.")
+    return names
+
+
+def _harmonics(beats: Beats, names: Sequence[str], settings: Settings) -> int:
+    """K: the highest harmonic of any channel above its noise that both record and solver resolve, at most 40."""
+    steps = math.ceil(beats.T / settings.dt - 1e-9)
+    if steps < _FEWEST_STEPS:
+        raise InputError(
+            f"{beats.source}: its period of {beats.T:g} s has {steps} steps of {settings.dt:g} s, fewer than "
+            f"{_FEWEST_STEPS}; choose a smaller dt or check the unit of its time."
+        )
+    return harmonics_above_noise(beats, names, min(MAX_HARMONICS, (beats.N - 1) // 2, steps // 2 - 1))
+
+
+# --- its stages ---------------------------------------------------------------------------------------------------
+
+
+class _Stages:
+    """Reports the progress of each stage of the search, which takes about four simulations."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self.progress = progress
+        self.begin(0.0, 1.0, "")
+
+    def begin(self, low: float, high: float, label: str) -> None:
+        self.span, self.label, self.done = (low, high), label, 0
+
+    def simulated(self, _: int) -> None:
+        self.done += 1
+        if self.progress:
+            low, high = self.span
+            self.progress(low + (high - low) * (1.0 - 0.6**self.done), f"{self.label}, simulation {self.done}")
+
+
+# --- the result ---------------------------------------------------------------------------------------------------
+
+
+def _result(
+    problem: Problem, near: Ended, best: Ended, said: Sequence[str], labels: Sequence[str],
+    asked: Sequence[Unknown], meter: Meter, seconds: float,
+) -> Calibration:  # fmt: skip
+    x, unknowns, network = best.search.x, problem.unknowns, problem.parts[0].simulator.network
+    point = problem.point(x, best.batches)  # of the noise alone
+    chi2 = float(point.z @ point.z)
+    dof = max(1.0, len(point.z) - problem.determined(point, 1.0).effective)
+    known = _known(problem, best, chi2 / dof)
+    low, high = bounds(unknowns)
+    close = np.minimum(x - low, high - x) <= 1e-9 * problem.typical
+    at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
+    common = [i for i in range(len(x)) if all(i in part.which for part in problem.parts)]
+    own = {variable for i, u in enumerate(unknowns) if i not in common for variable in u.variables}
+    recordings = _recordings(problem, point, x, known, labels, [u.name for u in asked], own)
+    shared, covariance = tuple(unknowns[i] for i in common), known.covariance[np.ix_(common, common)]
+    values = {n: float(v) for n, v in parameter_values(shared, network, x[common]).items() if n not in own}
+    noise = noise_known([part.beats.n_beats for part in problem.parts])
+    ci95 = parameter_intervals(shared, network, x[common], covariance, noise)
+    sd = np.sqrt(np.diag(known.covariance))
+    terms = [f"ln {u.name}" if u.kind == "scale" else u.name for u in unknowns]
+    report = [
+        *(f"{name} stopped at the end of its allowed range" for name in at_bound),
+        *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known, terms),
+        *_misfit(chi2 / dof, dof, recordings, best.errors),
+        *said,
+        *dict.fromkeys(text.rstrip(".") for part in problem.parts for text in part.beats.warnings),
+    ]
+    if not best.search.converged:
+        report.append("the search did not settle: no further step lowered the misfit, or the iterations were used up")
+    return Calibration(
+        network=network.name,
+        recordings=recordings,
+        unknowns=unknowns,
+        x=x,
+        covariance=known.covariance,
+        values=values,
+        ci95={name: ci95[name] for name in values},
+        shrinkage=tuple(u.prior_sd and float(s) / u.prior_sd for u, s in zip(unknowns, sd, strict=True)),
+        chi2=chi2,
+        dof=dof,
+        singular_values=known.singular_values,
+        at_bound=at_bound,
+        report=tuple(report),
+        history=(near.history, best.history),
+        converged=best.search.converged,
+        simulations=meter.simulations,
+        seconds=seconds,
+        others={
+            name: value
+            for name, value in network.parameters().items()
+            if name not in values and name not in own and not network.parameter_quantities()[name].input
+        },
+        laws={
+            "network.elastic_law": network.elastic_law,
+            "network.viscous_law": network.viscous_law,
+        },
+        model_errors=(float(best.errors[0]), float(best.errors[1])),
+    )  # fmt: skip
+
+
+def _known(problem: Problem, best: Ended, ratio: float) -> Determined:
+    """The parameters that the data determine, given the model error; ratio : χ²/dof without it."""
+    if not best.errors.any():
+        return problem.determined(problem.point(best.search.x, best.batches), max(1.0, ratio))
+    weighted = granted(problem, best.errors)
+    point = weighted.point(best.search.x, best.batches)
+    return weighted.determined(point, widening(weighted, point.z, weighted.determined(point).effective))
+
+
+def _recordings(
+    problem: Problem, point: Point, x: Array, known: Determined, labels: Sequence[str], names: Sequence[str],
+    own: Collection[str],
+) -> tuple[Recording, ...]:  # fmt: skip
+    """Each recording: the fit to its data, and its own values."""
+    found, one = [], problem.determined(point)
+    paid = np.einsum("np,pq,nq->n", point.J, one.covariance, point.J)  # of each datum, for the unknowns
+    paid *= one.effective / max(float(paid.sum()), np.finfo(float).tiny)
+    for part, rows, batch, label in zip(problem.parts, problem.rows(), point.memory, labels, strict=True):
+        assert part.target is not None
+        beats, at, network = part.beats, part.which, part.simulator.network
+        z = point.z[rows]
+        values = {n: float(v) for n, v in parameter_values(part.unknowns, network, x[at]).items() if n in own}
+        covariance, noise = known.covariance[np.ix_(at, at)], noise_known([beats.n_beats])
+        ci95 = parameter_intervals(part.unknowns, network, x[at], covariance, noise)
+        found.append(Recording(
+            label, beats.source, beats.sha256, beats.n_beats, tuple(int(i) for i in at), tuple(names), values,
+            {name: ci95[name] for name in values}, float(z @ z), max(1.0, len(z) - float(paid[rows].sum())),
+            part.target.channel_rms(batch[0]), part.rms(batch[0]), part.simulator.K, beats.told,
+        ))  # fmt: skip
+    return tuple(found)
+
+
+def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: Array) -> list[str]:
+    """A sentence if χ²/dof is significantly above 1."""
+    if ratio <= 1.0 + CHANCE * math.sqrt(2.0 / dof):
+        return []
+    one = max(recordings, key=lambda each: max(each.channels.values()))
+    worst = max(one.channels, key=lambda name: one.channels[name])
+    where = f"{worst} of {one.label}" if len(recordings) > 1 else worst
+    there = " there" if len(recordings) > 1 else ""
+    means, rest = (f"{100.0 * a:.2g} %" for a in errors)
+    weighed = f"weighed as if harmonics were off by {rest} of each channel's pulsation (rms), means by {means} (sd)"
+    return [
+        f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
+        f"({one.channels[worst]:.3g} times its noise); rms residual{there}: {sizes(one.rms, one.channels)}; "
+        + (weighed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
+    ]

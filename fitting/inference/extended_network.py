@@ -1,0 +1,160 @@
+"""A fit as a network: its terms at their fitted sizes, the nuisances refitted, and estimates of what was added."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from solver.errors import InputError
+from solver.laws.effect import ALL_PLACES
+from solver.laws.sensors import Sensor
+from solver.network.description import Channel, Network
+from solver.quantities.coordinate import SCALE
+
+from ..results.estimate import Estimate
+from .fit import Fit
+from .hypothesis import Term, effect_of, rewired
+from .unknown import Reach, Unknown, bounds, interval, parameter_values, values
+
+Array = np.ndarray
+
+_SAME = 1e-9  # relative difference of ratios that are the same
+
+
+def extended(network: Network, fit: Fit) -> Network:
+    """The network of a hypothesis: its terms at their fitted sizes, the nuisances refitted, its sensors described."""
+    network = rewired(network, fit.terms)
+    moved = parameter_values(fit.unknowns, network, fit.x)
+    network = network.with_parameters({name: float(value) for name, value in moved.items()})
+    channels = {channel.name: dict(channel.terms) for channel in network.channels}
+    for term in fit.terms:
+        if term.is_sensor:
+            channels.setdefault(term.place, {}).update(sensor_parameters(fit, term))
+    return replace(network, channels=tuple(Channel(name, terms) for name, terms in channels.items()))
+
+
+def allowed(network: Network, fit: Fit) -> Fit | None:
+    """A hypothesis; None if a network may not have its values, some of which go by the values of others."""
+    try:
+        extended(network, fit)
+    except InputError:
+        return None
+    return fit
+
+
+def frequency(fit: Fit) -> float:
+    """The highest frequency [Hz] that a sensor of a hypothesis is named by; 0 without one."""
+    chains = [(_sensor(t), _searched(t, fit.x[_places(fit, t)])) for t in fit.terms if t.is_sensor]
+    return max((sensor.frequency(numbers) for sensor, numbers in chains), default=0.0)
+
+
+def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
+    """The catalogue's parameters of a channel's effect."""
+    return _as_terms(term, fit.x[_places(fit, term)])
+
+
+def _places(fit: Fit, term: Term) -> list[int]:
+    """Where a fit has the unknowns of a term."""
+    names = [u.name for u in fit.unknowns]
+    return [names.index(u.name) for u in term.unknowns]
+
+
+def _as_terms(term: Term, x: Array) -> dict[str, float]:
+    """The catalogue's parameters of a channel's effect at x : (q,)."""
+    return _sensor(term).as_terms(_searched(term, x))
+
+
+def _searched(term: Term, x: Array) -> dict[str, float]:
+    """The numbers of a search for a channel's effect at x : (q,)."""
+    return {name.rpartition(".")[2]: float(value) for name, value in values(term.unknowns, x, {}).items()}
+
+
+def _sensor(term: Term) -> Sensor:
+    effect = effect_of(term)
+    assert isinstance(effect, Sensor)
+    return effect
+
+
+def estimates(
+    network: Network, fit: Fit, term: Term, quantile: float, reaches: Mapping[str, Reach] | None = None
+) -> dict[str, Estimate]:
+    """Values and 95 % intervals of a term's parameters: those of :func:`extended`, with what the nuisances add to them.
+
+    quantile : half an interval in standard deviations; reaches : how far those of some unknowns go down and up, by name
+    (:mod:`fitting.inference.intervals.profile`). One that acts everywhere is reported once where it is the same
+    everywhere: that of walls as the ratio to their refitted moduli.
+    """
+    known = {u.name: (reaches or {}).get(u.name, (quantile, quantile)) for u in term.unknowns}
+    if term.is_sensor:
+        return _of_sensor(fit, term, known)
+    whole = rewired(network, fit.terms)
+    nominal, quantities = whole.parameters(), whole.parameter_quantities()
+    found: dict[str, Estimate] = {}
+    for unknown in term.unknowns:
+        below, above = known[unknown.name]
+        of = {
+            v: interval(fit.unknowns, v, nominal[v], quantities[v], fit.x, fit.covariance,
+                        (below, above) if step >= 0.0 else (above, below))
+            for v, step in unknown.moves
+        }  # fmt: skip
+        found |= of if term.place != ALL_PLACES else _everywhere(network, fit, unknown, of, known[unknown.name])
+    return found
+
+
+def _everywhere(
+    network: Network, fit: Fit, unknown: Unknown, found: dict[str, Estimate], reach: Reach
+) -> dict[str, Estimate]:
+    """One number where it is the same everywhere, else ``found``, one by one."""
+    if unknown.ratio is None:
+        first, *others = found.values()
+        return {unknown.name: first} if all(other == first for other in others) else found
+    now = extended(network, fit).parameters()
+    ratios = [now[v] / now[f"{v.rpartition('.')[0]}.{unknown.ratio}"] for v in found]
+    same = np.ptp(ratios) <= _SAME * np.abs(ratios).max()
+    return {unknown.name: _ratio(fit, unknown, reach)} if same else found
+
+
+def _of_sensor(fit: Fit, term: Term, reaches: Mapping[str, Reach]) -> dict[str, Estimate]:
+    """Those of a measurement chain: the least and the most of each over what the searched numbers may be together.
+
+    On the ellipsoid of their covariance C, linear in x, those of slope s lie at x ± C s/√(sᵀ C s).
+    """
+    at = _places(fit, term)
+    x, C, (low, high) = fit.x[at], fit.covariance[np.ix_(at, at)], bounds(term.unknowns)
+    sd, reach = np.sqrt(np.diag(C)), np.array([reaches[u.name] for u in term.unknowns])
+
+    def ends(along: Array) -> list[dict[str, float]]:
+        """At the two ends of a direction."""
+        steps = (np.where(d < 0.0, reach[:, 0], reach[:, 1]) * d for d in (-along, along))
+        return [_as_terms(term, np.clip(x + step, low, high)) for step in steps]
+
+    sides, found = [ends(side) for side in np.diag(sd)], {}
+    units = {k: q.unit for k, q in _sensor(term).terms.items()}
+    units |= {u.name.rpartition(".")[2]: u.unit for u in term.unknowns}
+    for key, value in _as_terms(term, x).items():
+        slope = np.array([b[key] - a[key] for a, b in sides]) / np.maximum(sd, 1e-300)
+        along = C @ slope / max(float(np.sqrt(slope @ C @ slope)), 1e-300)
+        of = (value, *(end[key] for end in ends(along)))
+        found[f"{term.place}.{key}"] = Estimate(value, units[key], (min(of), max(of)))
+    return found
+
+
+def _ratio(fit: Fit, unknown: Unknown, reach: Reach) -> Estimate:
+    """A ratio such as φ0/E to the modulus as it was refitted; its interval by the derivatives of all that move it."""
+    names = [u.name for u in fit.unknowns]
+    slope, i = np.zeros(len(names)), names.index(unknown.name)
+    nuisance = {u.name: (j, u.size) for j, u in enumerate(fit.unknowns) if j != i and u.kind == SCALE}
+    reference, step = nuisance.get(f"{ALL_PLACES}.{unknown.ratio}", (i, 0.0))
+    if unknown.kind == SCALE:  # of the same modulus as the nuisance of that name
+        own, own_step = nuisance.get(unknown.name, (i, 0.0))
+        value = unknown.nominal * np.exp(unknown.size * fit.x[i] + own_step * fit.x[own] - step * fit.x[reference])
+        slope[own] += own_step * value
+        slope[reference] -= step * value
+        slope[i] += unknown.size * value
+    else:  # the modulus takes it along
+        value = unknown.nominal + unknown.size * fit.x[i]
+        slope[i] += unknown.size
+    below, above = (each * float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0))) for each in reach)
+    return Estimate(float(value), unknown.unit, (float(value) - below, float(value) + above))

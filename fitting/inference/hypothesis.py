@@ -1,0 +1,245 @@
+"""Hypotheses: which effect acts where, with its unknowns and their typical sizes.
+
+Every unknown is one number x, 0 where the effect is absent. |x| = 1 is an effect of typical size, and for a nuisance
+one standard deviation of its prior. The facts are those that effects and quantities state of themselves
+(:class:`solver.laws.effect.Effect`, :class:`solver.quantities.quantity.Quantity`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from solver.errors import InputError
+from solver.laws import effects
+from solver.laws.catalogue import quantities_of, value_of
+from solver.laws.effect import ALL_PLACES, Effect
+from solver.network.description import Network
+from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
+from solver.quantities.quantity import Quantity
+
+from .unknown import Unknown, with_prior
+
+PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
+HOW_WIDTH = 2.0  # of how it acts, in typical steps
+WHERE_WIDTH = 4.0  # of where along a segment, in typical steps: as good as anywhere, a tenth of it or all of it
+EVERY = "every segment"
+OWN = "of its own"
+_WIDEST = 2.0  # of a nuisance's logarithm: an artery of seven times the modulus is not that animal's
+_WIDEST_ALONE = 5.0  # the same on a bench, where a search may pass through what costs a network minutes
+_SPREAD = 0.2  # between arteries, of what is missing in all of them, where its quantity states none
+_LONGER = 3.0  # times the usual length, from which a part is looked for, too: it is no short one moved a little
+_MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect at a place; that of a channel effect is its channel. starts : points from which its search may begin,
+    beside zero, where it has more than one valley."""
+
+    effect: str
+    place: str
+    where: tuple[str, ...]
+    unknowns: tuple[Unknown, ...]
+    starts: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def label(self) -> str:
+        return f"{self.effect} at {self.place}"
+
+    @property
+    def is_sensor(self) -> bool:
+        return effect_of(self).owner == "channel"
+
+    @property
+    def rewires(self) -> bool:
+        """Whether the network itself becomes another one: its outlet has another condition."""
+        return effect_of(self).rewires
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it adds states to the solution."""
+        return effect_of(self).remembers
+
+    @property
+    def moves_along(self) -> bool:
+        """Whether it may lie elsewhere along its segment."""
+        return any(u.name.rpartition(".")[2] in effect_of(self).along for u in self.unknowns)
+
+    @property
+    def cuts(self) -> bool:
+        """Whether the network's mesh becomes another one."""
+        return bool(effect_of(self).cuts) or self.moves_along
+
+
+def effect_of(term: Term) -> Effect:
+    """The effect of a term. Raises ValueError where the catalogue has it no more."""
+    found = next((effect for effect in effects.ALL if effect.name == term.effect), None)
+    if found is None:
+        raise InputError(f"{term.effect}: no effect of the catalogue.")
+    return found
+
+
+def joins(term: Term, others: Sequence[Term]) -> bool:
+    """Whether a term can act beside others: not on the numbers of an outlet that another one replaces."""
+    gone = tuple(f"{other.place}.outlet." for other in others if other.rewires)
+    return not any(variable.startswith(gone) for u in term.unknowns for variable in u.variables)
+
+
+# --- candidates -------------------------------------------------------------------------------------------------------
+
+
+def term_at(network: Network, effect: Effect, place: str, bench: bool = False) -> Term | None:
+    """An effect at a place; None where the network leaves it nothing to act on. bench : P and R of one wall alone."""
+    unknowns = tuple(searched(effect, c) for c in effect.coordinates(network, place, bench))
+    return Term(effect.name, place, (place,), unknowns, effect.search.starts) if unknowns else None
+
+
+def searched(effect: Effect, coordinate: Coordinate) -> Unknown:
+    """A size, which may be anything; or how and where an effect acts, known beforehand to a few typical steps."""
+    key = coordinate.name.rpartition(".")[2]
+    if key in effect.along:
+        return with_prior(coordinate, WHERE_WIDTH)
+    of_size = key not in effect.how
+    return with_prior(coordinate, PRIOR_WIDTH if of_size else HOW_WIDTH, of_size)
+
+
+def candidates(network: Network, channels: Sequence[str], site: str | None = None) -> tuple[Term, ...]:
+    """Every effect at every place; on the bench of one ``site`` only its wall and its two channels."""
+    found: list[Term | None] = []
+    for effect in effects.ALL:
+        if effect.owner != "channel" and (site is None or effect.search.local):
+            where = effect.where(network)
+            one = len(effect.places) > 1 and len(where) == 2  # "all" is one place only, which then has its own name
+            places = [place for place in where if site in (None, place) and not (one and place == ALL_PLACES)]
+            found += [term_at(network, effect, place) for place in places]
+    found += [term for channel in channels for term in sensor_terms(network, channel, site is not None)]
+    return tuple(term for term in found if term is not None)
+
+
+def sensor_terms(network: Network, channel: str, bench: bool = False) -> tuple[Term, ...]:
+    """The measurement chain of one channel."""
+    found = [term_at(network, effect, channel, bench) for effect in effects.ALL if effect.owner == "channel"]
+    return tuple(term for term in found if term is not None)
+
+
+def followers(network: Network, site: str | None, present: Sequence[Term]) -> tuple[Term, ...]:
+    """What can act only now that ``network`` has what it needs: terms whose place had nothing to act on before."""
+    known = {term.label for term in present}
+    return tuple(t for t in candidates(network, (), site) if t.label not in known and effect_of(t).needs is not None)
+
+
+def refined(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+    """An effect of walls everywhere with sizes of its own for every segment, from the common sizes x; else None."""
+    effect = effect_of(term)
+    if term.place != ALL_PLACES or effect.owner != "segment":
+        return None
+    found = [term_at(network, effect, s) for s in effect.where(network) if s != ALL_PLACES]
+    each = [t.unknowns for t in found if t is not None]
+    unknowns = tuple(u for own in each for u in own)
+    return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) * len(each),)) if len(each) > 1 else None
+
+
+def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+    """An effect of walls everywhere whose size differs between segments by a part of what they have in common, x."""
+    effect = effect_of(term)
+    if term.place != ALL_PLACES or effect.owner != "segment" or not all(x) or len(term.unknowns[0].moves) < 2:
+        return None
+    own = []
+    for unknown, size in zip(term.unknowns, x, strict=True):
+        for variable, step in unknown.moves:
+            spread = effect.terms[variable.rpartition(".")[2]].individual or _SPREAD
+            moves, low = ((variable, spread * size * step),), -1.0 / spread  # not of the other sign
+            each = Unknown(f"{variable} {OWN}", SHIFT, moves, low, -low, unknown.unit, ratio=unknown.ratio)
+            own.append(replace(each, group=variable.rpartition(".")[2]))
+    unknowns = (*term.unknowns, *own)
+    return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) + (0.0,) * len(own),))
+
+
+def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+    """An effect of a part of a segment that may lie elsewhere along it, from the sizes x of the usual part; or one that
+    may also have another length, from where it is.
+
+    None where there is no such thing.
+    """
+    effect = effect_of(term)
+    there = {u.name for u in term.unknowns}
+    missing = [c for c in effect.coordinates_along(network, term.place) if c.name not in there]
+    if not missing:
+        return None
+    lengths = [tuple(times * c.nominal for c in missing) for times in (1.0, _LONGER)]
+    values = lengths if term.moves_along else effect.search.starts_along
+    along = missing[: len(values[0])]
+    starts = [(*x, *((v - c.nominal) / c.size for v, c in zip(each, along, strict=True))) for each in values]
+    return replace(term, unknowns=(*term.unknowns, *(searched(effect, c) for c in along)), starts=tuple(starts))
+
+
+def rewired(network: Network, terms: Iterable[Term]) -> Network:
+    """The network with the terms in it, at zero size; a rewiring one at the size where its search begins."""
+    for term in terms:
+        effect = effect_of(term)
+        if effect.rewires:
+            start = {u.name.rpartition(".")[2]: u.nominal for u in term.unknowns}
+            network = effect.add(network, term.place, start)
+        elif effect.owner != "channel":
+            present = network.parameters()
+            # the term's own variables: on this network, without the terms beside it, there might be nothing to act on
+            variables = [v for u in term.unknowns for v in u.variables if v not in present]
+            network = network.with_terms({v: effect.neutral[v.rpartition(".")[2]] for v in variables})
+    return network
+
+
+# --- nuisances --------------------------------------------------------------------------------------------------------
+
+
+def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
+    """What is refitted under priors, each by one factor or shift for all that have it; on a bench, that of its wall.
+
+    What is counted relative to a number that is scaled keeps its ratio: that is how the paper compares walls.
+    """
+    found: dict[str, list[tuple[str, Quantity, float]]] = {}
+    for prefix, owner in network.owners():
+        if site in (None, prefix):
+            for key, q in quantities_of(owner).items():
+                if ("network" if site is None else "wall") in q.refit:
+                    path = f"{prefix}.{key}".partition(".")[2]
+                    found.setdefault(path, []).extend(_with_followers(prefix, owner, key))
+    prefix = ALL_PLACES if site is None else site
+    widest = _WIDEST if site is None else _WIDEST_ALONE
+    return tuple(
+        _moved(f"{prefix}.{path}", moved, moved[0][1].spread, widest) for path, moved in found.items() if moved
+    )
+
+
+def deviations(network: Network) -> tuple[Unknown, ...]:
+    """What every artery and outlet may have of its own, about what all have in common: one unknown for each number.
+
+    x = 1 is the spread that its quantity states; those of one quantity are a group. The thickness h has none: the wall
+    law has it nowhere but as a factor of E and of φ0 (and φNL), which deviate.
+    """
+    found = []
+    for prefix, owner in network.owners():
+        for key, q in quantities_of(owner).items():
+            moved = _with_followers(prefix, owner, key) if q.individual > 0.0 else ()
+            if moved:
+                found.append(replace(_moved(f"{prefix}.{key} {OWN}", moved, q.individual), group=key))
+    return tuple(found)
+
+
+def _with_followers(prefix: str, owner: Any, key: str) -> list[tuple[str, Quantity, float]]:
+    """Variable, quantity and value of a number of an owner, and of those that keep their ratio to it."""
+    quantities = quantities_of(owner)
+    values, q = {other: value_of(owner, other) for other in quantities}, quantities[key]
+    same = [other for other, each in quantities.items() if other == key or each.ratio_to == key]
+    return [(f"{prefix}.{other}", q, values[other]) for other in same if values[other] != 0.0 or q.low < 0.0]
+
+
+def _moved(name: str, moved: Sequence[tuple[str, Quantity, float]], step: float, widest: float = _WIDEST) -> Unknown:
+    """A factor, or a shift where a number may be negative, of prior standard deviation ``step``."""
+    q, moves = moved[0][1], tuple((variable, step) for variable, _, _ in moved)
+    if q.low >= 0.0:
+        return Unknown(name, SCALE, moves, -widest / step, widest / step, "1", step, 1.0)
+    low = max((q.low + _MARGIN - value) / step for _, _, value in moved)
+    high = min((q.high - _MARGIN - value) / step for _, _, value in moved)
+    return Unknown(name, SHIFT, moves, low, high, q.unit, step)

@@ -1,0 +1,1 @@
+"""Intervals and identifiability of fitted numbers."""

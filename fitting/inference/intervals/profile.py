@@ -1,0 +1,140 @@
+"""Intervals of single unknowns by profile likelihood, for hypotheses whose unknowns share a curved valley.
+
+With C(x) = -2 ln(likelihood × priors), the profile of an unknown is p(x_i) = min C over all the others. Its interval
+ends where p has risen by q² above its minimum, on either side; if C is quadratic, at x̂_i ± q sd_i. An unknown that
+comes to the end of its range before that has its interval end there. Of several valleys, it is the profile of the one
+that the fit lies in. Points that other profiles met on their way, as probable as its ends, are in the interval, too.
+D. J. Venzon, S. H. Moolgavkar, Appl. Statist. 37 (1988) 87.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..fit import Fit
+from ..forward import Forward
+from ..runs import Runs
+from ..unknown import Reach, Unknown, bounds
+
+Array = np.ndarray
+
+_CLOSE = 0.05  # relative error of the rise that ends a search
+_TRIES = 8  # of one end at most
+_FARTHER = 3.0  # times as far out as the last try, at most
+_MARGIN = 0.1  # of a bracket, that a try keeps off its ends
+
+
+def reaches(
+    problem: Forward, fit: Fit, unknowns: Collection[Unknown], quantile: float, runs: Runs | None = None
+) -> dict[str, Reach]:
+    """How far the intervals of some of a fit's unknowns go, by name, in standard deviations of its covariance.
+
+    quantile : q, half an interval of a quadratic. Empty where the fit itself cannot be simulated.
+    Raises OutOfTime after the deadline of ``runs``.
+    """
+    low, high = bounds(fit.unknowns)
+    sd = np.sqrt(np.diag(fit.covariance))
+    chosen = [i for i, u in enumerate(fit.unknowns) if u in unknowns and sd[i] > 0.0]
+    ends = [
+        _End(fit, i, side, limit, quantile, float(np.clip(fit.x[i] + side * quantile * sd[i], low[i], high[i])))
+        for i in chosen
+        for side, limit in ((-1.0, float(low[i])), (1.0, float(high[i])))
+    ]
+    (best, *_), lowest = (None,), math.inf
+    active, asked = ends, [fit, *(e.held() for e in ends)]
+    while active:
+        found = problem.relaxed(asked, runs)
+        if lowest == math.inf:
+            best, *found = found
+            if best is None:
+                return {}
+            lowest = best.cost
+        for end, refit in zip(active, found, strict=True):
+            end.answer(refit, lowest)
+        active = [e for e in active if not e.done]
+        asked = [e.held() for e in active]
+    # what one profile meets on its way lies in the intervals of the others: a record may show only a product of two
+    met = [f.x for e in ends for f in e.refits if f.cost <= lowest + quantile**2]
+    apart = np.reshape([e.reached(met) / sd[e.i] for e in ends], (-1, 2))
+    return {fit.unknowns[i].name: (float(a), float(b)) for i, (a, b) in zip(chosen, apart, strict=True)}
+
+
+@dataclass
+class _End:
+    """The search for one end by the root of the rise, which is linear in x_i if C is quadratic.
+
+    i : the unknown. side : -1 or 1. limit : of its range. x : where it is held next. inside : x_i and root of the rise
+    of the farthest try that rises less than q², and before : of the one before; outside : of the nearest that rises
+    more, ∞ where it cannot be simulated.
+    """
+
+    fit: Fit
+    i: int
+    side: float
+    limit: float
+    q: float
+    x: float
+    before: tuple[float, float] = (0.0, 0.0)
+    inside: tuple[float, float] = (0.0, 0.0)
+    outside: tuple[float, float] | None = None
+    done: bool = False
+    refits: list[Fit] = field(default_factory=list)
+    tries: int = 0
+
+    def __post_init__(self) -> None:
+        self.inside, self.refits = (float(self.fit.x[self.i]), 0.0), [self.fit]
+
+    @property
+    def end(self) -> float:
+        """Where the rise is q², as far as it is known."""
+        x, g = self.inside
+        if self.outside is not None and math.isfinite(self.outside[1]):
+            return x + (self.outside[0] - x) * (self.q - g) / (self.outside[1] - g)
+        return self._farther() if self.outside is None and g * g > (1.0 - _CLOSE) * self.q**2 else x
+
+    def reached(self, met: Sequence[Array]) -> float:
+        """How far from the fit its end lies; no nearer than points that were met in the same direction."""
+        here = float(self.fit.x[self.i])
+        return max(0.0, *(self.side * (float(x) - here) for x in (self.end, *(x[self.i] for x in met))))
+
+    def held(self) -> Fit:
+        """The fit with the unknown held at x, the others where the refits so far point to."""
+        near, *others = sorted(self.refits, key=lambda f: abs(float(f.x[self.i]) - self.x))
+        along = others[0].x - near.x if others else self.fit.covariance[:, self.i]
+        x = near.x + along * (self.x - near.x[self.i]) / along[self.i]
+        x = np.clip(x, *bounds(self.fit.unknowns))
+        x[self.i] = self.x
+        unknowns = list(self.fit.unknowns)
+        unknowns[self.i] = replace(unknowns[self.i], low=self.x, high=self.x)
+        return replace(near, unknowns=tuple(unknowns), x=x)
+
+    def answer(self, refit: Fit | None, lowest: float) -> None:
+        """What came of the last try."""
+        g = math.inf if refit is None else math.sqrt(max(refit.cost - lowest, 0.0))
+        self.tries += 1
+        if refit is not None:
+            self.refits.append(refit)
+        if g < self.q:
+            self.before, self.inside = self.inside, (self.x, g)
+        else:
+            self.outside = (self.x, g)
+        at_limit = g < self.q and self.x == self.limit
+        self.done = at_limit or abs(g * g - self.q**2) <= _CLOSE * self.q**2 or self.tries == _TRIES
+        x, g = self.inside
+        if self.outside is None:
+            self.x = self._farther()
+        else:
+            part = (self.q - g) / (self.outside[1] - g) if math.isfinite(self.outside[1]) else 0.5
+            self.x = x + (self.outside[0] - x) * min(max(part, _MARGIN), 1.0 - _MARGIN)
+
+    def _farther(self) -> float:
+        """Along the line through the last two tries, in the range."""
+        (x0, g0), (x, g) = self.before, self.inside
+        most = (_FARTHER - 1.0) * (x - float(self.fit.x[self.i]))
+        step = (x - x0) * (self.q - g) / (g - g0) if g > g0 else most
+        x += step if abs(step) < abs(most) else most
+        return max(x, self.limit) if most < 0.0 else min(x, self.limit)

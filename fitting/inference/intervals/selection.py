@@ -1,0 +1,60 @@
+"""What selection does to an interval: an effect that was only just found is mostly one that noise made look larger.
+
+The size x ~ N(θ, 1) of an effect is reported only if |x| > c. Given that it was,
+
+    P(X > x) = Φ(θ - x)/S for x > c,   S = Φ(θ - c) + Φ(-θ - c),
+
+and the interval of θ holds what puts x between the 2.5 % and the 97.5 % points. Far above c it is x ± 1.96.
+H. Zhong, R. L. Prentice, Biostatistics 9 (2008) 621.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from ...results.estimate import Estimate
+
+_FAR = 4.0  # standard deviations above the threshold from which selection does nothing
+_WIDEST = 12.0  # that an interval may reach down
+
+
+def reach(d: float, threshold: float, quantile: float) -> tuple[float, float]:
+    """How far the interval of a size of d standard deviations goes toward zero and away, in standard deviations.
+
+    threshold : c. quantile : half an interval without selection.
+    """
+    d = max(d, threshold + 1e-3)
+    if d > threshold + _FAR:
+        return quantile, quantile
+    tail = float(ndtr(-quantile))
+
+    def beyond(theta: float) -> float:
+        selected = float(ndtr(theta - threshold) + ndtr(-theta - threshold))
+        return float(ndtr(theta - d)) / max(selected, 1e-300)
+
+    low = _root(lambda t: beyond(t) - tail, d - _WIDEST, d)
+    high = _root(lambda t: beyond(t) - (1.0 - tail), d - _WIDEST, d + quantile + 1.0)
+    return d - low, max(high - d, 0.0)
+
+
+def conditioned(told: Estimate, toward_low: bool, d: float, threshold: float, quantile: float) -> Estimate:
+    """An estimate of a size of d standard deviations, given that it was found.
+
+    toward_low : whether the value is smaller where the effect is absent.
+    """
+    toward, away = (x / quantile for x in reach(d, threshold, quantile))
+    below, above = (toward, away) if toward_low else (away, toward)
+    low, high = told.ci95
+    return Estimate(
+        told.value, told.unit, (told.value - below * (told.value - low), told.value + above * (high - told.value))
+    )
+
+
+def _root(f: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function that rises crosses 0; the nearer end where it does not."""
+    if f(low) > 0.0:
+        return low
+    return float(brentq(f, low, high)) if f(high) > 0.0 else high

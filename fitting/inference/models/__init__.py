@@ -1,0 +1,1 @@
+"""Forward models: bench, network, and the simulations that they share."""

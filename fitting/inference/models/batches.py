@@ -1,0 +1,112 @@
+"""Points of hypotheses simulated together: in batches of one kind, and each simulation once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from solver.network.description import Network
+from solver.simulate import BROKEN
+
+from ..fit import Member
+from ..hypothesis import Term, rewired
+from ..runs import TIME_IS_OVER, OutOfTime, Runs
+from ..unknown import parameter_values
+from .bench_observation import driven, inlet_sensor, sense
+from .simulator import Simulator
+
+Array = np.ndarray
+
+_LARGEST = 64  # members at once
+_FEWEST = 16  # of them in a process of its own: a batch costs ten members more than it has (measured)
+
+Batch = tuple[Simulator, list[Member], float]  # and until when it may run, [s] of time.monotonic
+Answer = tuple[list[Array | None] | None, int]  # X of a batch, and how many were simulated
+
+
+def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) -> list[list[Array | None]]:
+    """X : (K+1, m) as the sensors show it, of every member of some sets.
+
+    None where the simulation broke down.
+    """
+    groups: dict[tuple[int, str], list[int]] = {}
+    for s, (_, members) in enumerate(sets):
+        for i, member in enumerate(members):
+            groups.setdefault((s, kind_of(member.terms)), []).append(i)
+    parts = [(s, part) for (s, _), there in groups.items() for part in _cut(there, runs.workers.jobs)]
+    until = time.monotonic() + runs.left if runs.workers.jobs > 1 else np.inf  # a clock of all processes
+    batches: list[Batch] = [(sets[s][0], [sets[s][1][i] for i in part], until) for s, part in parts]
+
+    def counted(found: Answer) -> list[Array | None]:
+        X, members = found
+        runs.meter.add(members)
+        if X is None:
+            raise OutOfTime(TIME_IS_OVER)
+        return X
+
+    found = runs.workers.share(batches, _elsewhere, counted, lambda batch: _batch(*batch[:2], runs))
+    shown: list[list[Array | None]] = [[None] * len(members) for _, members in sets]
+    for (s, part), own in zip(parts, found, strict=True):
+        simulator, members = sets[s]
+        for i, X in zip(part, own, strict=True):
+            shown[s][i] = None if X is None else sense(members[i], simulator.names, X, simulator.T)
+    return shown
+
+
+def _cut(there: list[int], jobs: int) -> list[list[int]]:
+    """Batches of one kind: the largest, or of even sizes where several processes share them."""
+    if jobs == 1:
+        return [there[at : at + _LARGEST] for at in range(0, len(there), _LARGEST)]
+    each = -(-len(there) // (jobs * _LARGEST))
+    parts = max(1, min(jobs * each, len(there) // _FEWEST))
+    return [there[len(there) * i // parts : len(there) * (i + 1) // parts] for i in range(parts)]
+
+
+def _elsewhere(batch: Batch) -> Answer:
+    """A batch in another process, and what it simulated. None after the deadline: an exception would end the process,
+    and there may be more to do by a later one."""
+    simulator, members, until = batch
+    runs = Runs(deadline=until)
+    try:
+        return _batch(simulator, members, runs), runs.meter.simulations
+    except OutOfTime:
+        return None, runs.meter.simulations
+
+
+def kind_of(terms: Sequence[Term]) -> str:
+    """Hypotheses that share a mesh, outlets and states run in one batch."""
+    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts or t.remembers]
+    return " ".join(sorted(set(own)))
+
+
+def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[Array | None]:
+    # a term that may lie anywhere along its segment has the label of that in its usual place, and more unknowns
+    terms = {(t.label, *(u.name for u in t.unknowns)): t for member in members for t in member.terms}
+    network = rewired(simulator.network, terms.values())
+    nominal = network.parameters()
+    moved = [values | inlet_sensor(m) for m, values in zip(members, _values(members, network), strict=True)]
+    names = dict.fromkeys(name for each in moved for name in each)
+    # a sensor of an output needs no simulation of its own
+    table = np.array([[float(each.get(n, nominal.get(n, 0.0))) for n in names] for each in moved])
+    unique, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    parameters = {n: unique[:, i] for i, n in enumerate(names) if n in nominal}
+    try:
+        X = simulator.coefficients(network, parameters, runs, driven(simulator.drive, [members[i] for i in first]))
+        return [None if np.isnan(X[i]).any() else X[i] for i in inverse.ravel()]
+    except BROKEN:
+        if len(members) == 1:
+            return [None]
+    half = len(members) // 2
+    return _batch(simulator, members[:half], runs) + _batch(simulator, members[half:], runs)
+
+
+def _values(members: Sequence[Member], network: Network) -> Iterator[dict[str, float]]:
+    """The parameters of every member that move, [SI]; those of one hypothesis after the other are found together."""
+    for unknowns, some in groupby(members, key=lambda m: m.unknowns):
+        x = np.stack([m.x for m in some])
+        found = parameter_values(unknowns, network, x)
+        for i in range(len(x)):
+            yield {name: float(value[i]) for name, value in found.items()}

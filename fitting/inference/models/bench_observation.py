@@ -1,0 +1,107 @@
+"""What the measurement chains of a hypothesis show of the true channels, in the numbers that a search can follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from solver.laws import effects
+from solver.laws.sensors import Sensor
+from solver.quantities.units import INFLOW
+
+from ...records.alignment.beats import Beats
+from ...records.channels.inflow import Inflow
+from ..fit import Member
+from ..unknown import values
+
+Array = np.ndarray
+
+
+def chain(moved: Mapping[str, Array], channel: str, omega: Array) -> tuple[Array, Array]:
+    """Transfer function (…, n) of a measurement chain at omega : (n,) [rad/s], and its offset (…, 1).
+
+    moved : values (…,) of the search's numbers by name; of an effect that has none, the chain has nothing.
+    """
+    H, offset = np.ones(len(omega)), np.zeros(1)
+    for effect in effects.ALL:
+        if isinstance(effect, Sensor) and any(f"{channel}.{key}" in moved for key in effect.searched(channel)):
+            own = {key: np.asarray(moved[f"{channel}.{key}"])[..., None] for key in effect.searched(channel)}
+            H, offset = H * effect.transfer(own, omega), offset + effect.offset(own)
+    return H, offset
+
+
+def sense(member: Member, names: Sequence[str], X: Array, T: float, means: bool = True) -> Array:
+    """Observation: what the measurement chains of a hypothesis make of the coefficients X : (n, m).
+
+    means : with their offsets.
+    """
+    if not any(term.is_sensor for term in member.terms):
+        return X
+    moved = values(member.unknowns, member.x, {})
+    omega, X = 2.0 * np.pi / T * np.arange(len(X)), X.copy()
+    for i, name in enumerate(names):
+        H, offset = chain(moved, name, omega)
+        X[:, i] *= H
+        X[0, i] += float(offset[0]) * means
+    return X
+
+
+def inlet_sensor(member: Member) -> dict[str, float]:
+    """The numbers of a hypothesis that say how the flow meter at the inlet shows the inflow."""
+    found = values(member.unknowns, member.x, {}) if any(term.place == INFLOW for term in member.terms) else {}
+    return {name: float(value) for name, value in found.items() if name.startswith(f"{INFLOW}.")}
+
+
+def meter(member: Member, n: int, T: float) -> tuple[Array, float]:
+    """Transfer function (n,) of the flow meter at the inlet at harmonics 0 … n - 1 of T [s], and its offset."""
+    moved = {name: np.asarray(value) for name, value in inlet_sensor(member).items()}
+    H, offset = chain(moved, INFLOW, 2.0 * np.pi / T * np.arange(n))
+    return H, float(offset[0])
+
+
+def driven(shown: Inflow, members: Sequence[Member]) -> Inflow:
+    """What flowed in each hypothesis, if the flow meter showed ``shown``; that itself where none doubts the meter."""
+    if not any(map(inlet_sensor, members)):
+        return shown
+    H, offset = zip(*(meter(m, shown.X.shape[-1], shown.T) for m in members), strict=True)
+    return shown.true(np.array(H), np.array(offset)[:, None])
+
+
+def shown(member: Member, wave: Array, T: float) -> Inflow:
+    """What the flow meter of a hypothesis shows of the flow (N,): the inverse of :func:`driven`."""
+    X = np.fft.rfft(wave, norm="forward")
+    X[-1] *= 1.0 if len(wave) % 2 else 0.5  # the Nyquist coefficient is its own conjugate
+    H, offset = meter(member, len(X), T)
+    X *= H
+    X[0] += offset
+    return Inflow(T, X, np.ones(len(X), bool))
+
+
+def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
+    """Variance (m,) by which the mean of one part of a record may be off that of the other: what means drift a beat.
+
+    A slow drift is alike in neighbouring beats, so that averaging over few of them leaves it as it is. A beat with gaps
+    counts by what it has, against the mean beat; one without a sample does not count.
+    """
+
+    def of(name: str) -> float:
+        beats = np.concatenate([other.values[name], part.values[name]])
+        beats = beats[~np.isnan(beats).all(axis=1)]
+        return float(np.var(np.nanmean(beats - np.nanmean(beats, axis=0), axis=1)))
+
+    return np.array([of(name) for name in names])
+
+
+def of_other_beats(covariance: Array, error: Array, beats: Beats, fitted: Beats, names: Sequence[str]) -> Array:
+    """The covariance (n, m, m) of other beats of the same record, with the noise that the fitted ones showed, for their
+    number.
+
+    error : (n, m) standard deviation of errors that more beats do not lower, of solver and model.
+    """
+    times, at = fitted.n_beats / beats.n_beats, np.arange(len(names))
+    found = covariance * times
+    found[:, at, at] -= (times - 1.0) * error**2
+    wander = mean_wander(beats, fitted, names)
+    found[0] += np.diag(np.maximum(wander - np.diag(found[0]).real, 0.0))
+    return found

@@ -1,0 +1,268 @@
+"""The problem of a calibration: the whitened residual with its derivatives, by batches of the solver.
+
+With priors of standard deviation s the search (:mod:`fitting.inference.gauss_newton`) minimises |z(x)|² + Σ (x_i/s_i)²,
+where z holds the residuals of all recordings, one after the other. One batch a recording gives z and its derivatives,
+by finite differences, for little more than the price of z.
+
+What the model of a calibration lacks, as a random error of its channels: its size by evidence at the current point.
+
+Every harmonic of a channel has an error of the standard deviation a s, independent of the others, where s is the
+standard deviation of the channel's mean beat and a one number of the means, which zeros of sensors and heights shift,
+and one of all harmonics, by restricted maximum likelihood (:mod:`fitting.inference.model_discrepancy`). Both are 0
+where the unknowns, refitted in the linear problem, leave noise alone. Far from the minimum they are large and the cost
+smooth; as the search comes nearer they fall by themselves. Where the model is wrong they stay, and channels and
+harmonics count by what is left of them in mmHg or mL/s, not by a noise far below that. All recordings and channels have
+the same two: with its own each could be fitted at the cost of the others. Of one channel alone both are one: with an
+error of its own, the one mean would be given up for the harmonics.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver import Settings
+from solver.errors import InputError
+from solver.harmonics import has_room
+from solver.network.description import Network
+from solver.simulate import BROKEN
+
+from ...records.alignment.beats import Beats
+from ...records.channels.inflow import inflow
+from ...records.channels.noise import Target, pulses, target
+from ..fit import Fit, Member
+from ..gauss_newton import LARGEST, Point, Rules, Search, Trial, search
+from ..intervals.identify import Determined, determined
+from ..model_discrepancy import Block, estimated, settled
+from ..runs import Meter, Runs
+from ..unknown import Unknown, finite_steps, parameter_values
+from .simulator import HARMONICS_BEYOND, Simulator, linear_response, varying
+
+Array = np.ndarray
+
+# Of x in prior units: truncation and the jumps where a stage takes one iteration more are then both some 1e-4 of the
+# derivative (measured, sheep network)
+STEP = 3e-4
+DERIVATIVE_ERROR = 5e-4
+TOLERANCE = 1e-7  # of periodic beats, whose small differences are the derivatives
+CHANCE = 4.0  # standard deviations of χ² from which more than noise is left
+_ALTERNATIONS = 12  # of search and error, at most
+_SAME = 0.1  # relative change of an error that changes no weight
+
+
+@dataclass(frozen=True)
+class Part:
+    """One recording: its m channels up to harmonic K, and their simulation under its inflow.
+
+    unknowns : the q that act in it; which : (q,) their numbers among all. target : what the record says, with its
+    weights; None until they are known. log_volume : ln det of their covariance over that of the noise.
+    """
+
+    beats: Beats
+    unknowns: tuple[Unknown, ...]
+    which: Array
+    simulator: Simulator
+    meter: Meter
+    target: Target | None = None
+    log_volume: float = 0.0
+
+    @property
+    def size(self) -> int:
+        """Numbers in its residual."""
+        return len(self.simulator.names) * (2 * self.simulator.K + 1)
+
+    def with_target(self, x: Array, error: Array) -> Part:
+        """The part weighted for all unknowns x : (p,) and a solver's error (K+1, m)."""
+        s = self.simulator
+        own = parameter_values(self.unknowns, s.network, x[self.which])
+        at = {name: float(value) for name, value in own.items()}
+        H = linear_response(s.network, s.names, s.T, s.K, at)
+        felt = varying(self.beats, s.network, s.names, s.K, at)
+        return replace(self, target=target(self.beats, s.names, H, error, felt))
+
+    def simulate(self, x: Array) -> Array:
+        """Coefficients (B, K+1, m) of the periodic beat for its unknowns x : (B, q)."""
+        parameters = parameter_values(self.unknowns, self.simulator.network, x)
+        network = self.simulator.network
+        X = self.simulator.coefficients(network, parameters, Runs(self.meter))
+        if np.isnan(X).any():
+            raise InputError(f"network {network.name}: it has no periodic beat with these values.")
+        return X
+
+    def batch(self, x: Array) -> Array:
+        """Coefficients (1+q, K+1, m) at all unknowns x : (p,) and one step away from it along each of its own."""
+        own = x[self.which]
+        return self.simulate(np.concatenate([own[None], own + np.diag(finite_steps(self.unknowns, own, STEP))]))
+
+    def point(self, x: Array, batch: Array) -> tuple[Array, Array]:
+        """Residual (n,) and derivatives (n, p) at x : (p,) from its batch."""
+        assert self.target is not None
+        z = self.target.residual(batch)
+        J = np.zeros((z.shape[1], len(x)))
+        J[:, self.which] = (z[1:] - z[0]).T / finite_steps(self.unknowns, x[self.which], STEP)
+        return z[0], J
+
+    def rms(self, X: Array) -> dict[str, float]:
+        """RMS over the beat [SI] by which simulated coefficients X : (K+1, m) miss each channel."""
+        assert self.target is not None
+        power = np.abs(X - self.target.X) ** 2
+        return dict(zip(self.target.names, np.sqrt(power[0] + 2.0 * power[1:].sum(axis=0)).tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Unknowns p of a network, and the recordings that tell them. Of a point the memory holds each part's batch."""
+
+    unknowns: tuple[Unknown, ...]
+    parts: tuple[Part, ...]
+
+    @property
+    def typical(self) -> Array:
+        """(p,) prior standard deviations, or what they would be: the unit of x in the search."""
+        return np.array([u.typical_sd for u in self.unknowns])
+
+    @property
+    def prior(self) -> Array:
+        """(p,) 1 where an unknown has a prior, 0 where not: its precision in those units."""
+        return np.array([0.0 if u.prior_sd is None else 1.0 for u in self.unknowns])
+
+    def with_targets(self, x: Array, errors: Sequence[Array]) -> Problem:
+        """The problem weighted for parameters x : (p,) and each part's error of the solver (K+1, m)."""
+        weighted = [part.with_target(x, error) for part, error in zip(self.parts, errors, strict=True)]
+        return replace(self, parts=tuple(weighted))
+
+    def batches(self, x: Array) -> list[Array]:
+        """Each part's batch at x : (p,)."""
+        return [part.batch(x) for part in self.parts]
+
+    def point(self, x: Array, batches: Sequence[Array]) -> Point:
+        """Residual and derivatives at x from its batches."""
+        z, J = zip(*(part.point(x, batch) for part, batch in zip(self.parts, batches, strict=True)), strict=True)
+        return Point(np.concatenate(z), np.concatenate(J), sum(part.log_volume for part in self.parts), batches)
+
+    def rows(self) -> list[slice]:
+        """Each part's entries of z."""
+        ends = np.cumsum([0, *(part.size for part in self.parts)])
+        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+    def evaluated(self, trials: Sequence[Trial]) -> list[Point | None]:
+        """Trials of :func:`fitting.inference.gauss_newton.search`; None where a simulation breaks down."""
+        found: list[Point | None] = []
+        for trial in trials:
+            found.append(None)
+            with suppress(*BROKEN):
+                found[-1] = self.point(trial.member.x, self.batches(trial.member.x))
+        return found
+
+    def determined(self, point: Point, scale: float = 1.0) -> Determined:
+        """What the data determine at a point; scale : of their covariance."""
+        return determined(point.J * self.typical, self.prior, self.typical, scale, DERIVATIVE_ERROR)
+
+
+def part_of(
+    beats: Beats, network: Network, unknowns: tuple[Unknown, ...], which: Array, names: Sequence[str], K: int,
+    settings: Settings, meter: Meter,
+) -> Part:  # fmt: skip
+    """The part of a recording; its beats are found by harmonic balance if that has room."""
+    beyond = HARMONICS_BEYOND if has_room(network, K + HARMONICS_BEYOND, settings) else 0
+    simulator = Simulator(network, inflow(beats, settings.dt, network), beats.T, tuple(names), K, settings,
+                          tolerance=TOLERANCE, beyond=beyond)  # fmt: skip
+    return Part(beats, unknowns, which, simulator, meter)
+
+
+# --- errors of the model ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Ended:
+    """Where a search ended. errors : (2,) a of means and of harmonics. history : the cost, -2 ln of likelihood and
+    priors up to a constant, at all points kept: comparable between searches with other errors."""
+
+    search: Search
+    errors: Array
+    history: tuple[float, ...]
+
+    @property
+    def batches(self) -> Sequence[Array]:
+        """Of every recording where it ended."""
+        assert self.search.here is not None
+        found: Sequence[Array] = self.search.here.memory
+        return found
+
+
+def minimum(problem: Problem, x: Array, batches: Sequence[Array], rules: Rules) -> Ended:
+    """The search from x : (p,), whose batches are known, in turn with the errors of the model."""
+    errors, history = np.full(2, math.inf), list[float]()
+    for _ in range(_ALTERNATIONS):
+        told = model_errors(problem, x, batches)
+        if np.all(np.abs(told - errors) <= _SAME * told):
+            break
+        errors, weighted = told, granted(problem, told)
+        found = Search(Member((), problem.unknowns, x), rules, weighted.point(x, batches))
+        search(weighted.evaluated, [found])
+        assert found.here is not None
+        x, batches, history = found.x, found.here.memory, [*history, *found.history]
+    return Ended(found, errors, tuple(history))
+
+
+def granted(problem: Problem, errors: Array) -> Problem:
+    """The problem with errors (2,) of the model in the covariance of its data."""
+    parts = []
+    for part in problem.parts:
+        assert part.target is not None
+        t, size = part.target, pulses(part.beats, part.target.names)
+        each = errors[np.minimum(np.arange(len(t.X)), 1)]
+        wider = Target.of(t.names, t.X, t.covariance + (each**2)[:, None, None] * np.diag(size**2))
+        parts.append(replace(part, target=wider, log_volume=wider.log_volume - t.log_volume))
+    return replace(problem, parts=tuple(parts))
+
+
+def model_errors(problem: Problem, x: Array, batches: Sequence[Array]) -> Array:
+    """(2,) the errors that make what is left most probable, about x : (p,).
+
+    The linear problem's own minimum counts as far as one step of the search reaches.
+    """
+    point = problem.point(x, batches)
+    n, free = len(point.z), np.array([u.low < u.high for u in problem.unknowns], bool)
+    near = tuple(
+        replace(u, low=u.low - here, high=u.high - here, prior_sd=LARGEST * u.typical_sd)
+        for u, here in zip(problem.unknowns, x, strict=True)
+        if u.low < u.high
+    )
+    fit = Fit((), near, np.zeros(len(near)), point.z, point.J[:, free], np.zeros(n, int), np.zeros(n, int))
+    if settled(fit).chi2 < n + CHANCE * math.sqrt(2.0 * n):
+        return np.zeros(2)
+    lone = len(problem.parts) == 1 and len(problem.parts[0].simulator.names) == 1  # one mean tells no error of means
+    each = zip(problem.parts, problem.rows(), strict=True)
+    means, rest = estimated(fit, [block for part, rows in each for block in _blocks(part, rows.start, int(lone))], 2)
+    return np.array([max(means, rest), rest])  # few means tell little of their error: it is not below the harmonics'
+
+
+def _blocks(part: Part, start: int, of_means: int) -> Iterator[Block]:
+    """The errors of every harmonic as they look in z, whose real parts of harmonics 1 … K come before the imaginary.
+
+    of_means : the index of the error that means have.
+    """
+    assert part.target is not None
+    white, m = part.target.whitener * pulses(part.beats, part.target.names), len(part.target.names)
+    own = start + np.arange(m)
+    yield Block(own, white[0].real, np.full(m, of_means))
+    for k, W in enumerate(white[1:], 1):
+        rows = np.concatenate([own + k * m, own + (k + len(white) - 1) * m])
+        yield Block(rows, np.block([[W.real, -W.imag], [W.imag, W.real]]), np.ones(2 * m, int))
+
+
+def widening(problem: Problem, z: Array, paid: float) -> float:
+    """By how much the covariance of the unknowns is too small: an error that is alike at all harmonics is less than
+    that of the worst octave, harmonics 0 to 3, then 4 to 7, 8 to 15 … z : (n,) whitened with the error; paid : numbers
+    that the unknowns took of them."""
+    left, worst = z**2 * len(z) / max(len(z) - paid, 1.0), 1.0
+    for part, rows in zip(problem.parts, problem.rows(), strict=True):
+        each = np.maximum(np.log2(np.maximum(np.arange(part.simulator.K + 1), 1)).astype(int), 1)
+        octave = np.repeat(np.concatenate([each, each[1:]]), len(part.simulator.names))
+        worst = max(worst, float((np.bincount(octave, left[rows]) / np.maximum(np.bincount(octave), 1)).max()))
+    return worst

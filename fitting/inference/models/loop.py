@@ -1,0 +1,232 @@
+"""A loop of two noisy channels, linearised: the functional errors-in-variables model.
+
+The mean beats are P̄ = G(R; θ) + n_P and R̄ = R + n_R with the true radius R : (N,) unknown beside the parameters θ.
+With A = ∂G/∂R, linearised at the present R and θ, the residual
+
+    u = P̄ - G(R; θ) - A (R̄ - R) = n_P - A n_R + C δθ,    V = ⟨u uᵀ⟩ = C_PP - A C_RP - C_PR Aᵀ + A C_RR Aᵀ
+
+gives δθ by generalised least squares, and then the most probable radius R = R̄ - (C_RP - C_RR Aᵀ) V⁻¹ u. Iterated,
+this is the maximum of the joint likelihood (Britt and Luecke, Technometrics 15, 1973, 233–247): columns evaluated at
+the noisy R̄ would bias θ, columns at the estimated R do not. The noise need not be white: its covariance is circulant,
+one 2×2 matrix a harmonic, so that a beat-to-beat variation that P and R share is not taken for noise of the law.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+
+from solver.errors import InputError
+from solver.loop import circulant
+
+from ...records import thresholds as limit
+from ...records.alignment.beats import Beats
+from ...records.channels import spectral
+from ...records.channels.inflow_variability import felt
+from ...records.channels.noise import following, steady_beats
+from ...records.channels.spectral import coefficients
+
+Array = np.ndarray
+
+_MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none is half known
+_FLOOR = 1e-10  # noise assumed at least, relative to the pulse: keeps V regular for noise-free data
+_ORDER = 3  # elastic, viscous and what bends them: powers of iω
+_FOLLOWING = "P if it followed R"
+
+
+class NoFit(InputError):
+    """No wall of this model describes the loop."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Mean beats P, R : (N,) [Pa], [m] of period T [s] and the noise of their Fourier coefficients.
+
+    noise : (N//2 + 1, 2, 2) covariance of (P̂_k, R̂_k).
+    """
+
+    P: Array
+    R: Array
+    T: float
+    noise: Array
+
+    @property
+    def N(self) -> int:
+        return len(self.P)
+
+    @property
+    def floor(self) -> tuple[float, float]:
+        """Variances of a Fourier coefficient that stand for rounding."""
+        P, R = (float((_FLOOR * np.ptp(x)) ** 2) / self.N for x in (self.P, self.R))
+        return P, R
+
+    def earlier(self, lag: float) -> Loop:
+        """The loop with P moved forward in time by ``lag`` [s]."""
+        return replace(self, P=spectral.shift(self.P, -lag / self.T)) if lag else self
+
+    @cached_property
+    def covariances(self) -> tuple[Array, Array, Array]:
+        """C_PP, C_RR, C_RP : (N, N) of the samples."""
+        PP, RR = (circulant(self.N * (self.noise[:, i, i] + self.floor[i]), self.N) for i in (0, 1))
+        return PP, RR, circulant(self.N * self.noise[:, 1, 0], self.N)
+
+
+def mean_loop(beats: Beats, site: str) -> Loop:
+    """The mean beats of P and R of a site, and the noise of their harmonics. Raises ValueError if the channels are
+    missing or do not pulsate."""
+    names = (f"{site}.P", f"{site}.R")
+    beats = paired(beats, site)
+    P, R = (beats.mean(name) for name in names)
+    N = min(beats.N, _MOST_SAMPLES)
+    noise, seam = _loop_noise(beats, site, N)
+    return Loop(spectral.resample(P, N) - seam, spectral.resample(R, N), beats.T, noise[: N // 2 + 1])
+
+
+def paired(beats: Beats, site: str) -> Beats:
+    """A gap of P is a gap of R and the other way round, unless that leaves a phase without any sample.
+
+    What varies from beat to beat must be in the mean of both, or in neither.
+    """
+    P, R = beats.site(site)
+    gaps = np.isnan(P) | np.isnan(R)
+    if not gaps.any() or gaps.all(axis=0).any():
+        return beats
+    paired = {name: np.where(gaps, np.nan, x) for name, x in ((f"{site}.P", P), (f"{site}.R", R))}
+    return replace(beats, values=paired)
+
+
+def _loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
+    """Covariance (K + 1, 2, 2), K = N'//2 of N' samples a beat, of the mean beats of P and R of a site, and the part
+    (N,) of P that is there because beats differ in length.
+
+    A wall answers a change of radius by a change of pressure, δP = A δR, with A of the mean loop; that is no noise.
+    What is left, δP - A δR, is that of both sensors: S_u = S_P + |A|² S_R. The share s of the change of R that P does
+    not follow is noise of R, S_R = s var(R). P less what it follows, (1 - s) A δR, has nothing in common with R and
+    the variance S_P + (1 - s)|A|² S_R, which gives S_P.
+    """
+    P, R = names = (f"{site}.P", f"{site}.R")
+    raw = beats.covariance(names)
+    a = _law(beats, names, raw)
+    K = len(raw) - 1
+    A = _series(a, beats.T, K)
+    seen = felt(beats, R, lambda T, n: _series(a, T, n)[:, None], K, memory=False)
+    moved = following(beats, A[:, None], seen, R)[0]
+    # a name without converter: what rounding leaves in the mean beat is no change from beat to beat
+    both = replace(beats, values={P: beats.values[P], _FOLLOWING: moved}).covariance((P, _FOLLOWING))
+    followed, could = both[:, 0, 1].real, both[:, 1, 1].real
+    coherent = followed**2 > limit.COHERENT * both[:, 0, 0].real * could
+    gaps = any(np.isnan(beats.values[name]).mean() > limit.HOLES for name in names)
+    seam = np.zeros(beats.N) if seen is None else seen.seam[0]
+    known = np.abs(limit.SEAM_ERROR * coefficients(seam)) ** 2
+    if gaps or (seen is None and not coherent[1 : limit.LOW].any()):
+        raw[:, 0, 0] += known
+        return raw, spectral.resample(seam, N)
+    share, steady = steady_beats(beats, (P,), A[:, None], seen, R)
+    noise = steady.covariance(names) * share[:, None, None]
+    own, S_R = steady.covariance((P,))[:, 0, 0].real, noise[:, 1, 1].real
+    noise[:, 1, 1] = np.maximum(S_R, raw[1:, 1, 1].real.min())
+    noise[:, 0, 0] = np.maximum(own - (1.0 - share) * np.abs(A) ** 2 * S_R, own[1:].min())
+    noise[:, 0, 0] += known
+    return noise, spectral.resample(seam, N)
+
+
+def _law(beats: Beats, names: tuple[str, str], noise: Array) -> Array:
+    """(_ORDER,) real a with P_k = Σ a_i (iω_k)^i R_k of the mean loop, by least squares."""
+    P, R = (coefficients(beats.mean(name)) for name in names)
+    sd = np.sqrt(np.maximum(np.einsum("kii->ki", noise).real, np.finfo(float).tiny))
+    told = (np.abs(R) > limit.LOOP_SHOWN * sd[:, 1]) & (np.abs(P) > limit.LOOP_SHOWN * sd[:, 0])
+    told[0] = False
+    told[1 : _ORDER + 1] = True
+    k = np.flatnonzero(told)
+    weight = 1.0 / np.sqrt(sd[k, 0] ** 2 + np.abs(P[k] / R[k]) ** 2 * sd[k, 1] ** 2)
+    columns = (2j * np.pi / beats.T * k[:, None]) ** np.arange(_ORDER) * (R[k] * weight)[:, None]
+    right = P[k] * weight
+    size = np.abs(columns).max(axis=0)
+    M = np.concatenate([columns.real, columns.imag]) / size
+    return np.linalg.lstsq(M, np.concatenate([right.real, right.imag]), rcond=None)[0] / size
+
+
+def _series(a: Array, T: float, n: int) -> Array:
+    """Σ a_i (iω)^i at the harmonics 0 … n of T : (n + 1,)."""
+    return (2j * np.pi / T * np.arange(n + 1)[:, None]) ** np.arange(len(a)) @ a
+
+
+# --- the linear problem -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The problem u = C δθ + noise of covariance V at one point, whitened: z = L⁻¹ F u with L Lᵀ = F V Fᵀ.
+
+    z : (N,). columns : (N, p) L⁻¹ F C. L : (N, N) lower. F : (N, N) orthonormal, or None for unity. B : (N, N) with
+    R = R̄ + Bᵀ V⁻¹ u. V : (N, N). R_bar : (N,) the measured radius.
+    """
+
+    z: Array
+    columns: Array
+    L: Array
+    F: Array | None
+    B: Array
+    V: Array
+    R_bar: Array
+
+    def radius(self, left: Array) -> Array:
+        """The most probable radius (N,) where ``left`` : (N,) is left of z."""
+        w = solve_triangular(self.L, left, lower=True, trans=1, check_finite=False)
+        return self.R_bar + self.B.T @ (w if self.F is None else self.F.T @ w)
+
+    def after(self, step: Array) -> Array:
+        """The most probable radius (N,) after a step (p,) of what the columns are by."""
+        return self.radius(self.z - self.columns @ step)
+
+    def unwhiten(self, left: Array) -> Array:
+        """The u : (N,) of some z."""
+        u = self.L @ left
+        return u if self.F is None else self.F.T @ u
+
+
+def linearise(loop: Loop, R: Array, G: Array, A: Array, C: Array, F: Array | None = None) -> Linear:
+    """The linear problem at the radius R : (N,), where the law has the pressure G : (N,), its derivative A : (N, N)
+    by R, and C : (N, p) by the parameters. F : orthonormal rows in whose order z is whitened.
+
+    Raises NoFit where it overflows, or where there is no noise to weigh by.
+    """
+    C_PP, C_RR, C_RP = loop.covariances
+    u = loop.P - G - A @ (loop.R - R)
+    B = A @ C_RR - C_RP.T
+    V = C_PP + B @ A.T - A @ C_RP
+    if not (np.isfinite(V).all() and np.isfinite(C).all() and np.isfinite(u).all()):
+        raise NoFit("the law overflows on this loop; check the units of P, R and h.")
+    try:
+        L = cholesky(V if F is None else F @ V @ F.T, lower=True, check_finite=False)
+    except LinAlgError:
+        raise NoFit(
+            "P and R are noise-free functions of one another, with no noise to weigh them by; "
+            "check that one was not computed from the other."
+        ) from None
+    right = np.column_stack([u, C])
+    white = solve_triangular(L, right if F is None else F @ right, lower=True, check_finite=False)
+    return Linear(white[:, 0], white[:, 1:], L, F, B, V, loop.R)
+
+
+def spectrum(V: Array) -> Array:
+    """Variances (N//2 + 1,) of the Fourier coefficients of samples with covariance V : (N, N)."""
+    N = len(V)
+    F = np.fft.rfft(V, axis=0) / N
+    return np.array(np.fft.ifft(F, axis=1)[np.arange(N // 2 + 1), np.arange(N // 2 + 1)].real)
+
+
+@lru_cache(maxsize=4)
+def fourier(N: int) -> Array:
+    """(N, N) orthonormal real Fourier basis by rows: mean, cos 1, sin 1, cos 2 …"""
+    rows = [np.full(N, N**-0.5)]
+    phase = 2.0 * np.pi * np.arange(N) / N
+    for k in range(1, N // 2 + 1):
+        if 2 * k == N:
+            rows.append(np.cos(k * phase) * N**-0.5)
+        else:
+            rows += [np.cos(k * phase) * (2.0 / N) ** 0.5, np.sin(k * phase) * (2.0 / N) ** 0.5]
+    return np.array(rows)

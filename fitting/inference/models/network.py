@@ -1,0 +1,345 @@
+"""The network: inlet flow in, P, Q and R at some sites compared, hypotheses refitted by batches of the solver.
+
+The residual is that of :mod:`fitting.records.channels.noise`: whitened Fourier coefficients of the mean beats, with the
+noise of the inflow, which all channels share, and the solver's own error in their covariance. Hypotheses are
+re-simulated, not linearised: each has its own unknowns, and all are members of one batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
+
+from ...records.alignment.beats import Beats
+from ...records.channels.inflow import flowed, inflow, undone
+from ...records.channels.inflow_variability import Felt
+from ...records.channels.noise import (
+    Target,
+    degrees_of_freedom,
+    inflow_noise,
+    mean_beat,
+    pulses,
+    sensor_noise,
+    solver_error,
+    target,
+)
+from ..extended_network import allowed
+from ..fit import Fit, Member, begun, sizes_of, taken_over
+from ..forward import Drive, Forward
+from ..gauss_newton import Point, Rules, Search, Trial, promised, search
+from ..hypothesis import EVERY, Term, about_common, refined, rewired
+from ..jackknife import Rest, leave_one_site_out, without_each_site
+from ..model_discrepancy import sizes
+from ..prior import of_animal
+from ..runs import Runs
+from ..unknown import Unknown, absent, finite_steps, free, parameter_values
+from .batches import simulated
+from .bench_observation import meter, of_other_beats, sense, shown
+from .simulator import Simulator, linear_response, varying
+
+Array = np.ndarray
+
+_STEP = 0.02  # of x: finite differences
+# A step that promises a hundredth of what a datum of noise does is not worth a simulation, and after four steps the
+# derivatives that are kept up to date are too far off
+_RULES = Rules(gain=0.02, fresh=4)
+_SHARPER = 2  # times that the elements are halved at most
+_NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter elements
+
+
+@dataclass(frozen=True)
+class NetworkProblem(Forward):
+    """A network record and the network that it is compared with.
+
+    error : (K+1, m) standard deviation of the solver's errors. exact : the target without, model_error : (K+1, m, m)
+    covariance of, the errors of the model that it allows for, if any. More beats lower neither. response : (K+1, m) of
+    the channels to the inflow. felt : by the network as given, of beats that differ. deviations : what every artery has
+    of its own; none where all have it in common. possible : what it may have.
+    """
+
+    kind = "network"
+    site = None
+
+    network: Network
+    beats: Beats
+    signals: tuple[str, ...]
+    K: int
+    simulator: Simulator
+    target: Target
+    error: Array
+    response: Array
+    felt: Felt | None = None
+    exact: Target | None = None
+    model_error: Array | float = 0.0
+    deviations: tuple[Unknown, ...] = ()
+    possible: tuple[Unknown, ...] = ()
+
+    rules = _RULES
+
+    @property
+    def dof_of_noise(self) -> float:
+        return degrees_of_freedom(self.beats.n_beats)
+
+    @property
+    def highest(self) -> float:
+        return 0.5 * self.beats.N / self.beats.T
+
+    @property
+    def entries(self) -> tuple[Array, Array]:
+        m, K = len(self.signals), self.K
+        order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
+        return order, np.tile(np.arange(m), 2 * K + 1)
+
+    def refined(self, fit: Fit, term: Term) -> Term | None:
+        finer = about_common if self.deviations else refined
+        return finer(self.network, term, sizes_of(fit, term))
+
+    def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
+        drive = inflow(beats, self.simulator.settings.dt, self.network)
+        felt = varying(beats, self.network, self.signals, self.K)
+        own = (self.exact or self.target).covariance
+        covariance = of_other_beats(own, self.error, beats, fitted, self.signals)
+        other = Target.of(self.signals, mean_beat(beats, self.signals, self.K, felt), covariance)
+        found = replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
+        return found if self.exact is None else replace(found, exact=None).widened(self.model_error)
+
+    def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
+        X = self.observe([f.member for f in fits])
+        z = [None if x is None else self.residual(x) for x in X]
+        return [(np.nan, 1.0) if r is None else (float(r @ r), float(len(r))) for r in z]
+
+    def without_each(self, fit: Fit) -> list[Rest]:
+        return without_each_site(self.target, fit)
+
+    def left_out(self, fit: Fit) -> dict[str, float]:
+        return leave_one_site_out(self.target, fit)
+
+    def measured_wave(self, beats: Beats) -> Array:
+        """(N,) [m³/s] the mean inflow, before the meter's filter."""
+        return flowed(beats, self.network)
+
+    def wave(self, beats: Beats, fit: Fit) -> Array:
+        """(N,) [m³/s] the inflow given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual
+        x = n - H q + e of a hypothesis, through its flow meter; as measured where that breaks down."""
+        (X,) = self.observe([fit.member])
+        if X is None:
+            return self.measured_wave(beats)
+        gain, offset = meter(fit.member, self.K + 1, self.simulator.T)
+        S = inflow_noise(beats, self.signals, self.response, self.felt)
+        gain = gain * undone(self.network, INFLOW, self.simulator.drive)[: self.K + 1]
+        full = np.fft.rfft(beats.mean(INFLOW), norm="forward")
+        weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
+        full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
+        full[0] -= offset
+        full[: self.K + 1] /= gain
+        return np.fft.irfft(full, beats.N, norm="forward")
+
+    def answer(self, wave: Array, fit: Fit) -> Array | None:
+        drive = shown(fit.member, wave, self.simulator.T)
+        return replace(self, simulator=replace(self.simulator, drive=drive)).observe([fit.member])[0]
+
+    def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
+        return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
+
+    def driven(self, wave: Array) -> Drive:
+        """The inflow; a run begins at rest: best where the flow is least; with tables, where these begin."""
+        return Drive(INFLOW, 0 if self.network.sources else int(np.argmin(np.abs(wave))))
+
+    @property
+    def noise(self) -> Array:
+        return sensor_noise(self.beats, self.signals, self.response, self.felt)
+
+    def covariance(self, beats: Beats) -> Array:
+        """(K+1, m, m) of sensors, inflow and solver."""
+        return self.target.covariance
+
+    # --- hypotheses ---------------------------------------------------------------------------------------------------
+
+    def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
+        mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
+        # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
+        nuisance = [u for u in of_animal(rewired(self.network, terms), self.deviations) if not set(u.variables) <= mine]
+        return (*nuisance, *(u for term in terms for u in term.unknowns))
+
+    def individual(self) -> NetworkProblem:
+        return replace(self, deviations=self.possible)
+
+    def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
+        """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
+
+        runs : counts them, and ends them in time.
+        """
+        return simulated([(self.simulator, members)], runs or Runs())[0]
+
+    def residual(self, X: Array) -> Array:
+        """(n,) whitened."""
+        return self.target.residual(X[None])[0]
+
+    # --- derivatives --------------------------------------------------------------------------------------------------
+
+    def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
+        """By finite differences; all in one batch."""
+        steps = [finite_steps(t.member.unknowns, t.member.x, _STEP)[t.by] for t in trials]
+        moved = [
+            replace(t.member, x=x)
+            for t, s in zip(trials, steps, strict=True)
+            for x in np.concatenate([t.member.x[None], t.member.x + s[:, None] * np.eye(len(t.member.x))[t.by]])
+        ]
+        X, found = self.observe(moved, runs), list[Point | None]()
+        for step in steps:
+            own, X = [x for x in X[: 1 + len(step)] if x is not None], X[1 + len(step) :]
+            z = self.target.residual(np.stack(own)) if len(own) > len(step) else None
+            found.append(None if z is None else Point(z[0], (z[1:] - z[0]).T / step))
+        return found
+
+    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
+        terms, trials = [t for t in terms if not t.rewires], list[Trial]()
+        for term in terms:
+            x = np.concatenate([at.x, absent(term.unknowns)])
+            by = len(at.x) + np.flatnonzero(free(term.unknowns))
+            trials.append(Trial(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x), by, None, 0.0 * x))
+        found = self.points(trials, runs or Runs())
+        return {term.label: point.J for term, point in zip(terms, found, strict=True) if point is not None}
+
+    # --- search -------------------------------------------------------------------------------------------------------
+
+    def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
+              columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
+        """The most probable unknowns of every hypothesis, all searched together in batches.
+
+        start : of another hypothesis; where it is a simpler one, ``columns`` of the terms there (:meth:`columns`) save
+        the derivatives. known : a cost; searches that promise to stay far above it end early.
+        """
+        runs = runs or Runs()
+        return self._searched([self._begin(terms, start, columns or {}, runs) for terms in hypotheses], runs, known)
+
+    def _searched(self, searches: Sequence[Search], runs: Runs, known: float = np.inf) -> list[Fit | None]:
+        search(partial(self.points, runs=runs), searches, known)
+        found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
+        return [None if f is None else allowed(self.network, f) for f in found]
+
+    def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs) -> Search:
+        unknowns = self.hypothesis(terms)
+        there = taken_over(terms, unknowns, start)
+        begun = self._started(there, start, runs)
+        old = set() if start is None else {t.label for t in start.terms}
+        new = [t for t in terms if t.label not in old]
+        simpler = start is not None and old <= {t.label for t in terms}  # else its residual is of something more
+        told = all(t.label in columns and not (t.rewires or t.moves_along) for t in new)
+        if start is None or not (simpler and told and np.array_equal(begun.x, there.x)):
+            return Search(begun, _RULES)
+        own = dict(start.columns)
+        for t in new:
+            own |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
+        if not all(u.name in own for u in unknowns):
+            return Search(begun, _RULES)
+        return Search(begun, _RULES, Point(start.z, np.stack([own[u.name] for u in unknowns], axis=1)))
+
+    def searched_from(
+        self, members: Sequence[Member], runs: Runs, known: Mapping[str, Array] | None = None, cost: float = np.inf
+    ) -> list[Fit | None]:
+        """The most probable unknowns of hypotheses, searched for from where they are.
+
+        known : whitened derivatives (n,) by unknowns, which need no simulation to begin with. cost : of a hypothesis;
+        searches that promise to stay far above it end early.
+        """
+        rules = replace(_RULES, afar=True)
+        return self._searched([Search(m, rules, known=known) for m in members], runs, cost)
+
+    def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        return self._searched([Search(f.member, _RULES) for f in fits], runs or Runs())
+
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        return self._searched([Search(f.member, _RULES, known=f.columns) for f in fits], runs or Runs())
+
+    def sharpened(self, fit: Fit, runs: Runs | None = None) -> NetworkProblem:
+        """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
+
+        Where the error would matter beside the noise, the elements become shorter; where these break down, as those of
+        a quadratic viscosity near its turn do, the problem stays as it is.
+        """
+        member, problem, runs = fit.member, self, runs or Runs()
+        for _ in range(_SHARPER):
+            finer = replace(problem, simulator=problem.simulator.finer())
+            (X,), (X_finer,) = simulated([(p.simulator, [member]) for p in (problem, finer)], runs)
+            if X is None or X_finer is None:
+                return self
+            error = solver_error(X, X_finer, pulses(self.beats, self.signals))
+            own = np.einsum("kii->ki", self.target.covariance).real - self.error**2
+            weight = np.where(np.arange(len(own)) == 0, 0.5, 1.0)[:, None]
+            if np.sum(weight * error**2 / own) < _NEGLIGIBLE * weight.sum() * own.shape[1]:
+                break
+            problem = finer
+        return problem._weighted(fit.member, error)
+
+    # --- errors of the model --------------------------------------------------------------------------------------
+
+    def granted(self, part: float) -> NetworkProblem:
+        """With an independent error granted to every harmonic of every channel, of this part of its size."""
+        variance = (part * sizes(self.target.X)) ** 2
+        return self.widened(variance[..., None] * np.eye(len(self.signals))) if part else self
+
+    def widened(self, errors: Array | float) -> NetworkProblem:
+        """With errors of the model of covariance (K+1, m, m) in that of the channels."""
+        exact = self.exact or self.target
+        errors = errors if self.exact is None else self.model_error + errors
+        target = Target.of(exact.names, exact.X, exact.covariance + errors)
+        return replace(self, target=target, exact=exact, model_error=errors)
+
+    def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
+        """Fits to the same record under its earlier weights, where they are, under these."""
+        own, old = self.target, before.target
+        return [
+            replace(f, z=own.whiten(old.unwhiten(f.z[:, None]))[:, 0], J=own.whiten(old.unwhiten(f.J))) for f in fits
+        ]
+
+    def rewhitened(self, columns: Mapping[str, Array], before: NetworkProblem) -> dict[str, Array]:
+        own, old = self.target, before.target
+        return {label: own.whiten(old.unwhiten(column)) for label, column in columns.items()}
+
+    @property
+    def weights(self) -> tuple[float, Array, Array | float | None, Array, Array]:
+        """What :meth:`restored` makes the same problem of: length of the elements [m], errors of the solver and, if
+        any, of the model, covariance without these, response."""
+        length, exact = self.simulator.settings.element_length, self.exact or self.target
+        errors = None if self.exact is None else self.model_error
+        return length, self.error, errors, exact.covariance, self.response
+
+    def restored(self, weights: tuple[float, Array, Array | float | None, Array, Array]) -> NetworkProblem:
+        length, error, errors, covariance, response = weights
+        simulator = replace(self.simulator, settings=replace(self.simulator.settings, element_length=length))
+        own = Target.of(self.signals, self.target.X, covariance)
+        found = replace(self, simulator=simulator, target=own, exact=None, error=error, response=response)
+        return found if errors is None else found.widened(errors)
+
+    def at(self, terms: Sequence[Term], unknowns: tuple[Unknown, ...], x: Array) -> NetworkProblem:
+        """The same problem weighted for these numbers."""
+        return self._weighted(Member(tuple(terms), unknowns, x), self.error)
+
+    def _weighted(self, member: Member, error: Array) -> NetworkProblem:
+        """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a member."""
+        network = rewired(self.network, member.terms)
+        at = {name: float(value) for name, value in parameter_values(member.unknowns, network, member.x).items()}
+        H = linear_response(network, self.signals, self.simulator.T, self.K, at)
+        H = sense(member, self.signals, H, self.simulator.T, means=False)
+        H = H / meter(member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
+        felt = varying(self.beats, network, self.signals, self.K, at, self.felt)
+        weights = target(self.beats, self.signals, H, error, felt)
+        return replace(self, target=weights, exact=None, error=error, response=H[: self.K + 1])
+
+    def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
+        """With new sensors, and places along a segment, at the best of their starting points: one simulation each."""
+        before = set() if start is None else set(start.unknowns)
+        for term in member.terms:
+            few = term.is_sensor or term.place == EVERY or term.moves_along
+            if term.starts and few and not set(term.unknowns) <= before:
+                trials = begun(member, term)
+                costs = [np.inf if X is None else promised(self.residual(X), start) for X in self.observe(trials, runs)]
+                member = trials[int(np.argmin(costs))]
+        return member

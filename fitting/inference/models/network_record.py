@@ -1,0 +1,58 @@
+"""A network record made ready: the problem of its beats, with the network's own error and the noise of its channels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from solver import Settings
+from solver.errors import InputError
+from solver.network.description import Network
+from solver.periodic.harmonic_balance import NoSteadyState
+from solver.quantities.units import INFLOW
+
+from ...records.alignment.beats import Beats
+from ...records.channels.inflow import inflow
+from ...records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error, target
+from ...records.thresholds import MAX_HARMONICS
+from ..prior import Calibrated, possible
+from ..runs import Runs
+from .network import NetworkProblem
+from .simulator import HARMONICS_BEYOND, Simulator, linear_response, started, varying
+
+STEP_DT = 1e-3  # s, where no balance is found
+_FEWEST = 80  # of such steps in a beat
+_REPEATS = 3.0  # of their tolerance: what beats need not repeat better than where they take more than two
+
+
+def network_problem(
+    beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None,
+    prior: Calibrated | None = None,
+) -> NetworkProblem:  # fmt: skip
+    """The problem of a record with inlet.Q and some outputs of the network. prior : of a calibration.
+
+    Raises ValueError if they do not belong together, or if the network breaks down with this inflow.
+    """
+    check_flow_driven(network)
+    runs, known = runs or Runs(), network.output_units()
+    chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
+    K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2))
+    settings = Settings(dt=min(STEP_DT, beats.T / max(_FEWEST, 4 * K)), tolerance=3e-5)
+    drive = inflow(beats, settings.dt, network)
+    time = beats.T * np.arange(200) / 200.0
+    start = float(time[np.argmin(np.abs(drive(time)))])
+    simulator = Simulator(network, drive, beats.T, chosen, K, settings, start, resolved=_REPEATS * settings.tolerance,
+                          beyond=HARMONICS_BEYOND)  # fmt: skip
+    try:
+        simulator, X = started(simulator, runs)
+    except NoSteadyState as why:
+        raise InputError(
+            f"{INFLOW}: {1e6 * drive(time).mean():.4g} mL/s on average is more than the arteries of {network.name} can "
+            f"carry; check the unit of its column, or the network."
+        ) from why
+    error = solver_error(X, started(simulator.finer(), runs)[1], pulses(beats, chosen))
+    H = linear_response(network, chosen, beats.T, K, {})
+    felt = varying(beats, network, chosen, K)
+    own, may = target(beats, chosen, H, error, felt), possible(network, prior)
+    return NetworkProblem(network, beats, chosen, K, simulator, own, error, H[: K + 1], felt, possible=may)

@@ -1,0 +1,169 @@
+"""Periodic beats of one network under one inflow, for batches of parameters; and the linearised response to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver import NonPhysicalState, Settings, beat_harmonics, repeating_beat
+from solver.errors import InputError
+from solver.laws.catalogue import filtered
+from solver.mesh.sources import Source
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
+
+from ...records.alignment.beats import Beats
+from ...records.channels.inflow import Inflow, undoable
+from ...records.channels.inflow_variability import Felt, felt
+from ...records.channels.noise import response
+from ...records.thresholds import NEIGHBOURS
+from ..runs import Runs
+
+Array = np.ndarray
+
+
+HARMONICS_BEYOND = 8  # above those of the record that a balance keeps: without more, 7e-5 of the pulse in elastic walls
+_BEATS = 30  # without repeating, after which a hypothesis has broken down
+_SHORTER = 2  # times that the step is halved where the model as given breaks down
+
+
+@dataclass(frozen=True)
+class Forced:
+    """What acts beside a network's own equations. amplitudes : (K+1, n_sources) harmonics of sources; signals :
+    (K+1, m) of what channels show beside it."""
+
+    sources: tuple[Source, ...]
+    amplitudes: Array
+    signals: Array
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """Harmonics 0 … K of the channels ``names`` of a network under a periodic flow.
+
+    beyond : harmonics above K that a harmonic balance keeps (:func:`~solver.beat_harmonics`); 0 of a model that has no
+    balance: the beat is run in time, in steps of settings.dt.
+    start : time [s] in the beat at which such runs begin: where the flow is least, because a run begins at rest, and a
+    flow that sets in at once would strain the walls as no heart does. tolerance, resolved : of the periodic beat.
+    forced : by sources, of which there are balances alone.
+    """
+
+    network: Network
+    drive: Inflow
+    T: float
+    names: tuple[str, ...]
+    K: int
+    settings: Settings
+    start: float = 0.0
+    tolerance: float = 1e-5
+    resolved: float = 0.0
+    beyond: int = 0
+    forced: Forced | None = None
+
+    def halved(self) -> Simulator:
+        """The same with half the step."""
+        return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0))
+
+    def finer(self) -> Simulator:
+        """The same with half the step and half the elements, to see what both do."""
+        half = self.halved()
+        return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
+
+    def coefficients(
+        self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
+    ) -> Array:  # fmt: skip
+        """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps,
+        through the filters that the network says its channels have.
+
+        Members without a beat that repeats are NaN.
+        Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
+        """
+        runs.check()
+        inflow, B = inflow or self.drive, max((np.size(value) for value in parameters.values()), default=1)
+        if self.beyond:
+            X = self._balanced(network, parameters, runs, inflow)
+        elif self.forced is None:
+            X = self._in_time(network, parameters, runs, inflow)
+        else:
+            X = np.full((B, self.K + 1, len(self.names)), np.nan, complex)
+        runs.meter.add(B)
+        X = X * filters(network, self.names, self.T, self.K)
+        return X if self.forced is None else X + self.forced.signals
+
+    def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
+        """By harmonic balance; NaN where none is found. Raises ValueError where a member has no steady state."""
+        forced = self.forced if self.forced and self.forced.sources else None
+        sources, amplitudes = (forced.sources, forced.amplitudes) if forced else ((), None)
+        return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
+                              settings=self.settings, tolerance=self.tolerance, more=self.beyond,
+                              sources=sources, amplitudes=amplitudes, progress=runs.check)  # fmt: skip
+
+    def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
+        """By running beats until they repeat."""
+
+        def drive(t: Array) -> Array:
+            return inflow(t + self.start)
+
+        beat = repeating_beat(network, drive, self.T, parameters=parameters, settings=self.settings,
+                              tolerance=self.tolerance, resolved=self.resolved, max_beats=_BEATS,
+                              progress=lambda *_: runs.check())  # fmt: skip
+        waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
+        turn = np.exp(-2j * np.pi * np.arange(self.K + 1) * (self.start / self.T))
+        return np.fft.rfft(waves, axis=1, norm="forward")[:, : self.K + 1] * turn[:, None]
+
+
+def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
+    """The model as given under this inflow; where it has no balance, in time, with shorter steps if it needs them.
+
+    Raises NonPhysicalState if none will do, ValueError where it has no steady state under the mean of the inflow.
+    """
+    X = simulator.coefficients(simulator.network, {}, runs)[0]
+    if not np.isnan(X).any():
+        return simulator, X
+    simulator = replace(simulator, beyond=0)
+    for _ in range(_SHORTER):
+        try:
+            return simulator, simulator.coefficients(simulator.network, {}, runs)[0]
+        except NonPhysicalState:
+            simulator = simulator.halved()
+    return simulator, simulator.coefficients(simulator.network, {}, runs)[0]
+
+
+def filters(network: Network, names: Sequence[str], T: float, K: int) -> Array:
+    """H : (K+1, m) of the filters that a network says its channels have."""
+    return np.stack([filtered(network, name, 2.0 * np.pi / T * np.arange(K + 1)) for name in names], axis=1)
+
+
+def linear_response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
+    """The linearised response (K + 1 + neighbours, m) to the inflow, both as their filters show them; where the linear
+    solver lacks a term of a wall, that of the walls without terms."""
+    K += NEIGHBOURS
+    shown = filters(network, names, T, K) / undoable(network, INFLOW, 2.0 * np.pi / T * np.arange(K + 1))[:, None]
+    try:
+        return shown * response(network, names, T, K, parameters)
+    except InputError:
+        plain = replace(network, segments=tuple(replace(s, terms={}) for s in network.segments))
+        known = {n: v for n, v in parameters.items() if n in plain.parameters()}
+        return shown * response(plain, names, T, K, known)
+
+
+def varying(
+    beats: Beats,
+    network: Network,
+    names: Sequence[str],
+    K: int,
+    parameters: Mapping[str, float] | None = None,
+    known: Felt | None = None,
+) -> Felt | None:
+    """What the linearised network feels of an inflow whose beats differ; None of beats cut at equal intervals.
+
+    known : of other parameters, whose seam is kept: fits are compared under several weights, with one mean beat.
+    """
+
+    def transfer(T: float, n: int) -> Array:
+        return linear_response(network, names, T, n, parameters or {})[: n + 1]
+
+    found = felt(beats, INFLOW, transfer, K + NEIGHBOURS)
+    return found if found is None or known is None else replace(found, seam=known.seam)

@@ -1,0 +1,1 @@
+"""The source map: where a network lacks something."""

@@ -1,0 +1,314 @@
+"""A record's places as a model: what is simulated with something that acts there, and what the evidence of that is.
+
+Everything at one point of a search (:mod:`~fitting.inference.source_maps.source_map`): the residual of the full
+balance, its derivatives, and the linear problem of all places about it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver.laws.effect import small_wave_impedance
+from solver.mesh.sources import Source
+from solver.periodic.harmonic_balance import NoSteadyState
+from solver.periodic.small_waves import source_responses
+
+from ...records.channels.noise import pulses
+from ..fit import Member
+from ..hierarchy import APART, Linear, beforehand
+from ..hypothesis import Term, rewired
+from ..models.network import NetworkProblem
+from ..models.simulator import Forced, filters
+from ..places import Place, places
+from ..runs import Runs
+from ..unknown import Unknown, bounds, finite_steps, parameter_values, precisions
+from .source_evidence import FIRST_LOOK, PRICE, Law, Normal, marginal
+
+Array = np.ndarray
+Move = tuple[float, tuple["Active", ...]]  # -2 ln evidence, and the places that act
+
+MOST = 3  # places at once
+CLOSELY = 14  # places that are looked at closely, of all
+SETTLED = 0.3  # of -2 ln evidence: less is no change
+_STEP = 0.02  # of x: finite differences
+_UNIT = 0.01  # of a pulse: the sources' units
+_SWEEPS = 3  # over amplitudes and widths in turn
+_FARTHEST = 20.0  # stated spreads that a number may be off
+
+
+@dataclass(frozen=True)
+class Active:
+    """A place in which something acts, with how large it is beforehand; None of a number that stands out."""
+
+    place: Place
+    law: Law | None = None
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where the search is: active places, θ : (p,), g : (K+1, q) of all their sources; widths. Where it is linearised,
+    D : (K+1, m), J : (K+1, m, p) and G : (K+1, m, S) of all places."""
+
+    active: tuple[Active, ...]
+    x: Array
+    g: Array
+    widths: Mapping[str, float]
+    D: Array
+    J: Array
+    G: Array
+    score: float = math.inf
+
+
+class PlaceModel:
+    """The places of a record, and how they are simulated and compared, beside the effects ``terms``. unknowns : of a
+    hypothesis that narrows some; default those of the problem."""
+
+    def __init__(
+        self, problem: NetworkProblem, runs: Runs, terms: Sequence[Term] = (), unknowns: Sequence[Unknown] = ()
+    ) -> None:
+        self.problem, self.runs, self.terms = problem, runs, tuple(terms)
+        self.unknowns = tuple(unknowns) or problem.hypothesis(self.terms)
+        self.places = places(problem.network, problem.signals, self.unknowns)
+        self.worth = 2.0 * math.log(len(self.places))  # any place is as likely beforehand
+        ends = np.cumsum([p.columns for p in self.places])
+        self.columns = {p.key: np.arange(e - p.columns, e) for p, e in zip(self.places, ends, strict=True)}
+        pulse = dict(zip(problem.signals, _UNIT * pulses(problem.beats, problem.signals), strict=True))
+        pressure, flow = _units(problem)
+        self.units = np.concatenate([
+            [pressure if s.unit == "Pa" else flow for s in p.sources] if p.sources or p.channel is None
+            else [pulse[p.channel]] for p in self.places
+        ])  # fmt: skip
+        self.low, self.high = (np.clip(b, -_FARTHEST, _FARTHEST) for b in bounds(self.unknowns))
+        self.volume = problem.target.log_volume  # from which ln det C is counted
+        self.sd0 = np.array([1.0 if p == 0.0 else p**-0.5 for p in precisions(self.unknowns)])
+
+    def weigh_at(self, x: Array) -> None:
+        """Weigh the record by what the noise of the inflow does to channels with the numbers x : (p,), which those of
+        the file may be far from. What was measured stays: the seam of unlike beats is kept."""
+        self.problem = self.problem.at(self.terms, self.unknowns, x)
+
+    # --- simulation ---------------------------------------------------------------------------------------------------
+
+    def columns_of(self, active: Sequence[Active]) -> Array:
+        found = [self.columns[a.place.key] for a in active]
+        return np.concatenate(found) if found else np.zeros(0, int)
+
+    def _forced(self, active: Sequence[Active], g: Array) -> NetworkProblem:
+        """The problem with sources in it."""
+        g = g * self.units[self.columns_of(active)]
+        signals = [(a.place, g[:, own]) for a, own in zip(active, slices(active), strict=True)]
+        return with_signals(self.problem, signals)
+
+    def residual(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
+        """D : (K+1, m); None without balance."""
+        (X,) = self._forced(active, g).observe([Member(self.terms, self.unknowns, x)], self.runs)
+        return None if X is None else X - self.problem.target.X
+
+    def jacobian(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
+        """J : (K+1, m, p); None where a member has no balance."""
+        steps = finite_steps(self.unknowns, x, _STEP)
+        at = np.concatenate([x[None], x + np.diag(steps)])
+        found = self._forced(active, g).observe([Member(self.terms, self.unknowns, each) for each in at], self.runs)
+        if any(X is None for X in found):
+            return None
+        X = np.stack([each for each in found if each is not None])
+        return np.moveaxis((X[1:] - X[0]) / steps[:, None, None], 0, -1)
+
+    def responses(self, x: Array) -> Array:
+        """G : (K+1, m, S) of all places, in their units."""
+        p, s = self.problem, self.problem.simulator
+        network = rewired(s.network, self.terms)
+        at = {name: float(value) for name, value in parameter_values(self.unknowns, network, x).items()}
+        sources = [source for place in self.places for source in place.sources]
+        physical = np.concatenate([self.columns[q.key] for q in self.places if q.sources])
+        G = np.zeros((p.K + 1, len(p.signals), len(self.units)), complex)
+        found = source_responses(network, p.signals, p.K, sources, self.units[physical], s.drive, s.T,
+                                 parameters=at, settings=s.settings)  # fmt: skip
+        G[:, :, physical] = np.moveaxis(found * filters(network, p.signals, s.T, p.K), 0, -1)
+        for place in self.places:
+            if place.channel is not None and not place.sources:
+                column = self.columns[place.key][0]
+                G[:, p.signals.index(place.channel), column] = self.units[column]
+        return G
+
+    # --- inference at a point -----------------------------------------------------------------------------------------
+
+    def normal(self, point: Point, error: float) -> Normal:
+        """The linear problem about a point, with an error granted to the model."""
+        target = self.problem.granted(error).target
+        y = point.D - point.J @ point.x - np.einsum("kms,ks->km", point.G[:, :, self.columns_of(point.active)], point.g)
+        normal = Normal.of(target.whitener, y, point.J, point.G)
+        return replace(normal, log_volume=target.log_volume - self.volume)
+
+    def unknowns_of(self, active: Sequence[Active]) -> tuple[Unknown, ...]:
+        """The unknowns, those apart that stand out."""
+        apart = {a.place.unknown.name for a in active if a.place.unknown is not None}
+        return tuple(u.set_apart() if u.name in apart else u for u in self.unknowns)
+
+    def sd(self, active: Sequence[Active], widths: Mapping[str, float]) -> Array:
+        """(p,) of the priors."""
+        return np.array([
+            widths.get(u.group, 1.0) if u.group and not u.stated else s
+            for u, s in zip(self.unknowns_of(active), self.sd0, strict=True)
+        ])  # fmt: skip
+
+    def variance(self, active: Sequence[Active]) -> Array:
+        """(K+1, q) of the sources of places."""
+        K = self.problem.K
+        found = [a.law.variance(K, a.place.relative) for a in active if a.law is not None]
+        return np.concatenate(found, axis=1) if found else np.zeros((K + 1, 0))
+
+    def inferred(
+        self, normal: Normal, active: tuple[Active, ...], widths: Mapping[str, float], x: Array, sweeps: int = _SWEEPS
+    ) -> tuple[float, tuple[Active, ...], Mapping[str, float]]:
+        """-2 ln evidence and prior of places, with the amplitudes and widths that make the record most probable; ∞
+        where they take up all that a law beside them does, so that nothing tells its size."""
+        best, unknowns = math.inf, self.unknowns_of(active)
+        normal, columns = normal.only(self.columns_of(active)), slices(active)
+        for _ in range(sweeps):
+            for i, a in enumerate(active):
+                if a.law is not None:
+                    others = [j for j in range(len(active)) if j != i]
+                    beside = np.concatenate([columns[j] for j in others]) if others else np.zeros(0, int)
+                    reduced = normal.without(beside, self.variance([active[j] for j in others]))
+                    _, law = reduced.best_law(columns[i], a.place.relative, self.sd(active, widths))
+                    active = (*active[:i], replace(a, law=law), *active[i + 1 :])
+            reduced = normal.without(np.arange(sum(map(len, columns))), self.variance(active))
+            try:
+                found = Linear(reduced.of_unknowns, x, unknowns, reduced.log_volume).inferred()
+            except np.linalg.LinAlgError:
+                return math.inf, active, widths
+            widths, before, best = found.of, best, min(best, found.score)
+            if before - best < SETTLED or not any(a.law for a in active):
+                break
+        return best + PRICE * sum(a.law is not None for a in active) + self.worth * len(active), active, widths
+
+    def weighed(self, normal: Normal, point: Point) -> Point:
+        """A point with the amplitudes, widths and evidence that are inferred there."""
+        score, active, widths = self.inferred(normal, point.active, point.widths, point.x)
+        return replace(point, active=active, widths=widths, score=score)
+
+    def _precision(self, normal: Normal, point: Point) -> tuple[Array, Array, Array]:
+        """Standard deviations (p,) of the priors of θ, and in their units the precision (p, p) and the gradient (p,) of
+        its posterior at 0, sources integrated out."""
+        reduced = normal.without(self.columns_of(point.active), self.variance(point.active)).of_unknowns
+        sd = self.sd(point.active, point.widths)
+        return sd, np.eye(len(sd)) + sd[:, None] * reduced[:-1, :-1] * sd, sd * reduced[:-1, -1]
+
+    def spread(self, normal: Normal, point: Point) -> Array:
+        """(p, p) covariance of θ."""
+        sd, A, _ = self._precision(normal, point)
+        return sd[:, None] * np.linalg.inv(A) * sd
+
+    def most_probable(self, normal: Normal, point: Point) -> tuple[Array, Array]:
+        """θ and g of a point's places."""
+        sd, A, gradient = self._precision(normal, point)
+        x = np.clip(-sd * np.linalg.solve(A, gradient), self.low, self.high)
+        columns = self.columns_of(point.active)
+        if not len(columns):
+            return x, np.zeros((self.problem.K + 1, 0), complex)
+        return x, normal.amplitudes(columns, self.variance(point.active), x)[0]
+
+    # --- points -------------------------------------------------------------------------------------------------------
+
+    def linearised(self, point: Point, fresh: bool) -> Point | None:
+        """The same point with what is simulated there; fresh : its derivatives by the unknowns, too."""
+        D = self.residual(point.active, point.x, point.g)
+        if D is None:
+            return None
+        J = self.jacobian(point.active, point.x, point.g) if fresh else point.J
+        try:
+            return None if J is None else replace(point, D=D, J=J, G=self.responses(point.x))
+        except (NoSteadyState, np.linalg.LinAlgError):
+            return None
+
+    def chi2(self, D: Array, error: float = 0.0) -> float:
+        """Σ |z|² of a residual."""
+        z = self.problem.granted(error).target.whiten(D[..., None])
+        return float((z**2).sum())
+
+    # --- moves: one place more, one less, another in its stead, as the evidence of the linear problem has them --------
+
+    def best_move(self, normal: Normal, point: Point) -> Move | None:
+        """The move that the evidence gains most by; None where none is worth it."""
+        found = min(self._moves(normal, point), key=lambda move: move[0], default=(math.inf, point.active))
+        return found if found[0] <= point.score - SETTLED else None
+
+    def _moves(self, normal: Normal, point: Point) -> Iterator[Move]:
+        """Places added; where that gains nothing, dropped and swapped."""
+        adds = self.looked(normal, point.active, point, CLOSELY) if len(point.active) < MOST else []
+        yield from adds
+        if min((score for score, _ in adds), default=math.inf) > point.score - SETTLED:
+            yield from self.without_each(normal, point, CLOSELY // 2)
+
+    def without_each(self, normal: Normal, point: Point, closely: int) -> Iterator[Move]:
+        """Places dropped and swapped."""
+        same = {a.place.key for a in point.active}
+        for i in range(len(point.active)):
+            rest = (*point.active[:i], *point.active[i + 1 :])
+            score, rest, _ = self.inferred(normal, rest, point.widths, point.x)
+            yield score, rest
+            for other in self.looked(normal, rest, point, closely):
+                if {a.place.key for a in other[1]} != same:
+                    yield other
+
+    def looked(self, normal: Normal, active: tuple[Active, ...], point: Point, closely: int) -> list[Move]:
+        """-2 ln evidence with one place more: of all places at a few sizes, then of the best with all inferred."""
+        sd = self.sd(active, point.widths)
+        reduced = normal.without(self.columns_of(active), self.variance(active))
+        there, quick = {a.place.key for a in active}, list[tuple[float, Active]]()
+        for place in (p for p in self.places if p.key not in there):
+            if place.unknown is not None:
+                i = self.unknowns.index(place.unknown)
+                wider = np.tile(sd, (len(APART), 1))
+                wider[:, i] = APART
+                score = float(marginal(reduced.of_unknowns, wider).min()) + reduced.log_volume
+                quick.append((score + beforehand(APART[0], True), Active(place)))
+            else:
+                score, law = reduced.best_law(self.columns[place.key], place.relative, sd, *FIRST_LOOK)
+                quick.append((score + PRICE, Active(place, law)))
+        quick.sort(key=lambda each: each[0])
+        found = []
+        for _, added in quick[:closely]:
+            score, both, _ = self.inferred(normal, (*active, added), point.widths, point.x, 1)
+            found.append((score, both))
+        return sorted(found, key=lambda each: each[0])
+
+
+def with_signals(problem: NetworkProblem, signals: Sequence[tuple[Place, Array]]) -> NetworkProblem:
+    """A problem whose simulations hold what acts at some places, with harmonics (K+1, q) [SI] each; of balances alone:
+    what has none is not run in time, which takes a hundred times as long."""
+    sources, amplitudes = list[Source](), list[Array]()
+    shown = np.zeros((problem.K + 1, len(problem.signals)), complex)
+    for place, g in signals:
+        if place.sources:
+            sources += place.sources
+            amplitudes += list(g.T)
+        elif place.channel is not None:
+            shown[:, problem.signals.index(place.channel)] += g[:, 0]
+    forced = Forced(tuple(sources), np.stack(amplitudes, axis=1) if sources else np.zeros((1, 0)), shown)
+    return replace(problem, simulator=replace(problem.simulator, forced=forced))
+
+
+def slices(active: Sequence[Active]) -> list[Array]:
+    """The columns of every place among those of all."""
+    ends = np.cumsum([a.place.columns for a in active])
+    return [np.arange(end - a.place.columns, end) for a, end in zip(active, ends, strict=True)]
+
+
+def normal_size(point: Point) -> int:
+    """How many real numbers a record has."""
+    return point.D.shape[1] * (2 * len(point.D) - 1)
+
+
+def _units(problem: NetworkProblem) -> tuple[float, float]:
+    """Units of sources that are pressures [Pa] and flows [m³/s]: a part of the inflow's pulse, and of that times the
+    impedance by which it becomes a pressure."""
+    inflow = problem.simulator.drive.X
+    flow = _UNIT * math.sqrt(2.0 * float((np.abs(inflow[1:]) ** 2).sum()))
+    network = problem.network
+    return small_wave_impedance(network, network.segment(network.inlet.segment)) * flow, flow

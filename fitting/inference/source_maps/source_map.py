@@ -1,0 +1,260 @@
+"""The source map: where in a network something acts that the model lacks, before anybody asks what it is.
+
+    D_k = F_k(θ, g) - X_k,    k = 0 … K,    all channels,
+
+is the residual of the full nonlinear harmonic balance F with the animal's own numbers θ and sources g_p(t) in it.
+Places (:mod:`~fitting.inference.places`) are added, swapped and dropped while the evidence of the linear problem about
+the present point (:mod:`~fitting.inference.source_maps.source_evidence`) says so, and θ and g move to where they are
+most probable.
+
+What decides is the order: first the model is granted an error of every channel, of LEVELS[0] of its pulse, under which
+θ moves no further than it is likely to; then less and less. Walls fitted to the noise at once would bend, and take up
+what is missing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver.errors import InputError
+from solver.quantities.units import INFLOW
+
+from ..models.network import NetworkProblem
+from ..places import Place
+from ..runs import OutOfTime, Runs
+from ..unknown import Unknown
+from .place_model import CLOSELY, MOST, SETTLED, Active, PlaceModel, Point, normal_size, slices, with_signals
+from .source_evidence import Law
+
+Array = np.ndarray
+
+LEVELS = (0.2, 0.05, 0.015, 0.003, 0.0)  # of every channel's pulse: the error that the model is granted
+_WORSE = 1.5  # times chi2 after a step: it is shortened
+_SHORTER = 0.35
+_BACK = 6  # times at most
+_ADVANCES = 4
+
+
+@dataclass(frozen=True)
+class Signal:
+    """What acts at a place. g : (K+1, q) harmonics of its sources [SI], sd : (K+1, q) standard deviations of their real
+    and of their imaginary parts; none of a number that stands out. units : (q,) of the search. law : how large it is
+    beforehand; None of a number that stands out."""
+
+    place: Place
+    g: Array
+    sd: Array
+    units: tuple[float, ...]
+    law: Law | None = None
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Other places that nearly do: those that act, and by how much -2 ln of their evidence is more."""
+
+    places: tuple[Place, ...]
+    above: float
+
+
+@dataclass(frozen=True)
+class SourceMap:
+    """Where something acts.
+
+    signals : of the most probable places. x : (p,) the animal's own numbers there, of ``unknowns``. widths : of their
+    groups. score : -2 ln evidence. rivals : best first. chi2 : what is left, of n data. J : (K+1, m, p) derivatives.
+    """
+
+    signals: tuple[Signal, ...]
+    unknowns: tuple[Unknown, ...]
+    x: Array
+    widths: Mapping[str, float]
+    score: float
+    chi2: float
+    n: int
+    rivals: tuple[Rival, ...]
+    J: Array
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        return tuple(s.place for s in self.signals)
+
+    @property
+    def explains(self) -> bool:
+        """Whether it leaves noise alone."""
+        return is_noise(self.chi2, self.n)
+
+    def standing_out(self, which: Sequence[int]) -> SourceMap:
+        """The same with the numbers of some places as far off as they are, and those of others like their kind's."""
+        kept = {self.places[i].name for i in which}
+        gone = {p.unknown.name for p in self.places if p.unknown is not None and p.name not in kept}
+        return replace(
+            self, x=np.array([0.0 if u.name in gone else x for u, x in zip(self.unknowns, self.x, strict=True)])
+        )
+
+    def forced(self, problem: NetworkProblem, which: Sequence[int]) -> NetworkProblem:
+        """The problem with some of the signals in it."""
+        return with_signals(problem, [(self.signals[i].place, self.signals[i].g) for i in which])
+
+
+def source_map(problem: NetworkProblem, runs: Runs | None = None) -> SourceMap:
+    """The map of a record; after the deadline of ``runs`` the best so far.
+
+    Raises InputError where the model as given has no balance with this record, OutOfTime where even that had no time.
+    """
+    work = _Search(problem, runs or Runs())
+    found = [work.annealed(LEVELS)]
+    if not is_noise(
+        work.model.chi2(found[0].D), normal_size(found[0])
+    ):  # what is cheap at a wide error may have come first
+        with suppress(OutOfTime):
+            found.append(work.annealed(LEVELS[1:]))
+    return min((work.told(point) for point in found), key=lambda m: m.score)  # each with no error granted
+
+
+def is_noise(chi2: float, n: int) -> bool:
+    """Whether chi2 of n data is no more than chance: three of its standard deviations above n."""
+    return chi2 < n + 3.0 * math.sqrt(2.0 * n)
+
+
+class _Search:
+    """One search for places."""
+
+    def __init__(self, problem: NetworkProblem, runs: Runs) -> None:
+        self.model = PlaceModel(problem, runs)
+        self.none = np.zeros((problem.K + 1, 0), complex)
+
+    def advanced(self, point: Point, error: float, fresh: bool) -> Point:
+        """One step to the most probable θ and g; shortened where that makes the record less probable by far. fresh : by
+        derivatives and weights of here."""
+        if fresh:
+            self.model.weigh_at(point.x)
+        normal = self.model.normal(point, error)
+        point = self.model.weighed(normal, point)
+        x, g = self.model.most_probable(normal, point)
+        enough = max(_WORSE * self.model.chi2(point.D, error), 3.0 * 2.0 * point.D.size)
+        for _ in range(_BACK):
+            there = self.model.linearised(replace(point, x=x, g=g), fresh)
+            if there is not None and self.model.chi2(there.D, error) < enough:
+                return there
+            x, g = (_SHORTER * a + (1.0 - _SHORTER) * b for a, b in ((x, point.x), (g, point.g)))
+        return point
+
+    # --- the search ---------------------------------------------------------------------------------------------------
+
+    def annealed(self, levels: Sequence[float]) -> Point:
+        """Places added, swapped and dropped while the error granted to the model shrinks."""
+        model, rest = self.model, np.zeros(len(self.model.unknowns))
+        widths = {u.group: 1.0 for u in model.unknowns if u.group and not u.stated}
+        nothing = np.zeros(0)  # is simulated now
+        point = model.linearised(Point((), rest, self.none, widths, nothing, nothing, nothing), True)
+        if point is None:
+            raise InputError(
+                f"network {model.problem.network.name}: as given it has no beat that repeats with this inflow; check "
+                f"the unit of {INFLOW}, or its outlets."
+            )
+        with suppress(OutOfTime):
+            for error in levels:
+                point = self.advanced(point, error, True)
+                for _ in range(MOST + 2):
+                    moved = self.moved(point, error)
+                    if moved is None:
+                        break
+                    point = moved
+                    for _ in range(2):
+                        point = self.advanced(point, error, False)
+                point = self.settled(point, error)
+            point = self.settled(self.advanced(point, 0.0, True), 0.0)
+            point = self.pruned(self.improved(point))
+        return point
+
+    def improved(self, point: Point) -> Point:
+        """With moves that are worth it only now that θ has settled, while each makes the record more probable."""
+        for _ in range(MOST):
+            moved = self.moved(point, 0.0)
+            if moved is None:
+                break
+            there = self.settled(self.advanced(moved, 0.0, True), 0.0)
+            if there.score > point.score - SETTLED:
+                break
+            point = there
+        return point
+
+    def settled(self, point: Point, error: float) -> Point:
+        """With steps until the evidence stays."""
+        for _ in range(_ADVANCES if error < LEVELS[1] else 1):
+            before, point = point.score, self.advanced(point, error, False)
+            if abs(before - point.score) < SETTLED:
+                break
+        return point
+
+    def with_places(self, point: Point, active: Sequence[Active]) -> Point:
+        """The same point with other places, what is new still 0."""
+        old = {a.place.key: point.g[:, own] for a, own in zip(point.active, slices(point.active), strict=True)}
+        g = [old.get(a.place.key, np.zeros((len(self.none), a.place.columns), complex)) for a in active]
+        return replace(point, active=tuple(active), g=np.concatenate([self.none, *g], axis=1))
+
+    def moved(self, point: Point, error: float) -> Point | None:
+        """With the move that the evidence gains most by; None where none is worth it."""
+        normal = self.model.normal(point, error)
+        point = self.model.weighed(normal, point)
+        best = self.model.best_move(normal, point)
+        if best is None:
+            return None
+        # g goes on from where it was: only what left is taken out, which the next step makes good
+        return self.relinearised(self.with_places(point, best[1]))
+
+    def relinearised(self, point: Point) -> Point:
+        D = self.model.residual(point.active, point.x, point.g)
+        return point if D is None else replace(point, D=D)
+
+    def pruned(self, point: Point) -> Point:
+        """Without places that are not worth their price, all refitted."""
+        for _ in range(len(point.active)):
+            normal = self.model.normal(point, 0.0)
+            without = [(*point.active[:i], *point.active[i + 1 :]) for i in range(len(point.active))]
+            scores = [self.model.inferred(normal, rest, point.widths, point.x)[0] for rest in without]
+            if not scores or min(scores) > point.score + self.model.worth:  # linear: they are refitted
+                break
+            rest = self.with_places(point, without[int(np.argmin(scores))])
+            fewer = self.settled(self.advanced(self.relinearised(rest), 0.0, True), 0.0)
+            if fewer.score > point.score:
+                break
+            point = fewer
+        return point
+
+    # --- what is told -------------------------------------------------------------------------------------------------
+
+    def told(self, point: Point) -> SourceMap:
+        """The map of a point, weighted for it; without places that the time was over for before they had a size."""
+        sized = [a for a, own in zip(point.active, slices(point.active), strict=True)
+                 if a.law is None or point.g[:, own].any()]  # fmt: skip
+        point = self.with_places(point, sized)
+        self.model.weigh_at(point.x)
+        normal = self.model.normal(point, 0.0)
+        point = self.model.weighed(normal, point)
+        active = point.active
+        columns, signals = self.model.columns_of(active), []
+        sd = np.zeros_like(point.g, float)
+        if len(columns):
+            sd = normal.amplitudes(columns, self.model.variance(active), point.x, self.model.spread(normal, point))[1]
+        for a, own in zip(active, slices(active), strict=True):
+            units = self.model.units[columns[own]]
+            signals.append(Signal(a.place, point.g[:, own] * units, sd[:, own] * units, tuple(units.tolist()), a.law))
+        others = [*self.model.looked(normal, active, point, MOST), *self.model.without_each(normal, point, CLOSELY)]
+        rivals = [Rival(tuple(a.place for a in other), s - point.score) for s, other in others]
+        return SourceMap(
+            signals=tuple(signals),
+            unknowns=self.model.unknowns_of(active),
+            x=point.x,
+            widths=point.widths,
+            score=point.score,
+            chi2=self.model.chi2(point.D),
+            n=normal_size(point),
+            rivals=tuple(sorted(rivals, key=lambda r: r.above)),
+            J=point.J,
+        )

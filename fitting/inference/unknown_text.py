@@ -1,0 +1,148 @@
+"""The text of an unknown, as a calibration is asked for it: "all.E", "CA+FA.outlet.R_t:none", "CA.phi0:0.1".
+
+A number that cannot be negative is scaled, x being its logarithm; one that may change sign is shifted in its own unit
+(R_t, P_venous), or as the ratio to what it is counted relative to (phiNL/phi0 in s, ENL/E) at the network's own values:
+that is how the paper compares segments. Priors are the spread between animals that quantities state.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+
+from solver.errors import InputError
+from solver.laws import effects
+from solver.network.description import Network
+from solver.quantities.coordinate import SCALE, SHIFT, allowed
+from solver.quantities.quantity import Quantity
+
+from .hypothesis import OWN
+from .unknown import Unknown
+
+
+def parse_unknown(text: str, network: Network) -> Unknown:
+    """The unknown of a text TARGET.PARAMETER[:PRIOR].
+
+    TARGET : "all" (every segment, or every outlet, that has the parameter), names joined by "+" ("CA+FA"), "fluid" or
+    "network". PARAMETER : "E", "phi0" …, "outlet.R_t" …. PRIOR : its standard deviation (0.1), or "none".
+    Raises ValueError for a name that the network has not, a prior that is not positive, or a value 0 to be scaled.
+    """
+    name, colon, prior = (part.strip() for part in text.partition(":"))
+    target, dot, key = name.partition(".")
+    known = network.parameter_quantities()
+    if target == "all":
+        names = [f"{s.name}.{key}" for s in network.segments if f"{s.name}.{key}" in known]
+    else:
+        names = [f"{part.strip()}.{key}" for part in target.split("+")]
+    _check_names(name, names, known, network.name)
+    nominal = network.parameters()
+    quantity = known[names[0]]
+    shift = quantity.low < 0.0
+    steps, unit = _steps(names, quantity, nominal) if shift else ((1.0,) * len(names), "1")
+    typical = quantity.spread
+    if shift:  # 30 % of what such a number is, or of one unit of a ratio where that is smaller
+        ratios = [abs(nominal[each] / step) for each, step in zip(names, steps, strict=True)]
+        typical *= quantity.nominal if quantity.ratio_to is None else max(1.0, *ratios)
+    kind, moves = SHIFT if shift else SCALE, tuple(zip(names, steps, strict=True))
+    for each in names:
+        if not shift and nominal[each] <= 0.0:
+            raise InputError(
+                f"unknown {each}: it is {nominal[each]:g} in the network, which no factor can change; start from a "
+                "value above 0."
+            )
+    prior_sd = _prior(name, prior) if colon else typical
+    low, high = allowed(kind, moves, nominal, quantity, math.inf)
+    return Unknown(name, kind, moves, low, high, unit, prior_sd=prior_sd, typical_sd=prior_sd or typical)
+
+
+def parse_unknowns(texts: Iterable[str | Unknown], network: Network) -> tuple[Unknown, ...]:
+    """The unknowns of some texts, checked against a network. Raises ValueError as :func:`parse_unknown`."""
+    unknowns = tuple(parse_unknown(text, network) if isinstance(text, str) else text for text in texts)
+    if not unknowns:
+        raise InputError('unknowns: none given; name at least one parameter to find, such as "all.E".')
+    moved: dict[tuple[str, ...], str] = {}
+    for unknown in unknowns:
+        same = tuple(sorted(unknown.variables))
+        if same in moved:
+            raise InputError(f"unknowns {moved[same]} and {unknown.name} move the same parameters; keep one of them.")
+        moved[same] = unknown.name
+    return unknowns
+
+
+def varied(
+    unknowns: Sequence[Unknown], varies: Sequence[str], labels: Sequence[str]
+) -> tuple[tuple[Unknown, ...], list[list[int]]]:
+    """All unknowns of some recordings, and for each recording the numbers of its own: in common, but for some.
+
+    varies : names with wildcards, "*.outlet.R2", of unknowns that have a value for each recording, or of all variables
+    of one. labels : of the recordings. Raises ValueError for one that names no unknown, and where there is one
+    recording.
+    """
+    found, which = list[Unknown](), [list[int]() for _ in labels]
+    if varies and len(labels) == 1:
+        raise InputError(f"--varies {varies[0]}: there is one recording to fit; give others with --and.")
+    for pattern in varies:
+        if not any(named(unknown, pattern) for unknown in unknowns):
+            names = ", ".join(unknown.name for unknown in unknowns)
+            raise InputError(f"--varies {pattern}: it names none of the unknowns {names}; name one, or free it, too.")
+    for unknown in unknowns:
+        own = len(labels) > 1 and any(named(unknown, pattern) for pattern in varies)
+        for label, numbers in zip(labels, which, strict=True):
+            if own or numbers is which[0]:
+                found.append(replace(unknown, name=f"{unknown.name} of {label}") if own else unknown)
+            numbers.append(len(found) - 1)
+    return tuple(found), which
+
+
+def named(unknown: Unknown, pattern: str) -> bool:
+    """Whether a name with wildcards is that of an unknown, or of all variables that it moves."""
+    of_one = (unknown.name.removesuffix(f" {OWN}"),)
+    return any(all(fnmatchcase(name, pattern) for name in names) for names in (of_one, unknown.variables))
+
+
+def _check_names(unknown: str, names: Sequence[str], known: Iterable[str], network: str) -> None:
+    known = list(known)
+    if not names:
+        keys = sorted({each.partition(".")[2] for each in known})
+        close = difflib.get_close_matches(unknown.partition(".")[2], keys, n=1, cutoff=0.4)
+        hint = f"did you mean all.{close[0]}?" if close else f"use all. with one of {', '.join(keys)}."
+        raise InputError(f"unknown {unknown}: no segment or outlet of network {network} has this parameter; {hint}")
+    for name in names:
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+            hint = f"did you mean {close[0]}?" if close else 'write it as "all.E", "CA.phi0" or "CA.outlet.R_t".'
+            raise InputError(f"unknown {unknown}: {name} is not a parameter of network {network}; {hint}")
+        if names.count(name) > 1:
+            raise InputError(f"unknown {unknown}: {name} occurs twice; name it once.")
+
+
+def _prior(name: str, text: str) -> float | None:
+    if text == "none":
+        return None
+    try:
+        sd = float(text)
+    except ValueError:
+        sd = math.nan
+    if not (math.isfinite(sd) and sd > 0.0):
+        raise InputError(
+            f'unknown {name}: prior {text!r} must be a positive standard deviation or none, as in "{name}:0.1".'
+        )
+    return sd
+
+
+def _steps(names: Sequence[str], quantity: Quantity, nominal: Mapping[str, float]) -> tuple[tuple[float, ...], str]:
+    """Change of each shifted parameter per unit of x, and the unit of x."""
+    key, reference = names[0].rpartition(".")[2], quantity.ratio_to
+    if reference is None:
+        return (1.0,) * len(names), quantity.unit
+    specs = [effect.search for effect in effects.ALL]
+    unit = next(spec.relative[key][1] for spec in specs if key in spec.relative)
+    found = {name: f"{name.rpartition('.')[0]}.{reference}" for name in names}
+    for name, of in found.items():
+        if nominal[of] == 0.0:
+            why = f"{of} is 0, and {key} is sought as a ratio to it; give {of} a value above 0 in the network"
+            raise InputError(f"unknown {name}: {why}.")
+    return tuple(nominal[of] for of in found.values()), unit

@@ -1,0 +1,1 @@
+"""Processes, threads and clusters that share independent tasks."""

@@ -1,0 +1,1 @@
+"""A record cut into beats."""

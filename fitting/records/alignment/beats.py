@@ -1,0 +1,239 @@
+"""Beats of one length: their ensemble mean, and what its scatter says of the mean's error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from solver.errors import InputError
+
+from .. import thresholds as limit
+from ..read.record import Array, require
+from .rounding import rounded_harmonics
+from .variable_beats import Whole, unlikeness
+
+
+@dataclass(frozen=True)
+class Beats:
+    """Beats of one length; ``values`` : name -> (n_beats, N) in SI, NaN in gaps, sample j at phase j/N.
+
+    source, sha256, told : of the record. T : period [s]. shifts : (n_beats,) [s], how much later than the strict period
+    each beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel.
+    steps : of the channels' converters, in SI. whole : the record that beats of unequal length were cut from, each at
+    the end of diastole; without, phase 0 is the record's first sample. said : what is doubtful of the period.
+    """
+
+    source: str
+    sha256: str
+    T: float
+    values: Mapping[str, Array]
+    shifts: Array
+    spikes: Mapping[str, int] = field(default_factory=dict)
+    steps: Mapping[str, float] = field(default_factory=dict)
+    whole: Whole | None = None
+    told: Mapping[str, Any] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
+
+    @property
+    def n_beats(self) -> int:
+        """Number of beats."""
+        return len(self.shifts)
+
+    @property
+    def N(self) -> int:
+        """Samples a beat."""
+        return int(next(iter(self.values.values())).shape[1])
+
+    @property
+    def time(self) -> Array:
+        """Times of the samples of a beat : (N,) [s]."""
+        return np.arange(self.N) * (self.T / self.N)
+
+    @property
+    def omega(self) -> float:
+        """2π/T [1/s]."""
+        return 2.0 * np.pi / self.T
+
+    @property
+    def unsteadiness(self) -> float:
+        """How far the interval between two beats is from the period at most, in periods.
+
+        Not the shift itself: that of independent intervals wanders ever further, and does no harm.
+        """
+        return float(np.abs(np.diff(self.shifts)).max() / self.T) if self.n_beats > 1 else 0.0
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before trusting an interval, one sentence each."""
+        found = list(self.said)
+        if self.n_beats < limit.FEWEST_BEATS:
+            found.append(
+                f"{self.n_beats} beats say little about the noise; record at least {limit.FEWEST_BEATS} for honest "
+                "intervals."
+            )
+        if self.unsteadiness > limit.UNSTEADY:
+            found.append(
+                f"the heart rate was not steady: a beat lasted up to {self.unsteadiness:.1%} of the period more or "
+                "less; intervals do not cover what that does to the shape of a beat."
+            )
+        found += self.whole.said if self.whole else ()
+        for name, count in self.spikes.items():
+            found.append(
+                f"spikes of {name} left out ({count} samples): more than {limit.FAR:g} robust standard deviations "
+                "off the other beats, and alone among their neighbours."
+            )
+        return (*found, *self._odd_beats())
+
+    def _odd_beats(self) -> list[str]:
+        """A sentence for each beat that is unlike the others: an artefact, an ectopic beat, a flushed catheter."""
+        found: dict[int, str] = {}
+        w, at = self.whole, np.arange(self.n_beats) * self.T + self.shifts
+        begins = at if w is None else w.edges[w.serving] * w.dt  # [s] after the record's start
+        for name, beats in self.values.items():
+            measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
+            size = unlikeness(beats[measured])
+            usual, pulse = float(np.median(size)), float(np.ptp(self.mean(name)))
+            for i in np.flatnonzero(size > max(limit.ODD * usual, limit.VISIBLE * pulse)):
+                b = int(measured[i])
+                found.setdefault(
+                    b,
+                    f"beat {b + 1} ({begins[b]:.4g} s after the record's start) is unlike the others in {name}: "
+                    f"it deviates by {size[i] / pulse:.1%} of the pulse, they by {usual / pulse:.2g} of it; "
+                    "if it is an artefact, leave its samples empty.",
+                )
+        return [found[b] for b in sorted(found)][: limit.NAMED]
+
+    def require(self, names: Iterable[str]) -> None:
+        """Raises ValueError that lists the channels unless all of ``names`` are there."""
+        require(self.values, names, self.source)
+
+    def site(self, name: str) -> tuple[Array, Array]:
+        """P [Pa] and R [m] of a site, (n_beats, N) each. Raises ValueError if one is missing."""
+        self.require((f"{name}.P", f"{name}.R"))
+        return self.values[f"{name}.P"], self.values[f"{name}.R"]
+
+    def mean(self, name: str) -> Array:
+        """The ensemble mean beat : (N,). Raises ValueError where no beat was measured at a phase."""
+        return self._moments(name).mean
+
+    def scatter(self, name: str) -> Array:
+        """Standard deviation between beats at each phase : (N,); the channel's noise where one beat alone was measured.
+
+        Needs two beats, as noise and covariance do.
+        """
+        moments = self._moments(name)
+        spread = np.sqrt(moments.squares / np.maximum(moments.counts - 1, 1))
+        return np.where(moments.counts > 1, spread, self.noise(name))
+
+    def noise(self, name: str) -> float:
+        """Standard deviation of one sample's noise, from the scatter about each beat's own mean."""
+        C = self._scatter_matrices((name,))[1:, 0, 0].real
+        weights = np.full(len(C), 2.0)
+        weights[-1] -= 1.0 - self.N % 2  # the coefficient at half the sampling rate stands for itself alone
+        return float(np.sqrt(self.N**2 / self._ones((name,))[0] * (weights @ C) / weights.sum()))
+
+    def covariance(self, names: Sequence[str]) -> Array:
+        """Covariance of the Fourier coefficients X_k = rfft(mean)/N of the ensemble mean : (K + 1, m, m), K = N//2.
+
+            C_k = Σ_b (X_bk - X_k)(X_bk - X_k)* / (n (n - 1)),  averaged over the harmonics k - 3 .. k + 3 that exist
+
+        of n beats and all m channels together; Hermitian, positive semi-definite; E X X*, so σ²/(N n) for white noise
+        of standard deviation σ. The mean, k = 0, is apart: real, and larger where the means of successive beats are
+        correlated (r), by (1 + r)/(1 - r). Gaps are filled with the mean beat, and the covariance scaled to the
+        number that was measured. Raises ValueError for a missing channel or a single beat.
+        """
+        C = self._scatter_matrices(tuple(names))
+        K = len(C) - 1
+        pooled = np.empty_like(C)
+        factors = np.sqrt(self.serial_factors(names))
+        at, V = np.arange(len(names)), self.rounding(names)
+        pooled[0] = C[0].real * np.outer(factors, factors) + np.diag(V[0])
+        C[:, at, at] += V
+        for k in range(1, K + 1):
+            half = min(limit.NEIGHBOURS, max(1, k - 1)) if self.n_beats >= limit.MANY else limit.NEIGHBOURS
+            pooled[k] = C[max(1, k - half) : k + half + 1].mean(axis=0)
+        if self.N % 2 == 0:
+            pooled[K] = pooled[K].real
+        return pooled
+
+    def rounding(self, names: Sequence[str]) -> Array:
+        """Variance that a converter's steps leave in X_k, which no number of beats lowers : (K + 1, m)."""
+        return np.stack([rounded_harmonics(self.values[name], self.steps.get(name, 0.0)) for name in names], axis=1)
+
+    def serial_factors(self, names: Sequence[str]) -> Array:
+        """(m,) how many successive beats hold as much of the mean as one that is independent: (1 + r)/(1 - r)."""
+        return np.array([_serial_factor(self._deviations(name).mean(axis=1)) for name in names])
+
+    def select(self, indices: Sequence[int] | Array) -> Beats:
+        """Some of the beats, in that order, repetition allowed."""
+        index = np.asarray(indices, dtype=int)
+        values, whole = {n: v[index] for n, v in self.values.items()}, self.whole and self.whole.select(index)
+        return replace(self, values=values, shifts=self.shifts[index], whole=whole)
+
+    @cached_property
+    def _cache(self) -> dict[str, _Moments]:
+        return {}
+
+    def _moments(self, name: str) -> _Moments:
+        if name not in self._cache:
+            self.require((name,))
+            values, there = self.values[name], ~np.isnan(self.values[name])
+            counts = there.sum(axis=0)
+            require_phases(counts, name, self.source)
+            whole = bool(there.all())
+            mean = values.mean(axis=0) if whole else np.where(there, values, 0.0).sum(axis=0) / counts
+            deviations = values - mean if whole else np.where(there, values - mean, 0.0)
+            self._cache[name] = _Moments(mean, (deviations * deviations).sum(axis=0), counts, whole)
+        return self._cache[name]
+
+    def _deviations(self, name: str) -> Array:
+        """Beats less the mean beat, 0 in gaps : (n_beats, N)."""
+        deviations = self.values[name] - self.mean(name)
+        return deviations if self._moments(name).whole else np.nan_to_num(deviations, nan=0.0)
+
+    def _ones(self, names: Sequence[str]) -> Array:
+        """Σ_j 1/n_j of each channel: N² times the variance of a coefficient of the mean under unit white noise."""
+        return np.array([(1.0 / self._moments(name).counts).sum() for name in names])
+
+    def _scatter_matrices(self, names: tuple[str, ...]) -> Array:
+        """C_k of each harmonic by itself : (K + 1, m, m)."""
+        self.require(names)
+        n = self.n_beats
+        if n < 2:
+            raise InputError(f"{self.source}: one beat has no scatter; give at least two beats.")
+        X = np.stack([np.fft.rfft(self._deviations(name), axis=1) / self.N for name in names])
+        C = np.einsum("abk,cbk->kac", X, X.conj(), optimize=True) / (n * (n - 1))
+        lost = np.array([((self._moments(name).counts - 1) / (n * (n - 1))).sum() for name in names])
+        scale = np.sqrt(self._ones(names) / np.maximum(lost, 1.0 / n))
+        return np.asarray(C * np.outer(scale, scale))
+
+
+@dataclass(frozen=True)
+class _Moments:
+    """Of one channel, at each phase : (N,): the mean, the squares about it summed over beats, the beats measured."""
+
+    mean: Array
+    squares: Array
+    counts: Array
+    whole: bool
+
+
+def require_phases(counts: Array, name: str, source: str) -> None:
+    if (counts == 0).any():
+        raise InputError(
+            f"{source}: the gaps of {name} leave {np.mean(counts == 0):.0%} of the beat without a single sample; "
+            "resample all channels to one rate if theirs differ, record more beats, or leave the channel out."
+        )
+
+
+def _serial_factor(means: Array) -> float:
+    """(1 + r)/(1 - r) for the variance of the mean of a series with lag-1 correlation r, if that is significant."""
+    means = means - means.mean()
+    n, power = len(means), means @ means
+    r = float(means[1:] @ means[:-1] / power) if power > 0.0 else 0.0
+    r = min(r, limit.MOST_SERIAL)
+    return (1.0 + r) / (1.0 - r) if n > 2 and r > limit.FIVE_PERCENT / np.sqrt(n) else 1.0

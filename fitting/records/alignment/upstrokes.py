@@ -1,0 +1,156 @@
+"""Where beats begin: the upstrokes of a channel, found without the assumption that they come at equal intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import thresholds as limit
+
+Array = np.ndarray
+
+_PASSES = 6  # at most, that find the length of a beat
+
+
+@dataclass(frozen=True)
+class Upstrokes:
+    """at : (n,) samples, fractions included, in order; likeness : (n,) correlation of each with their mean."""
+
+    channel: str
+    at: Array
+    likeness: Array
+
+
+def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | None:
+    """The upstrokes, one a beat, of the channel whose upstrokes are most alike; length : samples a beat.
+
+    None if no channel has three.
+    """
+    x = {name: without_gaps(values) for name, values in channels.items()}
+    ordinary = np.array([np.clip(each, *usual_range(each)) for each in x.values()])  # spikes must not hide the beat
+    tried: dict[float, Array] = {}
+    while length not in tried and len(tried) < _PASSES:  # until the length is the record's own, whatever was given
+        tried[length] = marks = _beats(ordinary, length)
+        if len(marks) < limit.UPSTROKES:
+            return None
+        length = float(np.median(np.diff(marks)))
+    lengths = list(tried)
+    length = max(lengths[lengths.index(length) :]) if length in tried else lengths[-1]  # it may be one of two in turn
+    found = [_of(name, each, np.isnan(channels[name]), tried[length], length) for name, each in x.items()]
+    return max(
+        (each for each in found if len(each.at) >= limit.UPSTROKES),
+        key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)),
+        default=None,
+    )
+
+
+def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstrokes:
+    """A channel's upstrokes, one at each of the marks."""
+    before, after, most, end = (
+        max(2, round(part * length)) for part in (limit.BEFORE, limit.AFTER, limit.SEARCHED, limit.ANOTHER)
+    )
+    inside = marks[(marks >= before) & (marks < len(x) - end)]
+    if len(inside) < limit.UPSTROKES:
+        return Upstrokes(name, inside, inside)
+    mean = x[inside[:, None] + np.arange(-before, end)].mean(axis=0)
+    at = marks + int(_rise(mean, length).argmax()) - before
+    at = at[(at >= before + most) & (at < len(x) - after - most)].astype(float)
+    likeness = np.zeros(len(at))
+    for _ in range(2 if len(at) else 0):
+        near = np.rint(at).astype(int)
+        alike = _alike(x, x[near[:, None] + np.arange(-before, after)].mean(axis=0))
+        r = alike[near[:, None] - before + np.arange(-most, most + 1)]
+        best = r.argmax(axis=1)
+        likeness = r.max(axis=1)
+        at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
+    lost = np.concatenate([[0], np.cumsum(gaps)])
+    around = np.rint(at).astype(int)
+    sure = (likeness >= limit.UPSTROKE * np.median(likeness)) & (lost[around + after] == lost[around - before])
+    return Upstrokes(name, at[sure], likeness[sure])
+
+
+def _beats(x: Array, length: float) -> Array:
+    """Samples at which all channels (m, n) together resemble their mean beat, one a beat.
+
+    A beat has one such place, however many upstrokes. The mean beat is begun with the one whose rise is the usual one.
+    """
+    from scipy.signal import find_peaks  # takes half a second
+
+    before, end, block = (max(2, round(part * length)) for part in (limit.BEFORE, limit.ANOTHER, 1.0))
+    x = x / np.maximum(x.std(axis=1, keepdims=True), np.finfo(float).tiny)
+    rise = np.sum([np.maximum(_rise(each, length), 0.0) for each in x], axis=0)
+    starts = range(0, max(1, x.shape[1] - block + 1), block)
+    tops = sorted((float(rise[i : i + block].max()), i + int(rise[i : i + block].argmax())) for i in starts)
+    at = np.array([tops[len(tops) // 2][1]])
+    padded = np.pad(x, ((0, 0), (before, end)), mode="edge")
+    for _ in range(3):
+        windows = padded[:, at[:, None] + np.arange(before + end)]
+        alike = np.mean([_alike(each, w.mean(axis=0)) for each, w in zip(padded, windows, strict=True)], axis=0)
+        usual = np.median([alike[i : i + block].max() for i in starts])
+        at, _ = find_peaks(alike, height=limit.RESEMBLING * usual, distance=max(1, round(limit.NEAREST * length)))
+        if not len(at):
+            break
+    return np.asarray(at)
+
+
+def _rise(x: Array, length: float) -> Array:
+    """By how much the mean after a sample is higher than that before it : (n,)."""
+    half = max(1, round(limit.SEARCHED * length))
+    total = np.concatenate([[0.0], np.cumsum(np.pad(x, half, mode="edge"))])
+    j = np.arange(half, half + len(x))
+    return np.asarray((total[j + half] - 2.0 * total[j] + total[j - half]) / half)
+
+
+def _alike(x: Array, beat: Array) -> Array:
+    """The correlation of a beat with each stretch of x that is as long."""
+    from scipy.signal import fftconvolve
+
+    w, x, beat = len(beat), x - x.mean(), beat - beat.mean()
+    total, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (x, x * x))
+    power = squares[w:] - squares[:-w] - (total[w:] - total[:-w]) ** 2 / w
+    size = np.sqrt(np.maximum(power, 1e-9 * w * float(x.var())) * max(float(beat @ beat), np.finfo(float).tiny))
+    return np.asarray(fftconvolve(x, beat[::-1], mode="valid") / size)
+
+
+def vertex(r: Array, at: Array) -> Array:
+    """Place of the parabola through r : (m, n) at the samples (m,) and their neighbours; at the ends, the sample."""
+    if r.shape[1] < 3:
+        return at.astype(float)
+    row, inner = np.arange(len(r)), np.clip(at, 1, r.shape[1] - 2)
+    left, middle, right = (r[row, inner + i] for i in (-1, 0, 1))
+    bend = left - 2.0 * middle + right
+    bent = (bend < 0.0) & (inner == at)
+    return np.asarray(at + np.where(bent, 0.5 * (left - right) / np.where(bent, bend, 1.0), 0.0))
+
+
+def lead(channels: Mapping[str, Array], at: Array, length: float) -> int:
+    """Samples from an upstroke back to where, in the first of the channels, it begins: the end of diastole."""
+    reach = round(0.45 * length)
+    inside = np.rint(at[(at > reach + 1) & (at + reach < len(next(iter(channels.values()))) - 1)]).astype(int)
+    leads = []
+    for x in channels.values():
+        mean = without_gaps(x)[inside[:, None] + np.arange(-reach, reach)].mean(axis=0)
+        width = max(1, round(0.25 * limit.SEARCHED * length))
+        slope = np.convolve(np.gradient(mean), np.ones(width) / width, mode="same")
+        middle = slice(reach - reach // 2, reach + reach // 2)
+        steepest = middle.start + int(slope[middle].argmax())
+        flat = np.flatnonzero(slope[:steepest] < limit.FLAT_FOOT * slope[steepest])
+        leads.append(reach - (int(flat[-1]) if len(flat) else 0))
+    return max(leads)
+
+
+def without_gaps(x: Array) -> Array:
+    """x with straight lines over its gaps."""
+    there = ~np.isnan(x)
+    if there.all():
+        return x
+    index = np.arange(len(x))
+    return np.interp(index, index[there], x[there])
+
+
+def usual_range(x: Array) -> tuple[float, float]:
+    """Between which a channel's values are, NaN in gaps: beyond, there are spikes."""
+    low, high = np.nanquantile(x, limit.ORDINARY)
+    return float(low - (high - low)), float(high + (high - low))

@@ -1,0 +1,1 @@
+"""Channels of aligned beats: harmonics, noise and inflow."""

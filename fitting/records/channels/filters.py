@@ -1,0 +1,38 @@
+"""Filters that a recorder is known to have, as people say them: ``inlet.Q=lowpass 10 Hz order 2``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from solver.errors import InputError
+from solver.laws import effects
+from solver.laws.sensors import Sensor
+from solver.network.description import Network
+from solver.network.files import parse_quantity
+
+
+def with_filters(network: Network, filters: Iterable[str]) -> Network:
+    """The network whose channels have these filters, beside those of its file.
+
+    Raises ValueError, one sentence, for a filter or channel that is none.
+    """
+    terms: dict[str, float] = {}
+    for text in filters:
+        channel, _, words = (part.strip() for part in text.partition("="))
+        found = [(e, said) for e in effects.ALL if isinstance(e, Sensor) and (said := e.said(words)) is not None]
+        if not found:
+            raise InputError(
+                f'--filter "{text}": must be CHANNEL=lowpass FREQUENCY, such as "inlet.Q=lowpass 10 Hz", with order 2 '
+                "behind it if it is not of first order."
+            )
+        if channel not in network.channel_names():
+            raise InputError(
+                f'--filter "{text}": network {network.name} has no channel {channel!r}; use one of '
+                f"{', '.join(network.channel_names())}."
+            )
+        ((effect, said),) = found
+        values = {key: parse_quantity(said[key], q.unit, f"--filter {channel}") for key, q in effect.terms.items()}
+        if any(values[key] == effect.neutral[key] for key in effect.terms if key not in effect.how):
+            raise InputError(f'--filter "{text}": a filter that is none; its frequency must be above 0 Hz.')
+        terms |= {f"{channel}.{key}": value for key, value in values.items()}
+    return network.with_terms(terms)

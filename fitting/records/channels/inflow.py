@@ -1,0 +1,106 @@
+"""The inflow that drives a simulation: what the flow meter shows, or what flowed if that is not quite true.
+
+A filter H of the meter that the network's file knows is undone, Q = q/H, at the harmonics of which it leaves a tenth or
+more, and at those of q that stand above the scatter of beats; the others, which 1/H would make of noise, stay as they
+are shown. What the inflow may have there all the same is in the weights: the channels' response to the noise of the
+meter is divided by H, too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver.laws.catalogue import filtered
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
+
+from .. import thresholds as limit
+from ..alignment.beats import Beats
+from .spectral import coefficients
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Inflow:
+    """Q(t) = Q_0 + 2 Re Σ Q_k e^{2πikt/T} [m³/s], for one inflow or for each member of a batch.
+
+    X : (…, n) the Q_k, the last with half its weight if it is the Nyquist coefficient. shown : (n,) whether a harmonic
+    stands above the noise of the meter.
+    """
+
+    T: float
+    X: Array
+    shown: Array
+
+    @property
+    def omega(self) -> Array:
+        """(n,) [rad/s]."""
+        return 2.0 * np.pi / self.T * np.arange(self.X.shape[-1])
+
+    def __call__(self, t: Array) -> Array:
+        """Q : t.shape, or t.shape + (B,) of a batch, at times t [s]."""
+        turn = 2j * np.pi * np.mod(np.asarray(t, float) / self.T, 1.0)[..., None]
+        n = self.X.shape[-1]
+        # e^{ik} = e^{i few a} e^{ib} for k = few a + b: the exponentials of all k are most of a search's simulations
+        few = math.isqrt(n) + 1
+        k = np.arange(few)
+        X = np.where(np.arange(n) > 0, 2.0, 1.0) * self.X
+        X = np.concatenate([X, np.zeros((*X.shape[:-1], few**2 - n))], axis=-1).reshape(*X.shape[:-1], few, few)
+        by_a = np.tensordot(np.exp(turn * k), X, (-1, -1))  # (…, a), of a batch (…, B, a)
+        by_ab = by_a * np.exp(turn * few * k)[..., *[None] * (self.X.ndim - 1), :]
+        return np.asarray(by_ab.sum(axis=-1).real)
+
+    def members(self, which: slice) -> Inflow:
+        """That of some members of a batch; one inflow is that of all of them."""
+        return self if self.X.ndim == 1 else replace(self, X=self.X[which])
+
+    def true(self, H: Array, offset: Array) -> Inflow:
+        """What flowed if this is what a meter with transfer function H : (…, n) and an ``offset`` (…, 1) showed.
+
+        Q = (q - o)/H where q stands above the noise, which 1/H of a slow meter would only enlarge.
+        """
+        first = np.arange(self.X.shape[-1]) == 0
+        return replace(self, X=(self.X - np.where(first, offset, 0.0)) / np.where(self.shown, H, 1.0))
+
+
+def inflow(beats: Beats, dt: float, network: Network | None = None, channel: str = INFLOW) -> Inflow:
+    """Q(t) [m³/s] of the mean beat by Fourier interpolation, with what steps of dt [s] can follow; periodic.
+
+    network : says what filter the channel has; None: it has none.
+    """
+    X = coefficients(beats.mean(channel))
+    if beats.N % 2 == 0:
+        X[-1] *= 0.5  # the Nyquist coefficient is its own conjugate
+    shown = np.ones(len(X), bool)
+    if beats.n_beats > 1:
+        shown[1:] = np.abs(X[1:]) > limit.SURE * np.sqrt(beats.covariance((channel,))[1:, 0, 0].real)
+    kept = min(len(X), int(beats.T / (2.0 * dt)) + 1)
+    found = Inflow(beats.T, X[:kept], shown[:kept])
+    return found if network is None else replace(found, X=found.X / undone(network, channel, found))
+
+
+def undoable(network: Network, channel: str, omega: Array) -> Array:
+    """The filter of a channel that can be divided by : (n,) at omega : (n,) [rad/s]."""
+    H = filtered(network, channel, omega)
+    return np.asarray(H / np.minimum(1.0, np.abs(H) / limit.UNDONE))
+
+
+def undone(network: Network, channel: str, shown: Inflow) -> Array:
+    """The filter that is divided by : (n,), :func:`undoable` or 1.
+
+    What is shown is signal above 3 standard deviations of the mean of beats. Of beats that differ these are wide, and
+    all harmonics that the filter leaves a tenth of are taken for signal, too.
+    """
+    H = undoable(network, channel, shown.omega)
+    return np.asarray(np.where(shown.shown | (np.abs(H) >= limit.SAFE), H, 1.0))
+
+
+def flowed(beats: Beats, network: Network, channel: str = INFLOW) -> Array:
+    """(N,) what the mean beat of a channel was before its filter."""
+    if np.all(filtered(network, channel, np.array([beats.omega])) == 1.0):
+        return beats.mean(channel)
+    return inflow(beats, 0.5 * beats.T / beats.N, network, channel)(beats.time)

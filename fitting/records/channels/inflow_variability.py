@@ -1,0 +1,76 @@
+"""What channels feel of a drive whose beats differ: from beat to beat, and in the mean beat.
+
+The linear response h to the drive q of a whole record, cut into beats as the record was (C_b), is compared with the
+periodic response to the mean beat q̄:
+
+    change_b = C_b(h ∗ q) - mean_b C_b(h ∗ q),      seam = mean_b C_b(h ∗ q) - h ∗ q̄.
+
+The seam is what a simulation of the mean beat cannot know: ends that do not meet, and beats that remember the one
+before them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import thresholds as limit
+from ..alignment.beats import Beats
+from .spectral import coefficients
+
+Array = np.ndarray
+Transfer = Callable[[float, int], Array]
+
+
+@dataclass(frozen=True)
+class Felt:
+    """change : (m, n_beats, N). seam : (m, N). doubt : (m, N) by which the seam changes if the beats before the record
+    were larger than the mean by a standard deviation of the others."""
+
+    change: Array
+    seam: Array
+    doubt: Array
+
+    def coefficients(self, n: int) -> tuple[Array, Array, Array]:
+        """(n, m) of the seam, of what is not known of it as walls are not, and of what came before the record."""
+        seam, doubt = (coefficients(x)[:, :n].T for x in (self.seam, self.doubt))
+        return seam, limit.SEAM_ERROR * seam, doubt
+
+
+def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: bool = True) -> Felt | None:
+    """What channels with a linear response to the drive feel; None of beats that are cut at equal intervals.
+
+    transfer(T, n) : (n + 1, m) the response at the harmonics 0 … n of a period T [s]. harmonics : of a beat, beyond
+    which nothing is looked at. memory : of the response, for what came before the record.
+    """
+    if beats.whole is None:
+        return None
+    whole, N, mean = beats.whole, beats.N, beats.mean(drive)
+    first, last = whole.edges[[0, -1]]
+    q = whole.channels[drive][first:last]
+    before = limit.BEATS_BEFORE * N
+    length = before + len(q)
+    H = transfer(length * whole.dt, int(harmonics * length / N))
+    larger = np.zeros(length)
+    if memory:
+        unknown = np.tile(mean, limit.BEATS_UNKNOWN)
+        sizes = np.nanstd(beats.values[drive], axis=1)  # of the beats
+        larger[before - len(unknown) : before] = unknown * float(np.nanstd(sizes) / np.nanmean(sizes))
+
+    def cut(x: Array) -> Array:
+        """(m, n_beats, N) of (m, length)."""
+        return np.stack([whole.of(np.concatenate([np.zeros(first), each[before:]])) for each in x])
+
+    followed = cut(_filtered(H, np.concatenate([np.tile(mean, limit.BEATS_BEFORE), q])))
+    mean_followed = followed.mean(axis=1)
+    seam = mean_followed - _filtered(transfer(beats.T, harmonics), mean)
+    return Felt(followed - mean_followed[:, None], seam, cut(_filtered(H, larger)).mean(axis=1))
+
+
+def _filtered(H: Array, x: Array) -> Array:
+    """(m, n) of x : (n,) through H : (K + 1, m), nothing beyond K."""
+    X = np.fft.rfft(x)
+    n = min(len(H), len(X))
+    return np.fft.irfft(H[:n].T * X[:n], len(x))

@@ -1,0 +1,312 @@
+"""Which column of a file is which variable of a network, in which unit."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from solver.errors import InputError
+from solver.network.files import parse_quantity
+
+from .sensors import KINDS, TIME, Kind
+from .table import Column, Place, Table, refuse
+from .titles import factor, is_time, name_and_unit
+
+_EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]")
+_START = "start"
+CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a file is to be read. decimal : comma or point, by default found.
+
+    names : title of a column, or its number from 1 -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]";
+    "" leaves the column out. If any is given, all columns that neither it nor the variables' names mention are left
+    out. "Q.csv:2" is of the file of that name alone. beside : further files of the same recording. shifts : file ->
+    seconds that are added to its times; None: it starts with the first file.
+    """
+
+    decimal: str | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+    beside: tuple[str, ...] = ()
+    shifts: Mapping[str, float | None] = field(default_factory=dict)
+
+    @staticmethod
+    def asked(
+        pairs: Iterable[str] | None, decimal: str | None, beside: Iterable[str | os.PathLike[str]] | None = None
+    ) -> Reading:
+        """Of the options ``--map TITLE=VARIABLE``, ``--decimal`` and ``--with FILE`` or ``FILE=SHIFT``. Raises
+        ValueError for a pair or a shift that is none."""
+        names: dict[str, str] = {}
+        for pair in pairs or ():
+            title, equals, variable = (part.strip() for part in pair.rpartition("="))
+            if not equals or not title:
+                raise InputError(f'--map "{pair}": must be TITLE=VARIABLE, such as --map "Pressure (mmHg)=AA.P".')
+            if title in names:
+                raise InputError(f'--map "{pair}": the column {title!r} is given twice; keep one.')
+            names[title] = variable
+        files = [_shifted(os.fspath(file)) for file in beside or ()]
+        shifts = {file: shift for file, shift in files if shift != 0.0}
+        return Reading(decimal, names, tuple(file for file, _ in files), shifts)
+
+    def each(self, tables: Sequence[Table]) -> list[Reading]:
+        """The reading of each file of a recording, whose names are of its columns alone.
+
+        Raises ValueError for a name that no file has.
+        """
+        files = [Path(table.place.source).name for table in tables]
+        if len(set(files)) < len(files):
+            raise InputError(
+                f"{tables[0].place}: files of one recording need names that differ, not {', '.join(files)}."
+            )
+        found: list[dict[str, str]] = [{} for _ in tables]
+        for title, variable in self.names.items():
+            of = [title.removeprefix(f"{file}:") for file in files]
+            there = [i for i, own in enumerate(of) if own != title] or range(len(tables))
+            there = [i for i in there if _columns(tables[i].columns, of[i])] or [there[0]]  # which refuses it
+            for i in there:
+                found[i][of[i]] = variable
+        return [replace(self, names=names) for names in found]
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What was said beside the file, plain, for where a result comes from; empty if nothing was."""
+        decimal = {} if self.decimal is None else {"decimal": self.decimal}
+        shifts = {file: _START if shift is None else shift for file, shift in self.shifts.items()}
+        return decimal | ({"map": dict(self.names)} if self.names else {}) | ({"shift": shifts} if shifts else {})
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A column that is read: its name in the record (D as R), kind, and scale of its unit in SI. Time is "time"."""
+
+    column: Column
+    name: str
+    kind: Kind
+    scale: float
+
+    @property
+    def factor(self) -> float:
+        """By which the values are multiplied: a diameter becomes a radius."""
+        return self.scale / 2.0 if self.kind is KINDS["D"] else self.scale
+
+
+def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
+    """The time and the channels of a table.
+
+    Raises ValueError, one sentence with the column and the option that helps.
+    """
+    place, columns = table.place, list(table.columns)
+    if not (table.titled or reading.names):
+        row = ", ".join(f"{column.values[0]:g}" for column in columns)
+        maps = " ".join(f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[: len(columns)], start=1))
+        raise InputError(f"{place}: it has no header, and its first row is {row}; say which column is which: {maps}.")
+    targets = _targets(columns, reading, place)
+    wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
+    times = [(column, target) for column, target in wanted if target[0] == "time"]
+    if not times:
+        _ask_time(columns, place)
+    if len(times) > 1:
+        titles = " and ".join(repr(column.title) for column, _ in times)
+        refuse(place, None, times[1][0].title, f'{titles} are both a time; leave one out: --map "{times[1][0].title}="')
+    titles_ = [column.title for column in columns]
+    _check_cells(times[0][0], place)
+    found = [_chosen(column, target, titles_, place) for column, target in wanted if target[0] != "time"]
+    if not found:
+        raise InputError(
+            f'{place}: there is no channel beside the time; name one "AA.P [mmHg]", or say which column it is: '
+            '--map "Pressure (mmHg)=AA.P".'
+        )
+    for i, each in enumerate(found):
+        for other in found[:i]:
+            if other.name == each.name:
+                both = "a name twice" if other.kind is each.kind else "R and D of one site"
+                same = other.column.title == each.column.title
+                this = next(i for i, c in enumerate(columns, 1) if c is each.column) if same else each.column.title
+                why = f'{both}; keep one of the two columns, --map "{this}=" leaves this one out'
+                refuse(place, None, each.column.title, why)
+    return _chosen(*times[0], titles_, place), found
+
+
+def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
+    """Of each column whether it is understood, and what it is read as, or what is to be said before it can be; for
+    people."""
+    found = []
+    titles = [column.title for column in table.columns]
+    for column, target in zip(table.columns, _targets(table.columns, reading, table.place, False), strict=True):
+        try:
+            if target is None:
+                found.append((True, "left out"))
+            else:
+                each = _chosen(column, target, titles, table.place)
+                found.append((True, "time" if each.name == "time" else f"{each.name}, a {each.kind.noun}"))
+        except InputError as error:
+            found.append((False, str(error).rpartition(f"{column.title!r}: ")[2]))
+    return found
+
+
+def _shifted(text: str) -> tuple[str, float | None]:
+    """The file and the seconds of FILE, FILE=SHIFT or FILE=start."""
+    file, equals, shift = text.rpartition("=")
+    if not equals or Path(text).exists():
+        return text, 0.0
+    return file, None if shift.strip() == _START else parse_quantity(shift, "s", f"--with {file}")
+
+
+# --- one column ---------------------------------------------------------------------------------------------------
+
+
+def _targets(
+    columns: Sequence[Column], reading: Reading, place: Place, strict: bool = True
+) -> list[tuple[str, str] | None]:
+    """Variable and unit of each column, None where it is left out; strict: every name of the reading must be there."""
+    given: dict[int, str] = {}
+    for title, variable in reading.names.items():
+        there = _columns(columns, title)
+        if len(there) != 1 and strict:
+            what = "no column has this title or number" if not there else f"{len(there)} columns have this title"
+            raise InputError(
+                f'{place}: --map "{title}={variable}": {what}; the columns are '
+                f"{', '.join(repr(column.title) for column in columns)}."
+            )
+        for i in there:
+            given[i] = variable
+    said = {name_and_unit(variable)[0] for variable in given.values()}
+    return [_target(column, given.get(i), said, bool(reading.names)) for i, column in enumerate(columns)]
+
+
+def _columns(columns: Sequence[Column], title: str) -> list[int]:
+    """Columns of this title, with its unit or without, or else of this number, from 1."""
+    there = [i for i, column in enumerate(columns) if column.title == title]
+    there = there or [i for i, column in enumerate(columns) if name_and_unit(column.title)[0] == title]
+    by_number = not there and title.isdecimal() and 0 < int(title) <= len(columns)
+    return [int(title) - 1] if by_number else there
+
+
+def _target(column: Column, given: str | None, said: set[str], named: bool) -> tuple[str, str] | None:
+    name, unit = name_and_unit(column.title)
+    unit = "s" if column.clock else unit or column.unit
+    if given is not None:
+        variable, own = name_and_unit(given)
+        return (("time" if is_time(variable) else variable), own or unit) if given else None
+    if is_time(name) or column.clock:
+        return None if any(is_time(each) for each in said) else ("time", unit)
+    if _kind(name) is None and (named or _is_empty(column)):
+        return None
+    return None if named and name in said else (name, unit)
+
+
+def _is_empty(column: Column) -> bool:
+    """Whether a column holds nothing, or only words: no channel, whatever its title."""
+    only_words = column.fault is None or column.fault.words
+    return only_words and len(column.values) > 0 and bool(np.isnan(column.values).all())
+
+
+def _kind(name: str) -> Kind | None:
+    site, _, letter = name.rpartition(".")
+    return KINDS.get(letter) if site and site == site.strip() else None
+
+
+def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], place: Place) -> Chosen:
+    (name, unit), title = target, column.title
+    kind = TIME if name == "time" else _kind(name)
+    if kind is None:
+        short = title if title else "column"
+        if name != name_and_unit(title)[0]:
+            refuse(place, None, title, f"{name!r} is no variable of a network; allowed are {CHANNELS}, such as AA.P")
+        refuse(place, None, title, f"no such channel; allowed are {CHANNELS}: {_advice(name, unit, short)}")
+    _check_cells(column, place)
+    if column.problem:
+        refuse(place, None, title, f'{column.problem}; leave it out: --map "{title}=", or export it alike')
+    scale = _factor(kind, name, unit, title, titles, place)
+    site, _, letter = name.rpartition(".")
+    return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale)
+
+
+def _check_cells(column: Column, place: Place) -> None:
+    """Raise InputError for a cell that is no number."""
+    if column.fault is not None:
+        refuse(place, column.fault.sample, column.title, column.fault.why)
+
+
+def _advice(name: str, unit: str, title: str) -> str:
+    """What to say of a column whose name is no variable: an option that fits its unit, or else the words of its title.
+
+    A unit that none of them has, and a title such as ECG, is that of something else.
+    """
+    units = [letter for letter, kind in KINDS.items() if unit and factor(unit, kind) is not None]
+    words = [letter for letter, spelled in _WORDS.items() if spelled.search(name)]
+    drop = f'leave it out with --map "{title}="'
+    if unit and not units:
+        return f"{unit} is a unit of none of them; {drop}"
+    if not unit and _OTHER.search(name):
+        return f"if it is none of them, {drop}"
+    letter = next((each for each in words if not unit or each in units), units[0] if units else "P")
+    target = f"AA.{letter}" if unit else f"AA.{letter} [{KINDS[letter].example}]"
+    noun = KINDS[letter].noun
+    which = "say which it is with" if words else f"if it is a {noun}, say so with"
+    return f'rename it, {which} --map "{title}={target}", or {drop}'
+
+
+_WORDS = {
+    letter: re.compile(rf"(?<![a-z])({spelled})", re.IGNORECASE)
+    for letter, spelled in (
+        ("D", "diam|durchmesser|d(?![a-z])"),
+        ("R", "radi|r(?![a-z])"),
+        ("Q", "flow|fluss|débit|debit|q(?![a-z])"),
+        ("P", "press|druck|abp|cath|p(?![a-z])"),
+    )
+}
+_OTHER = re.compile(r"(?<![a-z])(ecg|ekg|eeg|emg|resp|temp|trigger|marker|spo2|etco2|index|sample)", re.IGNORECASE)
+
+
+def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str], place: Place) -> float:
+    """The factor from ``unit`` to the kind's SI unit."""
+    found = factor(unit, kind)
+    if found is not None:
+        return found
+    if not unit:
+        bare = re.sub(r"\s*\[\s*\]$", "", name)
+        said = f'--map "{title}={bare} [{kind.example}]", or write it behind the name in the file'
+        refuse(place, None, title, f"it has no unit; say which: {said}")
+    fits = next((each for each in (*KINDS.values(), TIME) if factor(unit, each) is not None), None)
+    what = f"the unit {unit} is that of a {fits.noun}" if fits else f"the unit {unit} is not known or of another kind"
+    advice = f"write a unit of {kind.noun}, such as [{kind.example}]"
+    if fits and _swapped(name, titles, kind):
+        advice = "P and R of the site seem swapped, so exchange the two names or their units"
+    refuse(place, None, title, f"{what} and does not fit a {kind.noun}; {advice}")
+
+
+def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
+    """Which column is the time: one that may be it, or none."""
+    likely = next((column for column in columns if _may_be_time(column)), None)
+    if likely is None:
+        raise InputError(
+            f'{place}: no column is a time, and every sample needs one; add a column "time [s]", or say which it is: '
+            '--map "TITLE=time [s]".'
+        )
+    title, unit = likely.title, name_and_unit(likely.title)[1] or likely.unit
+    asked = "time" if unit else "time [s]"
+    refuse(place, None, title, f'no column is named time; if it is this one, say so: --map "{title}={asked}"')
+
+
+def _may_be_time(column: Column) -> bool:
+    """Whether a column rises throughout, and neither its name nor its unit is that of something else."""
+    name, unit = name_and_unit(column.title)
+    unit = unit or column.unit
+    other = _kind(name) is not None or (bool(unit) and factor(unit, TIME) is None)
+    return not other and len(column.values) > 1 and bool((np.diff(column.values) > 0.0).all())
+
+
+def _swapped(name: str, titles: Sequence[str], kind: Kind) -> bool:
+    """Whether the site's other column of pressure and radius has the unit that this one should have."""
+    site, _, own = name.rpartition(".")
+    others = [f"{site}.{other}" for other in {"P": "RD", "R": "P", "D": "P"}.get(own, "")]
+    return any(n in others and u and factor(u, kind) is not None for n, u in map(name_and_unit, titles))

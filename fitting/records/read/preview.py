@@ -1,0 +1,44 @@
+"""What is found in a file, column by column, before anything is asked of it: ``--columns``."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from .columns import Reading, explained
+from .kinds import read_table
+from .titles import name_and_unit
+
+_FIRST = 3  # values
+
+
+def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
+    """The columns of a file: title, unit ("" unknown), first values, min, max, gaps, and what each is read as; plain.
+
+    Raises ValueError, one sentence, for a file that cannot be read.
+    """
+    table = read_table(path, reading.decimal)
+    columns = []
+    for column, (understood, meaning) in zip(table.columns, explained(table, reading), strict=True):
+        values = column.values[np.isfinite(column.values)]
+        columns.append(
+            {
+                "title": column.title,
+                "unit": "s" if column.clock else name_and_unit(column.title)[1] or column.unit,
+                "first": [float(v) if np.isfinite(v) else None for v in column.values[:_FIRST]],
+                "min": float(values.min()) if len(values) else None,
+                "max": float(values.max()) if len(values) else None,
+                "gaps": len(column.values) - len(values),
+                "understood": understood,
+                "read_as": meaning,
+            }
+        )
+    samples = max((len(column.values) for column in table.columns), default=0)
+    return {"file": str(path), "format": table.found, "samples": samples, "columns": columns}
+
+
+def preview_questions(found: dict[str, Any]) -> list[str]:
+    """What is to be said of a column before it can be read, a line each: options to copy, which no table cuts."""
+    return [f"{each['title']!r}: {each['read_as']}" for each in found["columns"] if not each["understood"]]

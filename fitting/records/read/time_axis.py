@@ -1,0 +1,241 @@
+"""The uniform time axis behind the stamps of a record: its rate by regression, what jitters, and what is lost.
+
+Stamps t_j of samples number m_j lie on a line t_j = t_0 + m_j/f + d_j. Where all |d_j| are within the resolution of the
+stamps, the clock is uniform and its samples stay as they are. Else stamps are taken at their word: the samples are
+moved, once, onto the line by a cubic spline. Samples that are missing on the line become gaps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .. import thresholds as limit
+from .sensors import UnusableRecord, refuse
+from .table import Place
+
+Array = np.ndarray
+
+_DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
+_SEEN = 10  # stamps on either side of a wide step: their medians stand still where one stamp alone is late
+_ROUNDS = 5  # of counting lost samples by the interval and finding the interval by them
+
+
+@dataclass(frozen=True)
+class Axis:
+    """time : (n,) [s], uniform. stamps : (k,) [s] as given; number : (k,) of each of them on the axis, None where all
+    stand for themselves. moved : whether samples are interpolated. said, told : what happened, for people and plain."""
+
+    time: Array
+    stamps: Array
+    number: Array | None = None
+    moved: bool = False
+    said: tuple[str, ...] = ()
+    told: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def dt(self) -> float:
+        """Time between samples [s]."""
+        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
+
+    def of(self, values: Array) -> Array:
+        """A channel (k,) on the axis : (n,), NaN where a sample is lost."""
+        if self.number is None:
+            return values
+        if self.moved:
+            there, at = ~np.isnan(values), self.time[self.number]
+            half = 0.5 * (self.time[1] - self.time[0])  # as far beyond the first and the last
+            shown = there & (at > self.stamps[0] - half) & (at < self.stamps[-1] + half)
+            values = np.where(shown, between(self.stamps[there], values[there], at), np.nan)
+        found = np.full(len(self.time), np.nan)
+        found[self.number] = values
+        return found
+
+
+def between(t: Array, x: Array, at: Array) -> Array:
+    """x(t) at other times by a cubic spline; NaN of fewer than two samples."""
+    from scipy.interpolate import CubicSpline  # takes a third of a second
+
+    return CubicSpline(t, x)(at) if len(t) > 1 else np.full(len(at), np.nan)
+
+
+def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
+    """The uniform axis behind the stamps ``given`` : (k,), which ``factor`` makes seconds.
+
+    A stamp may be off by a unit q of its last decimal, or of the last of its significant digits (%.6g): rounded it is
+    off by half of one, cut off by a whole one, and a product such as 7 * 0.005 may lie on either side of a digit. Or by
+    the rounding of single precision, if all are such numbers. Where one step is 1.5 times the usual one, by a quarter
+    of an interval at most: a lost sample bends the line by half of one. But where q is half an interval or more and
+    wide steps are many, they are of the rounding: 700 Hz in milliseconds has steps of 1 and 2. Where most stamps repeat
+    the one before, as those of packets do, q is the time between those that differ.
+    Raises ValueError, one sentence, for stamps that are missing, go back, or have no rate.
+    """
+    _check(given, factor, title, place)
+    t, n = given - given[0], len(given)
+    step = np.diff(t)
+    dt, off = _line(t, np.arange(n))
+    q = _resolution(given, dt, float(np.abs(off).max()))
+    worst, usual = float(np.abs(off).max()), float(np.median(step))
+    if usual == 0.0:
+        q = max(q, float(np.median(step[step > 0.0])))  # a stamp for a packet of samples
+    coarse = q >= 0.5 * dt and (usual == 0.0 or np.mean(step >= limit.WIDE_STEP * usual) > limit.LOST)
+    if dt > 0.0 and worst <= (q if coarse or step.max() < limit.WIDE_STEP * dt else min(q, 0.25 * dt)):
+        said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
+        return Axis((given[0] + t - off) * factor, given * factor, said=said)
+    _check_order(given, np.flatnonzero(step <= 0.0), title, place)
+    number = _numbered(t, q)
+    dt, off = _line(t, number)
+    lost = int(number[-1]) + 1 - n
+    _check_regular(step, np.diff(number), dt, lost, title, place)
+    worst, rms = float(np.abs(off).max()) * factor, float(np.sqrt(np.mean(off**2))) * factor
+    moved = worst > (q if q < 0.5 * dt else 0.25 * dt) * factor
+    start = given[0] + (t - off - dt * number)[0]
+    told = {"rate": {"value": 1.0 / (dt * factor), "unit": "Hz"}, "lost": lost, "resampled": moved}
+    told |= {f"jitter_{name}": {"value": value, "unit": "s"} for name, value in (("rms", rms), ("max", worst))}
+    return Axis((start + dt * np.arange(n + lost)) * factor, given * factor, number, moved,
+                (_told(place, 1.0 / (dt * factor), rms, worst, lost, n, moved),), {"sampling": told})  # fmt: skip
+
+
+def _check(given: Array, factor: float, title: str, place: Place) -> None:
+    """Raise ValueError for times that are missing, too few, too late or go back."""
+    bad = np.flatnonzero(~np.isfinite(given))
+    if len(bad):
+        refuse(place, int(bad[0]), title, "the time is missing or not finite; every sample needs its time")
+    if len(given) < limit.FEWEST_SAMPLES:
+        raise UnusableRecord(f"{place}: {len(given)} samples are too few; a record holds several beats.")
+    with np.errstate(over="ignore", invalid="ignore"):
+        back = np.flatnonzero(np.diff(given) < 0.0)
+        longest = float(np.abs(given).max()) * factor
+    if not longest < limit.LATEST:
+        refuse(place, 0, title, f"times beyond {limit.LATEST:g} s; check the unit, or start the record at zero")
+    _check_order(given, back if len(back) or given[-1] > given[0] else np.zeros(1, int), title, place)
+
+
+def _check_order(given: Array, back: Array, title: str, place: Place) -> None:
+    """Raise ValueError if there are steps (n,) ``back`` in time."""
+    if len(back):
+        at, end = given[back[0] : back[0] + 2]
+        why = f"the time does not increase ({at:g} to {end:g}); correct the line, or begin the file there"
+        refuse(place, int(back[0]) + 1, title, why)
+
+
+def _check_regular(step: Array, numbers: Array, dt: float, lost: int, title: str, place: Place) -> None:
+    """Raise ValueError where steps have no interval in common, or most samples are missing."""
+    odd = np.abs(step / dt - numbers) > 0.5
+    if odd.mean() > limit.IRREGULAR:
+        at = int(np.flatnonzero(odd)[0])
+        why = (
+            f"the sampling is not uniform: {odd.mean():.0%} of the steps are off by more than half of the usual one, "
+            f"{dt:.6g}, such as {step[at]:.6g}, and {limit.IRREGULAR:.0%} can be resampled; resample the record, or "
+            "export it at the rate of its sensors"
+        )
+        refuse(place, at + 1, title, why)
+    if lost > len(step):
+        at = int(step.argmax())
+        why = (
+            f"{lost} samples are missing and {len(step) + 1} are there, the longest step is {step[at]:.6g}; at least "
+            "half must be there: cut the file where it was paused"
+        )
+        refuse(place, at + 1, title, why)
+
+
+def _line(t: Array, number: Array) -> tuple[float, Array]:
+    """Interval of the regression of t on the number of the sample, and how far each t is off its line."""
+    index = number - number.mean()
+    dt = float(t @ index / (index @ index))
+    return dt, t - t.mean() - dt * index
+
+
+def _numbered(t: Array, q: float) -> Array:
+    """The number of each stamp's sample : (k,), which leaves out those that are lost.
+
+    Over a wide step the level t - i dt of the stamps i rises by an interval for each lost sample, and by none where a
+    stamp was late. Levels are medians of a few stamps on either side.
+    """
+    step, i, number = np.diff(t), np.arange(len(t)), np.arange(len(t))
+    dt = float(np.median(step))
+    # of stamps in steps of q the median is but one of their steps
+    dt = float(step[step <= limit.WIDE_STEP * dt + q].mean())
+    for _ in range(_ROUNDS):
+        wide, level = np.flatnonzero(step > limit.WIDE_STEP * dt) + 1, t - dt * i
+        lost = np.zeros(len(t), int)
+        for before, at, after in zip([0, *wide], wide, [*wide[1:], len(t)], strict=False):
+            rise = np.median(level[at : min(after, at + _SEEN)]) - np.median(level[max(before, at - _SEEN) : at])
+            lost[at] = max(0, round(float(rise) / dt))
+        found = i + np.cumsum(lost)
+        dt, _ = _line(t, found)
+        if np.array_equal(found, number):
+            break
+        number = found
+    return found
+
+
+# --- what is said -------------------------------------------------------------------------------------------------
+
+
+def _coarse(q: float, dt: float, t: Array, factor: float, place: Place) -> tuple[str, ...]:
+    """Of stamps too coarse to show single samples. An error of up to q/2 of all stamps moves the slope of their line by
+    at most Σ|i| q/2 / Σi² = 1.5 q/(n dt) of itself. Raises ValueError where that is too much."""
+    error = 1.5 * q / t[-1]
+    if error > limit.IRREGULAR:
+        raise UnusableRecord(
+            f"{place}: its times are printed in steps of {q * factor:g} s, which over {t[-1] * factor:.4g} s leave the "
+            f"rate open by {error:.0%}, and {limit.IRREGULAR:.0%} is allowed; print the time with more decimals, or "
+            "record longer."
+        )
+    return (
+        f"the times of {place} are printed in steps of {q * factor:g} s: the line through them has "
+        f"{1.0 / (dt * factor):.6g} Hz, to {error:.1g} of that; a lost sample would not be seen.",
+    )
+
+
+def _told(place: Place, rate: float, rms: float, worst: float, lost: int, n: int, moved: bool) -> str:
+    done = "the channels were resampled once onto the line through the times" if moved else "no sample was moved"
+    gaps = f"; of {n + lost} samples {lost} lost, which became gaps" if lost else ""
+    jitter = f", jitter {1e3 * rms:.3g} ms rms and {1e3 * worst:.3g} ms at most" if moved else ""
+    return f"the sampling of {place} is uneven: {rate:.6g} Hz{jitter}{gaps}; {done}."
+
+
+# --- the resolution of printed times ------------------------------------------------------------------------------
+
+
+def _resolution(given: Array, dt: float, worst: float) -> float:
+    """By how much a printed time may be off; coarser readings only where ``worst`` is beyond the finer."""
+    size = np.abs(given).max()
+    q = _last_decimal(given) + 1e-6 * dt + _DOUBLE * size
+    if worst > q:
+        q = max(q, _last_digit(given))
+    return float(q + _SINGLE * size if worst > q and _single(given) else q)
+
+
+def _single(values: Array) -> bool:
+    """Whether all are numbers of single precision, exact or as such numbers are printed (the first ones)."""
+    with np.errstate(over="ignore"):
+        some = values[:1000].astype(np.float32)
+    return bool((some == values[:1000]).all() or (some.astype(str).astype(float) == values[:1000]).all())
+
+
+def _last_digit(values: Array) -> float:
+    """The last digit of the largest if all, of the first and the last, have the same 4 to 9 significant digits."""
+    some = np.abs(np.concatenate([values[:1000], values[-1000:]]))
+    some = some[some > 0.0]
+    size = np.floor(np.log10(some)) + 1.0
+    for digits in range(4, 10):
+        scaled = some * 10.0 ** (digits - size)
+        if np.abs(scaled - np.round(scaled)).max() < 1e-6:
+            return float(10.0 ** (size.max() - digits))
+    return 0.0
+
+
+def _last_decimal(values: Array) -> float:
+    """The rounding of printing: the largest power of ten that all are multiples of, as far as doubles can tell."""
+    size = float(np.abs(values).max())
+    for digits in range(-3, 16):
+        blur = 2.0 * _DOUBLE * size * 10.0**digits
+        scaled = values * 10.0**digits
+        if blur > 0.01 or np.abs(scaled - np.round(scaled)).max() < 1e-4 + blur:
+            return float(10.0**-digits)
+    return 0.0

@@ -1,0 +1,1 @@
+"""The results of fits on disk: estimates, parameter sets and their provenance."""

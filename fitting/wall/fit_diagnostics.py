@@ -1,0 +1,115 @@
+"""Warnings about the fit of a wall, one sentence each, and their thresholds."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from ..inference.models.loop import Loop
+from .elastic_law import MISFIT
+from .wall_fit import WallFit
+from .wall_model import relative_viscosity
+
+COLLINEAR = 300.0  # condition number of the columns above which the fit warns
+USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously
+MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
+LOOSE, LOOSE_WITH_LAG = 0.1, 0.04  # of φ0: for a larger standard deviation the problem is nonlinear within the interval
+NEAR_THE_TURN = 0.25  # of φ0: below this viscosity of the quadratic law, second order is insufficient
+NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R gets no sentence
+
+
+def doubts(fitted: WallFit) -> tuple[str, ...]:
+    """The sentences that apply to a fit, each starting with its site."""
+    checks = (_law, _unusual, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _loose)
+    return tuple(f"{fitted.site}: {text}" for check in checks if (text := check(fitted)))
+
+
+def _law(fitted: WallFit) -> str:
+    if fitted.evidence is None or fitted.evidence.decided:
+        return ""
+    E = " and ".join(f"{1e-6 * f.values['E']:.4g} MPa by the {f.model.elastic} law" for _, f in fitted.laws)
+    return f"E is {E}, which the data cannot tell apart; E_inc hardly depends on the law."
+
+
+def _unusual(fitted: WallFit) -> str:
+    E, (low, high) = fitted.values["E"], USUAL_E
+    if low <= E <= high:
+        return ""
+    return f"E = {E:.3g} Pa is not that of an artery ({low:g} to {high:g} Pa); check the units of P, R and h."
+
+
+def _viscosity(fitted: WallFit) -> str:
+    R_t = fitted.solution.R_t
+    lowest = float(np.min(relative_viscosity(fitted.model, fitted.values, R_t)))
+    if lowest > NEAR_THE_TURN or fitted.model.viscous == "monotone":
+        return ""
+    rate = float(np.max(np.abs(R_t)) / fitted.values["R0"])
+    limit = abs(fitted.values["phi0"] / (2.0 * fitted.values["phiNL"]))
+    return (
+        f"the loop {'leaves' if lowest <= 0.0 else 'nearly leaves'} the range of the quadratic phiNL: "
+        f"strain rates reach {rate:.2g} /s and its viscosity turns negative at {limit:.2g} /s; fit the monotone model."
+    )
+
+
+def _collinear(fitted: WallFit) -> str:
+    if fitted.condition <= COLLINEAR:
+        return ""
+    return (
+        f"the columns are nearly collinear (condition number {fitted.condition:.0f}, warned above "
+        f"{COLLINEAR:g}): the parameters are determined together better than one by one; give R0 or leave one out."
+    )
+
+
+def _noise_of_R(fitted: WallFit) -> str:
+    if _misfit(fitted):  # ordinary least squares then differs for another reason
+        return ""
+    worst = max(
+        fitted.model.free,
+        key=lambda name: abs(fitted.ignored_noise[name] - fitted.values[name]) / (fitted.sd(name) or np.inf),
+    )
+    shift = fitted.ignored_noise[worst] - fitted.values[worst]
+    if abs(shift) <= max(float(norm.ppf(0.975)) * fitted.sd(worst), NOISE_BIAS * abs(fitted.values[worst])):
+        return ""
+    return (
+        f"the noise of R biases ordinary least squares by more than the interval ({worst} by "
+        f"{shift / fitted.values[worst]:+.1%}); the values given are corrected for it."
+    )
+
+
+def _misfit(fitted: WallFit) -> str:
+    if _noise_free(fitted.loop):  # rounding does not measure a misfit
+        missed = float(np.sqrt(max(0.0, 1.0 - fitted.r2)))
+        return (
+            f"the {fitted.model.name} model misses the noise-free loop by {missed:.2g} of the pulse; "
+            "the intervals do not cover that."
+            if missed > MISSED
+            else ""
+        )
+    if chi2.sf(fitted.chi2, fitted.dof) >= MISFIT:
+        return ""
+    return (
+        f"the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "
+        f"{fitted.chi2 / fitted.dof:.1f}); intervals are widened to match, but may miss a systematic error"
+        + ("." if "R0" in fitted.model.free else "; check R0, which was given.")
+    )
+
+
+def _noise_free(loop: Loop) -> bool:
+    """Whether the beats are identical to rounding."""
+    return bool(loop.noise[1:, 0, 0].mean() < 1e3 * loop.floor[0] and loop.noise[1:, 1, 1].mean() < 1e3 * loop.floor[1])
+
+
+def _undetermined(fitted: WallFit) -> str:
+    wide = [n for n in fitted.model.free if fitted.ci95(n)[0] < 0.0 < fitted.ci95(n)[1]]
+    return f"the interval of {' and '.join(wide)} contains 0: the loop does not show it." if wide else ""
+
+
+def _loose(fitted: WallFit) -> str:
+    share = fitted.sd("phi0") / fitted.values["phi0"]
+    if "phiNL" not in fitted.model.free or share <= (LOOSE if np.isnan(fitted.lag[1]) else LOOSE_WITH_LAG):
+        return ""
+    instead = "the linear model" if np.isnan(fitted.lag[1]) else "no lag"
+    return (
+        f"phi0 is known to {share:.0%} only, and the intervals of phi0 and phiNL are then too narrow; "
+        f"record more beats, or fit {instead}."
+    )

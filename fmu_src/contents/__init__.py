@@ -1,0 +1,1 @@
+"""The contents of each FMU and of the system of three."""

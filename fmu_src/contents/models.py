@@ -1,0 +1,153 @@
+"""What the FMUs of this project are made of: arteries, hearts and bodies. Not part of their code."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from solver.errors import InputError
+from solver.laws import effects
+from solver.laws.catalogue import quantities_of
+from solver.laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
+from solver.lumped.body import Body
+from solver.lumped.heart_parts import Heart
+from solver.lumped.species import SPECIES
+from solver.network.description import Network, to_dict
+from solver.network.files import dumps
+from solver.scheme.model import Settings
+
+from .. import __version__
+from ..cosimulation.drive import inlet_with, own_drive
+from ..documents import document, lumped_document
+from ..slaves import body_slave, heart_slave
+from ..variables.arteries_variables import variable_table
+from ..variables.variable import Variable, with_starts
+
+Starts = Mapping[str, float | str]
+Table = tuple[Variable, ...]
+
+_LAWS = ("elastic_law", "viscous_law")  # of a network that are variables, beside its parameters
+_STEPS = ("dt", "element_length")  # of the settings that are variables
+
+
+@dataclass(frozen=True)
+class Model:
+    """What one FMU is made of.
+
+    name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class.
+    table : its variables. resources, documents : further files by path, text in ``resources/`` and bytes in the whole
+    archive.
+    """
+
+    name: str
+    slave: str
+    kind: str
+    table: tuple[Variable, ...]
+    resources: dict[str, str]
+    documents: dict[str, bytes]
+
+
+def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
+    """Arteries; starts : other start values than those of the network, by variable.
+
+    Raises ValueError as :func:`given_arteries`, and for a network that needs more code than the solver's.
+    """
+    _check_code(network)
+    network, settings, table, others = given_arteries(network, settings, starts or {})
+    data = {"settings": asdict(settings), "network": to_dict(network)}
+    resources = {**_data("network.json", data, others), "network.toml": dumps(network)}
+    documents = document.documents(network, table, __version__)
+    return Model(network.name, "slaves.arteries_slave", "ArterialSlave", table, resources, documents)
+
+
+def given_arteries(network: Network, settings: Settings, given: Starts) -> tuple[Network, Settings, Table, Starts]:
+    """Network and settings with the start values that they hold, so that everybody who opens the FMU finds the same
+    values; the table of variables, and the start values that are its alone. Raises ValueError for one that is not
+    allowed."""
+    with_starts(variable_table(network, settings), given)  # refuses names and values
+    network, settings = _network_with(network, given), _settings_with(settings, given)
+    table, others = _others(variable_table(network, settings), given)
+    if "network" in (variable.start for variable in table if variable.name == "inlet.drive"):
+        own_drive(network, given)  # raises where there is none
+    return network, settings, table, others
+
+
+def heart_model(species: str = "human", starts: Starts | None = None) -> Model:
+    """A left heart. Raises ValueError for an unknown species."""
+    heart = of(species)[0]
+    with_starts(heart_slave.table(heart), starts or {})
+    heart = heart.with_values(starts or {})
+    table, others = _others(heart_slave.table(heart), starts or {})
+    title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
+    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table)
+    resources = _data("heart.json", {"heart": heart_slave.to_data(heart)}, others)
+    return Model(heart.name, "slaves.heart_slave", "HeartSlave", table, resources, pages)
+
+
+def body_model(species: str = "human", starts: Starts | None = None) -> Model:
+    """What closes the volume. Raises ValueError for an unknown species."""
+    body = of(species)[1]
+    with_starts(body_slave.table(body), starts or {})
+    body = body.with_values(starts or {})
+    table, others = _others(body_slave.table(body), starts or {})
+    title = "The veins, the right heart and the lungs as one elastic reservoir."
+    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
+    resources = _data("body.json", {"body": body_slave.to_data(body)}, others)
+    return Model(body.name, "slaves.body_slave", "BodySlave", table, resources, pages)
+
+
+def of(species: str) -> tuple[Heart, Body]:
+    """The heart and the body of a species. Raises ValueError for an unknown one."""
+    if species not in SPECIES:
+        raise InputError(f"species {species!r}: there is none of this name; use one of {', '.join(SPECIES)}.")
+    return SPECIES[species]
+
+
+def _check_code(network: Network) -> None:
+    """Raise ValueError where an effect, outlet or law is a class from elsewhere: an FMU carries the solver's alone."""
+    owners = [*network.owners(), *((channel.name, channel) for channel in network.channels)]
+    used: list[tuple[str, Any, str]] = [
+        (f"{prefix}.{key}", effect, "solver/laws/effects.py")
+        for prefix, owner in owners
+        for effect in effects.ALL
+        for key in effect.terms
+        if effect.owner == owner.OWNER and key in quantities_of(owner)
+    ]
+    used += [(f"{outlet.segment}.outlet", outlet, "solver/laws/outlets.py") for outlet in network.outlets]
+    used += [("network.elastic_law", ELASTIC_LAWS[network.elastic_law], "solver/laws/wall_laws.py")]
+    used += [("network.viscous_law", VISCOUS_LAWS[network.viscous_law], "solver/laws/wall_laws.py")]
+    for name, thing, home in used:
+        kind = type(thing)
+        if kind.__module__.partition(".")[0] != "solver":
+            raise InputError(
+                f"{name}: its class {kind.__name__} is in {kind.__module__}, and an FMU carries only the code of the "
+                f"package solver; move the class and its entry into {home}, or leave {name} out, and build again."
+            )
+
+
+def _network_with(network: Network, starts: Starts) -> Network:
+    """The network with its own parameters, laws, and means and period of what is given at its inlets."""
+    known = network.parameters()
+    laws: dict[str, Any] = {key: starts[f"network.{key}"] for key in _LAWS if f"network.{key}" in starts}
+    first, *further = (inlet_with(inlet, starts) for inlet in network.inlets)
+    changed = network.with_parameters({name: float(value) for name, value in starts.items() if name in known})
+    return replace(changed, inlet=first, further_inlets=tuple(further), **laws)
+
+
+def _settings_with(settings: Settings, starts: Starts) -> Settings:
+    given: dict[str, Any] = {key: starts[f"solver.{key}"] for key in _STEPS if f"solver.{key}" in starts}
+    return replace(settings, **given)
+
+
+def _others(table: Table, starts: Starts) -> tuple[Table, dict[str, float | str]]:
+    """The table with the start values that it has not yet, and these."""
+    had = {variable.name: variable.start for variable in table}
+    others = {name: value for name, value in starts.items() if value != had[name]}
+    return with_starts(table, others), others
+
+
+def _data(file: str, content: dict[str, Any], starts: Starts) -> dict[str, str]:
+    whole = {"version": __version__, **content, "starts": dict(starts)}
+    return {file: json.dumps(whole, indent=1, ensure_ascii=False)}

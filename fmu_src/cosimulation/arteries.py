@@ -1,0 +1,261 @@
+"""The component without FMI: parameters by name, any communication step, and the ports by which others couple to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from solver.errors import InputError
+from solver.io.saved import Kind, dataclasses
+from solver.lumped.component import Component, check_time
+from solver.mesh.mesh import Layout
+from solver.network.description import Network
+from solver.network.inlet import Inlet
+from solver.periodic.start import periodic_state
+from solver.scheme.failure import NonPhysicalState
+from solver.scheme.model import Model, Settings, build
+from solver.scheme.outputs import reporter, venous_flow, volume_weights
+from solver.scheme.step import State, initial_state
+
+from .drive import inlet_with, own_drive
+from .ports import Impedances, endless, impedances, port_names, port_values
+from .stretch import Drive, Position, Stretch, rounded
+
+Array = np.ndarray
+
+_ON_GRID = 1e-6  # a communication step nearer to a multiple of dt than this part of dt counts as one
+_LONGEST = 4.0 / 3.0  # internal step, in dt, where the communication step is no multiple of dt
+_FURTHEST = 2.0  # communication steps, of the length of the last one, over which the inflow is extrapolated
+_RENEWED = 9.9e-3  # s after which the impedances of the ports are made anew
+_MOST_STEPS = 1_000_000  # internal steps in one communication step
+
+
+class CoSimulation(Component):
+    """Each communication step is cut into equal internal steps: of length dt where it is a multiple of dt, else of at
+    most 4/3 dt. They end at its end, so a jump of the inflow lies between internal steps.
+
+    What drives the inlets in a communication step from t to t + h is, by ``inlet.interpolation``,
+
+    hold     the value that is set before the step;
+    linear   a straight line from the value of the step before to that one, which then is Q(t + h);
+    smooth   a straight line from Q(t), which is set before the step, to an extrapolated value. What was extrapolated
+             in the step before is taken back: that step is repeated with the value that is now known. So the arteries
+             see straight lines between the Q(t), and only what is shown at the newest time is provisional.
+
+    With ``inlet.drive`` = network the network's own flows and pressures drive it, at every instant as the solver takes
+    them; what is set is ignored, and so is the interpolation.
+
+    P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
+    """
+
+    remade = frozenset("network settings parameters port_names venous drives means report weights found own".split())
+
+    def __init__(self, network: Network, settings: Settings) -> None:
+        self.network, self.settings = network, settings
+        self.parameters = tuple(network.parameters())
+        self.port_names = port_names(network)
+        self.drives = [inlet.drive for inlet in network.inlets]
+        self.means = [*(inlet.variable(key) for inlet in network.inlets for key in ("Q_mean", "P_mean")), "inlet.T"]
+        self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
+
+    def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
+        """Build the solver and its first state from variable values by name; raises ValueError if they do not fit."""
+        laws = {"elastic_law": values["network.elastic_law"], "viscous_law": values["network.viscous_law"]}
+        settings = replace(self.settings, dt=values["solver.dt"], element_length=values["solver.element_length"])
+        parameters = {name: values[name] for name in self.parameters}
+        self.origin = laws, asdict(settings), parameters
+        self._use(self._built(*self.origin))
+        self.dt, self.time = settings.dt, t0
+        by_network = values["inlet.drive"] == "network"
+        self.beats = {name: values[name] for name in values if name in self.means} if by_network else None
+        self.own = self._own()
+        self.interpolation = "linear" if self.own else values["inlet.interpolation"]  # a flow that is known
+        self.unset = self._driving(values).tolist() if self.own else None  # until a host sets what is ignored
+        # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
+        self.known = self.shown = Position(self.model, self._start(t0, values), self._drive_at(t0, values), 0.0)
+        self.slope = np.zeros(len(self.drives))  # of the inflows in the last communication step [m³/s²]
+        self.last = self._stretch(self.dt, values)
+        self.basis, self.basis_time = (self.known, self.shown, self.last), t0
+        self.V = self.V_0 = self._volume()
+        self.V_venous = self.Q_venous = 0.0
+
+    def _start(self, t0: float, values: Mapping[str, Any]) -> State:
+        if values["network.start"] == "rest":
+            return initial_state(self.model, t0)
+        beats = [_beats(inlet, values) for inlet in self.network.inlets]
+        T = next((T for _, T in beats if T), 1.0)  # a steady state has no period
+        return periodic_state(self.model, lambda t: np.stack([drive(t) for drive, _ in beats], axis=1), T, t0)
+
+    def _own(self) -> Drive | None:
+        """What the network gives at its inlets, where that is to be taken."""
+        return None if self.beats is None else own_drive(self.network, self.beats)
+
+    def retune(self, changed: Mapping[str, Any]) -> None:
+        """Take over values that were changed between steps, by name; raises ValueError and keeps the old ones if bad.
+
+        Of the inputs those that are parameters too (P_venous) matter: the Jacobian at rest is made with them.
+        """
+        fresh = self.known is self.shown
+        self._use(self.model.with_parameters({name: v for name, v in changed.items() if name in self.parameters}))
+        self.shown = self.shown.under(self.model)
+        if fresh:  # else what is known is still to be taken to where the outputs are, by the old parameters
+            self.known = self.shown
+
+    def _built(self, laws: Mapping[str, str], settings: Mapping[str, Any], parameters: Mapping[str, float]) -> Model:
+        return build(replace(self.network, **laws), parameters, Settings(**settings))  # type: ignore[arg-type]
+
+    def kinds(self) -> dict[type, Kind]:
+        """A model is saved as its parameters, and those at the start: they have made the mesh."""
+
+        def made(origin: tuple[Any, ...], parameters: Mapping[str, float]) -> Model:
+            return self._built(*origin).with_parameters(parameters)
+
+        model = Kind(lambda model: {"origin": self.origin, "parameters": model.parameters}, made)
+        return {Model: model, **dataclasses(Stretch, Position, State, Layout)}
+
+    def resumed(self) -> None:
+        """The reports follow from the model."""
+        if "model" in self.__dict__:  # it was saved after its initialization
+            self._use(self.model)
+            self.own = self._own()
+
+    def _use(self, model: Model) -> None:
+        self.model, self.report, self.weights = model, reporter(model), volume_weights(model)[0]
+        self.found: Impedances | None = None  # about the basis, where they were asked for
+
+    def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
+        """Advance from t to t + h [s] with the inputs in ``values``.
+
+        Raises ValueError, NonPhysicalState; the component is then as before.
+        """
+        self._check_time(t, h)
+        self.remark = self._unheard(values)
+        values = self._received(values)
+        stretch = self._stretch(h, values)
+        halved = self.shown.state.halved
+        known, shown, slope = self._driven(stretch, self._driving(values))
+        self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
+        if shown.state.halved > halved:
+            self.remark = (
+                f"the step from t = {t:g} s did not converge and was cut into halves; a smaller dt avoids that."
+            )
+        self.V = self._volume()
+        V_venous = self.V_0 + shown.V_in - self.V
+        self.V_venous, self.Q_venous = V_venous, (V_venous - self.V_venous) / h
+        if self.time - self.basis_time >= _RENEWED or not stretch.as_long_as(self.basis[2]):
+            self.basis, self.basis_time, self.found = (known, shown, stretch), self.time, None
+
+    def _received(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The inputs. Some masters that run all FMUs side by side set every input to 0 before the first step, when
+        nothing has been sent yet: the pressures at the start then go on."""
+        first = self.interpolation == "smooth" and self.known is self.shown
+        if first and not any(values[name] for name in (*self.drives, *self.venous)):
+            pressures = dict(zip(self.venous, self.last.P_venous.tolist(), strict=True))
+            given = zip(self.drives, self.known.drive.tolist(), strict=True)
+            return {**values, **pressures, **{name: P for name, P in given if name.endswith(".P")}}
+        return values
+
+    def _driving(self, values: Mapping[str, Any]) -> Array:
+        """What the host sets at the inlets : (n_inlets,)."""
+        return np.array([values[name] for name in self.drives], float)
+
+    def _drive_at(self, t: float, values: Mapping[str, Any]) -> Array:
+        """What drives the inlets at the start : (n_inlets,)."""
+        return self._driving(values) if self.own is None else self.own(np.full((1, 1), t))[0, :, 0]
+
+    def _unheard(self, values: Mapping[str, Any]) -> str:
+        """A sentence at the first step for which the host has set what is ignored."""
+        if self.unset is None or self._driving(values).tolist() == self.unset:
+            return ""
+        self.unset = None
+        return f"{' and '.join(self.drives)} is ignored: inlet.drive = network; take input to drive the network by it."
+
+    def _driven(self, stretch: Stretch, Q: Array) -> tuple[Position, Position, Array]:
+        """What the next ``known``, ``shown`` and ``slope`` are after a communication step with the inlets at Q."""
+        if self.own is not None:
+            after = stretch.run_along(self.known.under(stretch.model), self.time, self.own)
+            return after, after, 0.0 * Q
+        if self.interpolation == "smooth":
+            known, slope = replace(self.known, drive=Q), 0.0 * Q
+            if self.known is not self.shown:
+                slope = (Q - self.known.drive) / self.last.h
+                known = (
+                    self.shown
+                    if np.array_equal(Q, self.shown.drive)
+                    else self.last.run(self.known, self.known.drive, Q)
+                )
+                if stretch.h > _FURTHEST * self.last.h:
+                    slope = 0.0 * Q
+            known = known.under(stretch.model)
+            try:
+                return known, stretch.run(known, Q, Q + slope * stretch.h), slope
+            except NonPhysicalState:  # of a flow that was only extrapolated: without that
+                return known, stretch.run(known, Q, Q), 0.0 * Q
+        Q_start = Q if self.interpolation == "hold" else self.known.drive
+        after = stretch.run(self.known.under(stretch.model), Q_start, Q)
+        return after, after, (Q - Q_start) / stretch.h
+
+    def outputs(self) -> list[float]:
+        """The outputs at the last communication point, in the order of the variable table, but for the ports."""
+        return [*self.report(self.shown.state)[0].tolist(), self.V, self.V_venous, self.Q_venous]
+
+    def ports(self) -> dict[str, float]:
+        """The ports by name, over the next communication step, which is taken to be as long as the last one."""
+        if self.found is None:
+            self.found = self._impedances()
+        stretch = replace(self.last, model=self.model)
+        values = port_values(stretch, self.shown, self._trial(stretch), self.found)
+        return dict(zip(self.port_names, values, strict=True))
+
+    def _trial(self, stretch: Stretch) -> Position:
+        """What comes of the next step under the extrapolated drive; where it breaks down, the present position."""
+        Q = self.shown.drive + self.slope * stretch.h
+        try:
+            if self.own is not None:
+                return stretch.run_along(self.shown, self.time, self.own)
+            return stretch.run(self.shown, Q if self.interpolation == "hold" else self.shown.drive, Q)
+        except NonPhysicalState:
+            return self.shown
+
+    def _impedances(self) -> Impedances:
+        """About the basis, or those of endless tubes where the arteries break down there."""
+        try:
+            return impedances(self.basis, self.interpolation)
+        except NonPhysicalState:
+            return endless(self.model)
+
+    def venous_flows(self) -> Array:
+        """The flow of each outlet to its P_venous : (n_outlets,) [m³/s]."""
+        return venous_flow(self.model, self.shown.state, self.last.P_venous)[0]
+
+    def _volume(self) -> float:
+        return float(self.weights @ self.shown.state.y[0])
+
+    def _stretch(self, h: float, values: Mapping[str, Any]) -> Stretch:
+        ratio = h / self.dt
+        steps, dt = round(ratio), self.dt
+        if steps == 0 or abs(ratio - steps) > _ON_GRID:
+            steps = max(1, steps, math.ceil(ratio / _LONGEST))
+            dt = rounded(h / steps)
+        P_venous = np.array([values[name] for name in self.venous])
+        return Stretch(self.model, h, steps, dt, P_venous)
+
+    def _check_time(self, t: float, h: float) -> None:
+        check_time(t, h, self.time, 2 * _ON_GRID * self.dt)
+        if h > _MOST_STEPS * self.dt:
+            raise InputError(
+                f"communication step of {h:g} s: more than {_MOST_STEPS} internal steps of {self.dt:g} s; "
+                "take shorter communication steps."
+            )
+
+
+def _beats(inlet: Inlet, values: Mapping[str, Any]) -> tuple[Callable[[Array], Array], float]:
+    """What drives an inlet in the beats that a periodic start is near, and their period [s], 0 of a steady drive."""
+    if inlet.causality == "pressure":
+        return (lambda t: values[inlet.variable("P_mean")] + 0.0 * t), 0.0
+    pulse = inlet_with(inlet, values)
+    return pulse.Q, pulse.T

@@ -1,0 +1,1 @@
+"""The documents inside an FMU."""

@@ -1,0 +1,71 @@
+"""The files of an FMU that needs no Python: binaries for all networks, one resource with this one's programs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from solver.errors import InputError
+from solver.network.description import Network
+from solver.network.files import dumps
+from solver.scheme.model import Settings
+
+from .. import __version__
+from ..contents.models import given_arteries
+from ..documents import document
+from ..slaves.arteries_slave import in_one_line
+from . import native_description, resource
+from .binaries import PLATFORMS, binary, fat, here, sources
+from .native_description import About
+
+RESOURCE, DESCRIPTION = "resources/arterial.bin", "modelDescription.xml"
+_ARM = "aarch64-darwin"
+
+
+def files(
+    network: Network, settings: Settings, starts: Mapping[str, float | str], fmi: int, platforms: Sequence[str]
+) -> dict[str, bytes]:
+    """All files by path. Raises ValueError as ``build_fmu.build_native``."""
+    if fmi not in (2, 3):
+        raise InputError(f"--fmi {fmi}: must be 2 or 3.")
+    own = here()
+    if not platforms and own is None:
+        raise InputError(f"this machine is none that FMUs are built for; give --platforms, of {', '.join(PLATFORMS)}.")
+    network, settings, table, _ = given_arteries(network, settings, starts)
+    found: dict[str, bytes] = {
+        "resources/network.toml": dumps(network).encode(),
+        RESOURCE: resource.resource(network, settings, table),
+        **document.documents(network, table, __version__, fmi),
+        **{f"sources/{path}": text for path, text in sources().items()},
+    }
+    about = About(
+        network.name, in_one_line(network), __version__, "", 5 * network.inlet.T, settings.dt, settings.tolerance
+    )
+    describe = native_description.fmi2 if fmi == 2 else native_description.fmi3
+    found[DESCRIPTION] = describe(about, table)
+    compiled = [path for path in sources() if path.endswith(".c")]
+    found["sources/buildDescription.xml"] = native_description.build_description(about, compiled)
+    guid = guid_of(found)
+    found[RESOURCE] = resource.with_guid(found[RESOURCE], guid)
+    found[DESCRIPTION] = describe(replace(about, guid=guid), table)
+    return found | binaries(network.name, fmi, list(platforms or [str(own)]))
+
+
+def guid_of(found: Mapping[str, bytes]) -> str:
+    """The GUID: a hash of everything, itself open, but the binaries, which follow from the sources."""
+    hashes = [(path, hashlib.sha256(found[path]).hexdigest()) for path in sorted(found)]
+    return f"{{{hashlib.sha256(json.dumps(hashes).encode()).hexdigest()[:32]}}}"
+
+
+def binaries(name: str, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:
+    """The libraries by path; FMI 2 has one folder for macOS, with a library of both its machines."""
+    made = {platform: binary(platform) for platform in platforms}
+    if fmi == 2 and "darwin64" in made and _ARM in made:
+        made["darwin64"] = fat(made["darwin64"], made.pop(_ARM))
+    found = {}
+    for platform, content in made.items():
+        p = PLATFORMS[platform]
+        found[f"binaries/{p.fmi2 if fmi == 2 else p.fmi3}/{name}{p.suffix}"] = content
+    return found

@@ -1,0 +1,103 @@
+"""The pythonfmu slave of a left heart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from pythonfmu import DefaultExperiment
+
+from solver.lumped.heart import INPUTS, OUTPUTS, HeartComponent
+from solver.lumped.heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve, Ventricle
+from solver.quantities.quantity import quantities
+
+from ..variables.lumped_variables import (
+    FLOW,
+    FRACTION,
+    IMPEDANCE,
+    MEMORY,
+    PRESSURE,
+    VOLUME,
+    input_variable,
+    output_variable,
+    parameters,
+)
+from ..variables.variable import Variable, with_starts
+from .base import ComponentSlave, Subject
+
+_KINDS = {
+    "heart": Pace, "left_ventricle": Ventricle, "left_atrium": Chamber, "mitral_valve": Valve, "aortic_valve": Valve,
+    "venous": Filling, "aorta": Aorta,
+}  # fmt: skip
+_MEANINGS = {
+    "aorta.Q": (FLOW, "flow from the ventricle into the aorta"),
+    "aorta.P": (PRESSURE, "pressure at the root of the aorta, as the port of the arteries gives it"),
+    "aorta.V": (VOLUME, "volume that has left to the aorta since the start"),
+    "venous.V": (VOLUME, "volume taken from the veins since the start"),
+    "venous.Q": (FLOW, "flow from the veins into the atrium"),
+    "left_ventricle.P": (PRESSURE, "pressure in the left ventricle"),
+    "left_ventricle.V": (VOLUME, "volume of the left ventricle"),
+    "left_atrium.P": (PRESSURE, "pressure in the left atrium"),
+    "left_atrium.V": (VOLUME, "volume of the left atrium"),
+    "mitral_valve.Q": (FLOW, "flow from the atrium into the ventricle"),
+    "mitral_valve.opening": (FRACTION, "how far the mitral valve is open, 0 to 1"),
+    "aortic_valve.opening": (FRACTION, "how far the aortic valve is open, 0 to 1"),
+    "heart.phase": (FRACTION, "part of the beat that has passed; at 0 the ventricle begins to contract"),
+}
+# initial dependencies of the outputs, when the chambers are at venous.P and the valves are closed
+_SOURCES = {
+    "aorta.P": ("aorta.P_0",),
+    "left_ventricle.P": ("venous.P",),
+    "left_ventricle.V": ("venous.P", "heart.contractility", *(f"left_ventricle.{key}" for key in quantities(Chamber))),
+    "left_atrium.P": ("venous.P",),
+    "left_atrium.V": ("venous.P", *(f"left_atrium.{key}" for key in quantities(Chamber))),
+}
+
+
+class HeartSlave(ComponentSlave):
+    """A left heart, whose numbers are in ``resources/heart.json``."""
+
+    data_file = "heart.json"
+
+    @classmethod
+    def subject(cls, data: Any) -> Subject:
+        """The heart and its variables; an experiment of five beats."""
+        heart = from_data(data["heart"])
+        return Subject(
+            name=heart.name,
+            description=f"Left heart with time-varying elastance and two valves. {heart.reference}",
+            version=data["version"],
+            experiment=DefaultExperiment(0.0, 5 / heart.heart.rate, 1e-3),
+            table=with_starts(table(heart), data["starts"]),
+            make=lambda: HeartComponent(heart),
+        )
+
+
+def to_data(heart: Heart) -> dict[str, Any]:
+    """A heart as JSON data."""
+    return asdict(heart)
+
+
+def from_data(data: Mapping[str, Any]) -> Heart:
+    """The heart that :func:`to_data` wrote."""
+    return Heart(**{key: _KINDS[key](**value) if key in _KINDS else value for key, value in data.items()})
+
+
+def table(heart: Heart) -> tuple[Variable, ...]:
+    """Inputs, then parameters, then outputs."""
+    inputs = {
+        "aorta.P_0": (
+            PRESSURE,
+            "P_0 of the arteries' port: their pressure is P_0 + Z_0 Q(t) + Z Q(t+h)",
+            heart.P_aorta,
+        ),
+        "aorta.Z": (IMPEDANCE, "Z of the arteries' port; 0 means that their pressure is held at P_0", 0.0),
+        "aorta.Z_0": (MEMORY, "Z_0 of the arteries' port", 0.0),
+        "venous.P": (PRESSURE, "pressure of the veins, or of the source that fills the heart", heart.P_venous),
+    }
+    return (
+        *(input_variable(name, *inputs[name]) for name in INPUTS),
+        *parameters(heart.groups),
+        *(output_variable(name, *_MEANINGS[name], _SOURCES.get(name, ())) for name in OUTPUTS),
+    )

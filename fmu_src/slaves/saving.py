@@ -1,0 +1,134 @@
+"""The part of a slave that fails in one sentence, and saves and restores its state."""
+
+from __future__ import annotations
+
+import weakref
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from pythonfmu import Fmi2Slave
+
+from solver.errors import InputError
+from solver.io.saved import from_bytes, to_bytes
+from solver.lumped.component import Component
+
+from .refusal import compensate, sentence
+
+INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
+
+T = TypeVar("T")
+
+_KEPT = ("values", "phase", "t0", "stop_time", "outdated", "late_due", "changed")  # attributes of a slave in a state
+_INSTANCES: weakref.WeakSet[SavingSlave] = weakref.WeakSet()  # that the host has not freed
+
+
+@dataclass
+class Snapshot:
+    """A saved state: what ``_KEPT`` names of the slave, and the component's attributes. blob : the same in bytes."""
+
+    guid: str
+    slave: dict[str, Any]
+    component: dict[str, Any]
+    blob: bytes | None = None
+
+
+class SavingSlave(Fmi2Slave):
+    """The four hooks of saved states, two of which the wrapper calls on the class: they know no instance, so no log."""
+
+    content_hash = ""
+    values: list[Any]
+    phase: str
+    component: Component
+
+    @classmethod
+    @abstractmethod
+    def _new(cls) -> Component:
+        """A new component."""
+
+    @classmethod
+    @abstractmethod
+    def _title(cls) -> str:
+        """What a message begins with where the instance is not known."""
+
+    @abstractmethod
+    def _settle(self) -> None:
+        """Make sure that the right code runs."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        _INSTANCES.add(self)
+
+    # --- saved states ---------------------------------------------------------------------------------------------
+
+    def _get_fmu_state(self) -> Snapshot:
+        return self._guarded("saving the state", self._snapshot)
+
+    def _snapshot(self) -> Snapshot:
+        slave = {**{name: getattr(self, name) for name in _KEPT}, "values": tuple(self.values)}
+        return Snapshot(self.content_hash, slave, self.component.__dict__.copy())
+
+    def _set_fmu_state(self, state: Any) -> None:
+        def restore() -> None:
+            _check_state(state, self.content_hash)
+            if self.phase == INSTANTIATED:
+                self._settle()
+            self.__dict__ |= {**state.slave, "values": list(state.slave["values"])}
+            self.component.__dict__ = state.component.copy()
+
+        self._guarded("restoring the state", restore)
+
+    @classmethod
+    def _fmu_state_to_bytes(cls, state: Any) -> bytes:
+        def write() -> bytes:
+            _check_state(state, cls.content_hash)
+            if state.blob is None:  # the wrapper asks twice: for the size and for the bytes
+                component = cls._new()
+                component.__dict__ |= state.component
+                held = {name: value for name, value in state.component.items() if name not in component.remade}
+                state.blob = to_bytes(cls.content_hash, {"slave": state.slave, "component": held}, component.kinds())
+            return state.blob
+
+        return cls._refused("writing a state", write)
+
+    @classmethod
+    def _fmu_state_from_bytes(cls, blob: bytes) -> Snapshot:
+        def read() -> Snapshot:
+            component = cls._new()
+            held = from_bytes(blob, cls.content_hash, component.kinds())
+            component.__dict__ |= held["component"]
+            component.resumed()
+            return Snapshot(cls.content_hash, held["slave"], component.__dict__, blob)
+
+        return cls._refused("reading a state", read)
+
+    # --- errors ---------------------------------------------------------------------------------------------------
+
+    def _guarded(self, what: str, action: Callable[[], T]) -> T:
+        try:
+            return action()
+        except BaseException as error:
+            message = sentence(self.instance_name, error, what)
+        compensate(self)
+        raise ValueError(message)
+
+    @classmethod
+    def _refused(cls, what: str, action: Callable[[], T]) -> T:
+        """As ``_guarded``, where the instance is not known: any of this class may be the one that is called.
+
+        The others stay in memory after the host has freed them, a quarter of a megabyte each.
+        """
+        try:
+            return action()
+        except BaseException as error:
+            message = sentence(cls._title(), error, what)
+        for instance in list(_INSTANCES):
+            if type(instance) is cls:
+                compensate(instance)
+        raise ValueError(message)
+
+
+def _check_state(state: Any, guid: str) -> None:
+    if not isinstance(state, Snapshot) or state.guid != guid:
+        raise InputError("the state is not one of this FMU; give one that this FMU saved.")

@@ -1,0 +1,96 @@
+"""The catalogue of effects as a whole: the terms of an owner, the measurement chain, the table of the docs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..quantities.quantity import Quantity, quantities
+from . import effects
+from .effect import Array, Described, check_known
+from .sensors import Sensor
+
+# --- terms of an owner --------------------------------------------------------------------------------------------
+
+
+def terms_of(owner: str) -> dict[str, Quantity]:
+    """The terms that an owner of a kind may have, by key, in the order of the catalogue."""
+    return {key: q for e in effects.ALL if e.owner == owner and not e.always for key, q in e.terms.items()}
+
+
+def quantities_of(thing: Any) -> dict[str, Quantity]:
+    """The quantities of an object of the network: its fields and its terms."""
+    held = getattr(thing, "terms", {})
+    known = terms_of(thing.OWNER) if held else {}
+    return quantities(thing) | {key: q for key, q in known.items() if key in held}
+
+
+def value_of(thing: Any, key: str) -> float:
+    """The number behind a key of :func:`quantities_of`."""
+    held = getattr(thing, "terms", {})
+    return held[key] if key in held else getattr(thing, key)
+
+
+def neutral_value(key: str, variable: str = "") -> float:
+    """The value of a term that switches it off. Raises ValueError if no effect has such a term."""
+    for effect in effects.ALL:
+        if key in effect.neutral:
+            return effect.neutral[key]
+    raise InputError(f"{variable or key}: no parameter of the network and no term of the catalogue.")
+
+
+# --- the measurement chain as a whole -----------------------------------------------------------------------------
+
+
+def observe(terms: Mapping[str, Any], X: Array, omega: Array) -> Array:
+    """The record of a periodic signal by a channel with these terms.
+
+    The sensors of the catalogue act in sequence, in its order. X : (..., n) complex Fourier coefficients of
+    e^{iωt} at omega : (n,) [rad/s], the mean where ω = 0.
+    The terms are numbers, or arrays that broadcast against X. Returns X's shape. Raises ValueError for an unknown term.
+    """
+    check_known("channel", terms, terms_of("channel"))
+    X, omega = np.asarray(X), np.asarray(omega, float)
+    for effect in effects.ALL:
+        if isinstance(effect, Sensor) and any(key in terms for key in effect.terms):
+            X = effect.observe(dict(effect.neutral) | dict(terms), X, omega)
+    return X
+
+
+def filtered(network: Described, channel: str, omega: Array) -> Array:
+    """H : (n,) of the known filters of a channel in a network, at omega : (n,) [rad/s].
+
+    Known filters are the sensors of the catalogue that are no candidates of a search; all other terms of a channel
+    are results of one.
+    """
+    H = np.ones(np.shape(omega), complex)
+    for own in (c for c in network.channels if c.name == channel):
+        for effect in effects.ALL:
+            if isinstance(effect, Sensor) and not effect.searched(channel):
+                values = {**effect.neutral, **own.terms}
+                H = H * effect.transfer({key: np.asarray(value) for key, value in values.items()}, omega)
+    return H
+
+
+# --- documentation ------------------------------------------------------------------------------------------------
+
+
+def table() -> str:
+    """The catalogue as a Markdown table, for docs/effects.md."""
+    rows = ["| Effect | Equation | Key [unit], range, off | Where | Signature | Confused with | Told apart by |"]
+    rows += ["|---|---|---|---|---|---|---|"]
+    for e in effects.ALL:
+        keys = "; ".join(_documented(key, q, e.neutral.get(key)) for key, q in e.terms.items())
+        rivals = ", ".join(f"`{name}`" for name in e.confusable)
+        cells = (f"`{e.name}`", e.equation, keys, ", ".join(e.places), e.signature, rivals, e.separator)
+        rows.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join(rows)
+
+
+def _documented(key: str, q: Quantity, neutral: float | None) -> str:
+    unit = {"1": "–", "signal": "its signal's"}.get(q.unit, q.unit)
+    off = "" if neutral is None else f", {neutral:g}"
+    return f"`{key}` [{unit}] {q.low:g} to {q.high:g}{off}"

@@ -1,0 +1,1 @@
+"""Hearts and venous reservoirs: components of a circulation without spatial extent."""

@@ -1,0 +1,1 @@
+"""Where things are: nodes, elements, the parts of a state vector, and the sources that act there."""

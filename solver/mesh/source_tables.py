@@ -1,0 +1,142 @@
+"""Tables of sources: what acts beside the equations of a network at every moment, by a g(t) that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from ..network.description import Network
+from ..network.table_source import TableSource
+from .mesh import Mesh
+from .sources import Source, made_of, shown
+
+Array = np.ndarray
+
+_FINE = 4096  # samples of a beat, whose harmonics are a table's
+
+
+class _Place(NamedTuple):
+    """Where sources lie."""
+
+    network: Network
+    mesh: Mesh
+
+
+@dataclass(frozen=True)
+class NoTables:
+    """Nothing acts beside the equations."""
+
+    tables: ClassVar[tuple[TableSource, ...]] = ()
+
+    def given(self, g: Array) -> NoTables:
+        return self
+
+    def at(self, times: Array) -> list[Array | None]:
+        return [None] * len(times)
+
+    def beside(
+        self, sources: Sequence[Source], g: Array | None, T: float, n: int, t: float = 0.0
+    ) -> tuple[Sequence[Source], Array]:
+        return sources, np.zeros((1, 0)) if g is None else g
+
+    def add_to_momentum(self, R: Array, g: Array | None) -> None:
+        return None
+
+    def add_to_nodes(self, net: Array, scale: Array, g: Array | None) -> None:
+        return None
+
+    def let_out(self, Q: Array, g: Array | None) -> Array:
+        return Q
+
+    def let_in(self, drive: Array, t: float) -> Array:
+        return drive
+
+    def add_to_outputs(self, result: Array, t: float) -> None:
+        return None
+
+
+@dataclass(frozen=True)
+class Tables:
+    """momentum : (n_sources, n_e, N+1), nodes : (n_sources, n_nodes), of unit amplitude; shown : what they add to the
+    network's outputs, (n_sources, n_outputs). inlets, outlets : their nodes. now : (n_sources,) the amplitudes of the
+    one moment that they are asked for, where others know the time."""
+
+    tables: tuple[TableSource, ...]
+    momentum: Array
+    nodes: Array
+    shown: Array
+    inlets: slice
+    outlets: slice
+    now: Array | None = field(default=None)
+
+    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = dict.fromkeys(("momentum", "nodes", "shown"))  # none has one
+
+    @staticmethod
+    def of(network: Network, mesh: Mesh) -> Tables | NoTables:
+        """Those of a network on its mesh."""
+        if not network.sources:
+            return NoTables()
+        each, place = [made_of(table) for table in network.sources], _Place(network, mesh)
+        still, closed = np.zeros((mesh.n_elements, mesh.element.N + 1)), np.zeros(mesh.n_nodes)
+        momentum, nodes = [s.momentum(place) for s in each], [s.nodes(place) for s in each]
+        return Tables(
+            network.sources,
+            np.array([still if x is None else x for x in momentum]),
+            np.array([closed if x is None else x for x in nodes]),
+            shown(network, tuple(network.output_units()), each),
+            mesh.topology.inlets,
+            mesh.topology.outlets,
+        )
+
+    def given(self, g: Array) -> Tables:
+        """The same with amplitudes g : (n_sources,), and no g(t)."""
+        return replace(self, tables=(), now=g)
+
+    def at(self, times: Array) -> list[Array | None]:
+        """g : (n_sources,) at each of some times [s]."""
+        return list(self._values(times))
+
+    def beside(
+        self, sources: Sequence[Source], g: Array | None, T: float, n: int, t: float = 0.0
+    ) -> tuple[Sequence[Source], Array]:
+        """Some sources and these; their n harmonics in beats of T [s] from the time t [s] on.
+
+        Raises ValueError for a table that repeats otherwise.
+        """
+        for table in self.tables:
+            table.check_repeats(T)
+        own = np.fft.rfft(self._values(t + T / _FINE * np.arange(_FINE)), axis=0, norm="forward")[:n]
+        given = np.zeros((n, len(sources)), complex)
+        if g is not None:
+            given[: len(g)] = g[:n]
+        return (*sources, *map(made_of, self.tables)), np.concatenate([given, own], axis=1)
+
+    def add_to_momentum(self, R: Array, g: Array | None) -> None:
+        """Add what they do to the momentum that is left over : (B, n_e, N+1) [Pa]."""
+        if g is not None:
+            R += (g @ self.momentum.reshape(len(g), -1)).reshape(self.momentum.shape[1:])
+
+    def add_to_nodes(self, net: Array, scale: Array, g: Array | None) -> None:
+        """Add what they do to ΣQ at the nodes : (B, n_nodes) [m³/s]."""
+        if g is not None:
+            net += scale * (g @ self.nodes)
+
+    def let_out(self, Q: Array, g: Array | None) -> Array:
+        """What passes the outlets, of flows Q : (B, n_outlets) [m³/s] at the ends of their segments."""
+        return Q if g is None else Q + (g @ self.nodes)[self.outlets]
+
+    def let_in(self, drive: Array, t: float) -> Array:
+        """What passes the inlets, of what drives them : (n_inlets, B or 1), at the time t [s]."""
+        return drive + (self._values(np.array([t]))[0] @ self.nodes)[self.inlets, None]
+
+    def add_to_outputs(self, result: Array, t: float) -> None:
+        """Add what outputs : (B, n_outputs) show of them at the time t [s]."""
+        result += self._values(np.array([t]))[0] @ self.shown
+
+    def _values(self, times: Array) -> Array:
+        if self.now is not None:
+            return self.now[None]
+        return np.stack([s.curve.at(times / s.curve.period) for s in self.tables], axis=-1)

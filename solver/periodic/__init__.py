@@ -1,0 +1,1 @@
+"""The periodic beat: harmonic balance, start states near it, and acceleration of beats."""

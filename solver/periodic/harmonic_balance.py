@@ -1,0 +1,393 @@
+"""The beat that repeats under what drives a network, harmonic by harmonic: harmonic balance.
+
+All of it with the equations of the scheme itself, so that everything a network holds takes part:
+
+1. The steady state of the mean drive, by implicit steps so long that everything but the flow comes to rest.
+2. The waves about it, harmonic by harmonic. A stage of length τ puts (x - x_start)/τ for dx/dt; with τ = 1/iω its
+   Jacobian is that of small waves e^{iωt}: linear theory as in :mod:`~solver.linear`, about stretched walls with flow.
+3. What these waves leave over in the nonlinear equations during a period is corrected with the same Jacobians, again
+   and again: each correction is a tenth of the one before where waves are as in arteries. This moves the mean too,
+   which differs from the state of the mean drive.
+
+Time is then exact but for the harmonics left out: there is no step whose error would add up.
+
+Harmonic balance: M. S. Nakhla, J. Vlach, IEEE Trans. Circuits Syst. 23 (1976) 85; here with fixed Jacobians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..laws.maxwell import weights
+from ..mesh.elimination import Factor
+from ..mesh.sources import NO_FORCING, Forcing
+from ..quantities.units import SIGNAL_UNITS
+from ..scheme import terms
+from ..scheme.guards import NonPhysicalState, check
+from ..scheme.model import Model
+from ..scheme.stage import Condensed, Operators, Stage, operators, operators_about, operators_repeated, start
+from ..scheme.step import State, initial_state
+
+Array = np.ndarray
+Drive = Callable[[Array], Array]
+
+_STORAGE = 5e8  # bytes of the Jacobians of all harmonics; a large mesh or batch has fewer of them
+_SAMPLES = 4  # of a period for each harmonic, so that products of harmonics have room
+_TOGETHER = 3000  # elements of members and moments in one operation (measured: alike from 800 to 12 000)
+_FINE = 4096  # samples of the drive, whose mean counts
+MOST = _FINE // 4  # harmonics
+LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
+_MEAN = 1e4  # s, of the mean as a wave so slow that everything follows it; a longer one has rounding errors
+_SETTLED = 1e-8  # last correction in such a step, relative to the flows there
+
+
+class NoSteadyState(InputError):
+    """A network that the mean of its drive does not let come to rest; the message says where, and what to do."""
+
+
+class Waves(NamedTuple):
+    """Amplitudes of e^{iωt}, the mean first: y (K+1, B, n) of the state vector, H (K+1, B, n_nodes) [Pa]."""
+
+    omega: Array
+    y: Array
+    H: Array
+
+    def at(self, t: float, derivative: bool = False) -> tuple[Array, Array]:
+        """y and H, or their time derivatives, t [s] after the start."""
+        turn = np.where(self.omega == 0.0, 1.0, 2.0) * np.exp(1j * self.omega * t)
+        turn = turn * (1j * self.omega) if derivative else turn
+        y, H = (np.tensordot(turn, x, 1).real for x in (self.y, self.H))
+        return y, H
+
+    @property
+    def rates(self) -> Array:
+        """Amplitudes of dy/dt."""
+        return 1j * self.omega[:, None, None] * self.y
+
+    def where(self, members: Array, other: Waves) -> Waves:
+        """These of some members : (B,), others of the rest."""
+        own = members[:, None]
+        return Waves(self.omega, np.where(own, self.y, other.y), np.where(own, self.H, other.H))
+
+
+def storable(model: Model) -> int:
+    """How many harmonics have room."""
+    mesh = model.mesh
+    numbers = model.coefficients.B * (mesh.elimination.inner.size + mesh.n_elements * (mesh.element.N + 3) ** 2)
+    return int(_STORAGE / (16.0 * numbers))
+
+
+def spectrum(model: Model, drive: Drive, T: float, K: int, t: float = 0.0) -> Array:
+    """Harmonics (K+1, B or 1, n_inlets) of what drives the inlets from time t [s] on, [m³/s] or [Pa]."""
+    values = np.asarray(drive(t + T / _FINE * np.arange(_FINE)), float)
+    values = values.reshape(_FINE, len(model.network.inlets), -1).swapaxes(1, 2)
+    return np.fft.rfft(values, axis=0, norm="forward")[: K + 1]
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Many moments of all members of a batch, a few at a time as one larger batch: so many that it takes longer to do
+    an operation than to call it, and so few that fast memory holds them.
+
+    B : members. model, operators : of that batch; a model of one parameter set takes all moments at once.
+    """
+
+    B: int
+    model: Model
+    operators: Operators
+
+    @staticmethod
+    def of(model: Model, n: int) -> Moments:
+        """n : how many moments there are."""
+        B, o = model.coefficients.B, operators(model, model.settings.dt)
+        most = _TOGETHER // (B * model.mesh.n_elements)
+        together = max(each for each in range(1, n + 1) if n % each == 0 and each <= max(most, 1))
+        return Moments(B, *((model, o) if B == 1 else operators_repeated(model, together, model.settings.dt)))
+
+    def of_each(self, *values: Array) -> Iterator[tuple[Array, ...]]:
+        """What many moments have, each (moments, B or 1, …), as batches that the model takes."""
+        every = [np.broadcast_to(x, (len(x), self.B, *x.shape[2:])).reshape(-1, *x.shape[2:]) for x in values]
+        size = len(every[0]) if self.B == 1 else self.model.coefficients.B
+        for at in range(0, len(every[0]), size):
+            yield tuple(x[at : at + size] for x in every)
+
+    def stages(self, waves: Waves, drive: Array) -> Iterator[tuple[Stage, Array, Array, Array]]:
+        """Of all moments of a period the implicit stage that ends there, at the present rates; y, dy/dt and H."""
+        model, o, P_venous = self.model, self.operators, self.model.coefficients.P_venous
+        for y, rate, H, driven in self.of_each(*map(samples, (waves.y, waves.rates, waves.H, drive))):
+            yield Stage.of(model, o, y - o.tau * rate, model.inlets.gain * driven, P_venous, 0.0), y, rate, H
+
+    def left_over(self, waves: Waves, drive: Array) -> tuple[Array, Array]:
+        """Amplitudes of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes) that are not 0."""
+        R, net = list[Array](), list[Array]()
+        for stage, y, _, H in self.stages(waves, drive):
+            Q = self.model.layout.part(y, "Q")
+            R.append(terms.residual(stage.start, Q, H))
+            net.append(stage.node_residual(Q, H))
+        return amplitudes(np.concatenate(R), waves.y), amplitudes(np.concatenate(net), waves.y)
+
+
+def moments_of(model: Model, harmonics: int) -> Moments:
+    """The moments of a period that so many harmonics, the mean among them, have."""
+    return Moments.of(model, _SAMPLES * (harmonics - 1))
+
+
+def samples(x: Array) -> Array:
+    """Values over a period : (4 K, …) of amplitudes x : (K+1, …)."""
+    return np.fft.irfft(x, _SAMPLES * (len(x) - 1), axis=0, norm="forward")
+
+
+def amplitudes(x: Array, like: Array) -> Array:
+    """Amplitudes : (K+1, B, …) of the values of all members, moment after moment; K and B are those of ``like``."""
+    K, B = len(like) - 1, like.shape[1]
+    return np.fft.rfft(x.reshape(_SAMPLES * K, B, *x.shape[1:]), axis=0, norm="forward")[: K + 1]
+
+
+# --- the steady state ---------------------------------------------------------------------------------------------
+
+
+def steady(model: Model, mean: Array) -> State:
+    """The steady state under constant inflows [m³/s] or pressures at the inlets [Pa] : (B or 1, n_inlets)."""
+    state, c, layout = initial_state(model), model.coefficients, model.layout
+    y, H, Q, A_t = state.y, state.H, state.Q, state.A_t
+    given = model.inlets.gain * mean
+    settled = settled_below(model, given)
+    try:
+        for tau in LONG:
+            stage = Stage.of(model, operators_about(model, tau, y, H), y, given, c.P_venous, 0.0)
+            # a guess of the flow that leaves the area as it is: a long step would multiply what does not
+            Q, H, A_t = stage.solve(evened(Q), H, settled)
+            y = stage.end(Q, A_t)
+        check(model, layout.part(y, "A"), A_t, Q, 0.0)
+    except (NonPhysicalState, np.linalg.LinAlgError) as error:
+        where = f" (segment {error.segment}: {error.reason})" if isinstance(error, NonPhysicalState) else ""
+        names = [inlet.drive for inlet in model.network.inlets]
+        means = ", ".join(
+            f"{name} = {x:g} {SIGNAL_UNITS[name[-1]]}" for name, x in zip(names, mean.mean(axis=0), strict=True)
+        )
+        raise NoSteadyState(
+            f"network {model.network.name}: it has no steady state with {means}, the mean{where}; "
+            f"change {names[0]} or the outlets, or start from rest."
+        ) from None
+    return replace(state, y=y, H=H, A_t=np.zeros_like(A_t))
+
+
+def settled_below(model: Model, given: Array) -> tuple[Array, Array]:
+    """How little flows and nodal pressures may change in the last iteration of such a step : two (B,)."""
+    c = model.coefficients  # the flow that passes, and the one that P_0 drives on the way
+    driven = np.abs(model.inlets.flow(given, c.P_0)).sum(axis=1)
+    flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
+    return flow + model.flow_floor, flow * model.impedance + model.pressure_floor
+
+
+# --- the waves ----------------------------------------------------------------------------------------------------
+
+
+def balanced(
+    model: Model, rest: State, drive: Array, T: float, tolerance: float, most: int,
+    tell: Callable[[], None] | None = None, forcing: Forcing = NO_FORCING,
+) -> tuple[Waves, Array]:  # fmt: skip
+    """The waves about a steady state under drives with harmonics : (K+1, B or 1, n_inlets) [m³/s or Pa], and how large
+    the last correction of each member was : (B,), of the flows that pulsate and relative to them.
+
+    tolerance : a correction of this size is the last. most : how many are tried. Where they grow, what was there before
+    them stands, and the size is infinite. tell : called after each. forcing : of sources, beside the drives.
+    """
+    omega = 2.0 * np.pi / T * np.arange(len(drive))
+    response, moments = Response.about(model, taus_of(omega), rest), moments_of(model, len(omega))
+    drive, forced = drive + forcing.inlets, forcing.nodes * operators(model, model.settings.dt).loads.scale
+    waves = before = response.stored(Waves(omega, constant(rest.y, len(omega)), constant(rest.H, len(omega))), forcing)
+    last = np.full(model.coefficients.B, np.inf)
+    active = last > 0.0
+    for _ in range(most):
+        filled = waves if model.storage.proportional else response.filled(waves, moments, drive)
+        R, net = moments.left_over(filled, drive)
+        y, H = response.correction(R + forcing.momentum, net + forced)
+        size = _size(model, y) / np.maximum(_size(model, waves.y + y), np.finfo(float).tiny)
+        less = size < last
+        better = active & less
+        corrected = _remembering(model, Waves(omega, filled.y + y, filled.H + H), taus_of(omega))
+        waves, before = corrected.where(better, before.where(active & ~less, waves)), waves.where(better, before)
+        last = np.where(active, np.where(less, size, np.inf), last)
+        active = better & (size >= tolerance)
+        if tell:
+            tell()
+        if not active.any():
+            break
+    return waves, last
+
+
+def taus_of(omega: Array) -> list[Any]:
+    """The lengths of stages whose Jacobians are those of waves e^{iωt}; the mean is a very slow one."""
+    return [1.0 / (1j * w) if w else _MEAN for w in omega]
+
+
+def constant(x: Array, n: int) -> Array:
+    """Amplitudes (n, …) of what is x at all times."""
+    return np.concatenate([x[None], np.zeros((n - 1, *x.shape))]).astype(complex)
+
+
+def _size(model: Model, y: Array) -> Array:
+    """(B,) of the flows that pulsate."""
+    Q = y[1:, :, model.layout.places["Q"]]
+    return np.sqrt((Q.real**2 + Q.imag**2).sum(axis=(0, 2)))
+
+
+@dataclass(frozen=True)
+class Response:
+    """How a network answers small waves of every frequency about a steady state: frequencies and members are one axis.
+
+    tau : (rows, 1, 1) of the stages. jacobian : inverse. scale, signs, charge : as :class:`~solver.scheme.stage.Loads`.
+    storage : (rows, n_e, N) d(∂A/∂t)/d(-∂Q/∂x), 1 without leaks. minus_J_inverse : (rows, n_e, N).
+    """
+
+    model: Model
+    tau: Array
+    jacobian: Condensed
+    scale: Array
+    signs: Array
+    charge: Array
+    storage: Array
+    minus_J_inverse: Array
+
+    @staticmethod
+    def of(model: Model, tau: Any, y: Array, H: Array) -> Response:
+        """That at one frequency, of stages of length tau, about the steady state y : (B, n), H : (B, n_nodes)."""
+        o = operators_about(model, tau, y, H)
+        s, _ = start(model, tau, o.inertia, o.memory, o.loads, y, model.coefficients.P_venous)
+        slope = s.storage.slope(s.A, 0.0 * s.A)
+        storage = np.broadcast_to(np.reshape(slope, np.shape(slope)[:-1]), s.A.shape)
+        scale, signs, charge = o.loads.scale, o.loads.signs, o.loads.charge
+        return Response(model, tau, o.at_rest, scale, signs, charge, storage, model.minus_J_inverse)
+
+    @staticmethod
+    def about(model: Model, taus: Sequence[Any], rest: State) -> Response:
+        each = [Response.of(model, tau, rest.y, rest.H) for tau in taus]
+        return Response(
+            model,
+            np.repeat(np.array(taus, complex), model.coefficients.B)[:, None, None],
+            Condensed(
+                np.concatenate([r.jacobian.K_inverse for r in each]),
+                np.concatenate([r.jacobian.by_ends for r in each]),
+                Factor.joined([r.jacobian.nodal for r in each]),
+                model.mesh.end_nodes,
+            ),
+            *(
+                np.concatenate([getattr(r, name) for r in each])
+                for name in ("scale", "signs", "charge", "storage", "minus_J_inverse")
+            ),
+        )
+
+    def filled(self, waves: Waves, moments: Moments, drive: Array) -> Waves:
+        """The waves with areas that take what flows in and does not leak:
+
+            δA = τ s r,    r = -∂Q/∂x - g (P - P_venous) - ∂A/∂t
+
+        with s of :attr:`storage`. A leak g grows with the pressure, which the area is not proportional to; elsewhere
+        corrections are exact."""
+        model, left = self.model, list[Array]()
+        for stage, y, rate, _ in moments.stages(waves, drive):
+            A, A_t, Q = (model.layout.part(x, name) for x, name in ((y, "A"), (rate, "A"), (y, "Q")))
+            left.append(stage.start.storage.left_over(stage.start.supply(Q), A, A_t))
+        r = amplitudes(np.concatenate(left), waves.y)
+        y = waves.y.copy()
+        change = self.tau * self.storage * r.reshape(-1, *r.shape[2:])
+        model.layout.part(y, "A")[:] += change.reshape(r.shape)
+        return waves._replace(y=y)
+
+    def stored(self, waves: Waves, forcing: Forcing) -> Waves:
+        """The waves with the pressures that outlets store of what sources let out before them."""
+        model, P_C = self.model, self.model.layout.part(waves.y, "P_C")
+        if P_C.size and isinstance(forcing.nodes, np.ndarray):
+            P_C[:] += self.charge.reshape(P_C.shape) * forcing.nodes[..., model.mesh.topology.outlets]
+        return waves
+
+    def correction(self, R: Array, net: Array) -> tuple[Array, Array]:
+        """Changes of y and H, each (K+1, B, …), that cancel amplitudes R of momentum and of ΣQ at the nodes."""
+        n, B = R.shape[:2]
+        y, H = self.answer(R.reshape(n * B, *R.shape[2:]), net.reshape(n * B, -1), B)
+        return y.reshape(n, B, -1), H.reshape(n, B, -1)
+
+    def answer(self, R: Array, net: Array, means: int) -> tuple[Array, Array]:
+        """Changes of y and H, each (rows, …), that cancel R : (rows, n_e, N+1) and net : (rows, n_nodes),
+
+            K δQ = -R + (δH at the ends),    ΣδQ = -net at the nodes,    δA = -τ s ∂δQ/∂x
+
+        with the Jacobian K of momentum in every element, and s of :attr:`storage`. means : the first rows, of the mean.
+        """
+        model, mesh, layout = self.model, self.model.mesh, self.model.layout
+        Q = -np.einsum("beij,bej->bei", self.jacobian.K_inverse, R)
+        H = self.jacobian.nodal.solve(net + mesh.net_inflow(Q, self.signs))
+        self.jacobian.add_to(Q, H)
+        y = np.zeros_like(Q, shape=(len(Q), layout.size))
+        layout.part(y, "A")[:] = self.tau * self.storage * (Q @ mesh.element.d_xi) * self.minus_J_inverse
+        if means and model.storage.proportional:  # it fills nothing for ever: what it does in a long while is no flow
+            Q[:means] = evened(Q[:means])
+        layout.part(y, "Q")[:] = Q
+        if layout.shapes["P_C"][0]:
+            layout.part(y, "P_C")[:] = self.charge * Q[:, mesh.outlet_element, -1]
+        return y, H
+
+    def to_sources(self, momentum: Array, nodes: Array) -> tuple[Array, Array]:
+        """Amplitudes y : (K+1, S, n) and H : (K+1, S, n_nodes) of small waves by S sources, each with the same
+        momentum : (S, n_e, N+1) and ΣQ at the nodes : (S, n_nodes) at every harmonic; of one parameter set."""
+        model, mesh, layout = self.model, self.model.mesh, self.model.layout
+        y = np.zeros((len(self.tau), len(nodes), layout.size), complex)
+        H = np.zeros((len(self.tau), len(nodes), mesh.n_nodes), complex)
+        for k in range(len(self.tau)):
+            of_k = self.jacobian.member(k)
+            Q = -np.einsum("eij,sej->sei", of_k.K_inverse[0], momentum)
+            H[k] = of_k.nodal.solve(self.scale[k] * nodes + mesh.net_inflow(Q, self.signs[k : k + 1]))
+            of_k.add_to(Q, H[k])
+            A = self.tau[k] * self.storage[k] * (Q @ mesh.element.d_xi) * self.minus_J_inverse[k]
+            layout.part(y[k], "A")[:] = A
+            layout.part(y[k], "Q")[:] = evened(Q) if k == 0 and model.storage.proportional else Q
+        return y, H
+
+
+def evened(Q: Array) -> Array:
+    """Flows Q : (…, N+1) that are the same all along an element: its mean."""
+    return np.broadcast_to(Q.sum(axis=-1)[..., None] / Q.shape[-1], Q.shape)
+
+
+def _remembering(model: Model, waves: Waves, taus: Sequence[Any]) -> Waves:
+    """The waves with what walls and fluid remember: linear filters of the strain rate's stress and of the velocity."""
+    part = model.layout.part
+    stress, history = part(waves.y, "stress"), part(waves.y, "history")
+    if not stress.size and not history.size:
+        return waves
+    y, rates = samples(waves.y), samples(waves.rates)
+    n = len(y) * len(y[0])
+    at_once, U = (amplitudes(x.reshape(n, *x.shape[2:]), waves.y) for x in unremembered(model, y, rates))
+    for k, tau in enumerate(taus):
+        stress[k], history[k] = remembered(model, tau, at_once[k], U[k])
+    return waves
+
+
+def unremembered(model: Model, y: Array, rates: Array) -> tuple[Array, Array]:
+    """At moments y : (…, B, n) the stress that every element of the walls would have without memory, (…, B, m, n_e, N)
+    [Pa], and the velocity, (…, B, n_e, N+1) [m/s]."""
+    part = model.layout.part
+    A = part(y, "A")
+    U = part(y, "Q") / (A @ model.mesh.element.at_lobatto)
+    if not model.wall.remembers:
+        return A[..., None, :, :][..., :0, :, :], U
+    return np.moveaxis(model.wall.stresses(A, part(rates, "A")), 0, -3), U
+
+
+def remembered(model: Model, tau: Any, at_once: Array, U: Array) -> tuple[Array, Array]:
+    """Amplitudes of the stresses (B, m, n_e, N) and of the history (B, m, n_e, N+1) at one frequency, of what
+    :func:`unremembered` is there."""
+    force, unit = model.force, np.ones((1, model.mesh.n_elements, model.mesh.element.N))
+    stress = at_once
+    if model.wall.remembers:
+        stress = weights(np.moveaxis(model.wall.elements[0], 0, 1), tau) * at_once
+    if not force.memories:
+        return stress, U[:, None][:, :0]
+    nothing = 0.0 * np.stack([U] * force.memories, axis=1)
+    return stress, force.since(nothing, tau).history(nothing, U, unit)

@@ -1,0 +1,1 @@
+"""Numbers with units: fields of dataclasses, units, numbers in files and in sentences."""
