@@ -336,7 +336,8 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("toys")
     for name in ("solver", "fmu_src", "fitting", "discrepancy"):
         shutil.copytree(ROOT / name, folder / name)  # what is compiled, too
-    for path in (ROOT / "build_fmu.py", Path(__file__), Path(__file__).with_name("forked.py")):
+    here = Path(__file__)
+    for path in (ROOT / "build_fmu.py", here, here.with_name("forked.py"), here.with_name("judged.py")):
         shutil.copy(path, folder)
     insert(folder / "solver" / "laws" / "effects.py", "ALL", TissueSupport)
     insert(
