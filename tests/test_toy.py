@@ -334,7 +334,7 @@ def main(names: list[str]) -> None:
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The product with the toys in it: three classes and three entries more than the original, nothing else."""
     folder = tmp_path_factory.mktemp("toys")
-    for name in ("solver", "fmu_src", "fitting", "discrepancy"):
+    for name in ("solver", "fmu_src", "fitting", "discrepancy", "arterial_fmu"):
         shutil.copytree(ROOT / name, folder / name)  # what is compiled, too
     here = Path(__file__)
     for path in (ROOT / "build_fmu.py", here, here.with_name("forked.py"), here.with_name("judged.py")):
