@@ -20,7 +20,7 @@ from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import Runs
 
 from .. import thresholds as at
-from .law_starts import TYPICAL, Base, Begun, nearest
+from .law_starts import TYPICAL, Base, Begun, along, nearest
 from .scoring import Compared, names_of, there
 
 Array = np.ndarray
@@ -34,18 +34,19 @@ def with_rivals(result: Compared, runs: Runs, left: bool = False, more: bool = F
     another law may act beside it.
     """
     best = min(result.every, key=lambda n: n.score).fit  # even one that is never named, as no sensor can show it
-    problem, members = result.problem, dict[str, Member]()
+    problem, members = result.problem, dict[tuple[str, bool], Member]()
     assert isinstance(problem, NetworkProblem)
     known, none = {n.key: n.fit.cost for n in result.ranked}, result.none.fit
     for rest in _rests(best.terms, left, more):
         base, labels = without(problem, best, rest, runs), {t.label for t in rest}
         if base is not None:
-            laws = [t for t in result.sought if t.label not in labels and joins(t, rest)]
+            plain = [t for t in result.sought if t.label not in labels and joins(t, rest)]
+            laws = [each for t in plain for each in along(problem, t)] if left else plain  # a part anywhere, too
             most = best.cost - at.SECOND if rest == best.terms else none.cost
             for begun in promising(problem, base, laws, most, runs):
                 key = names_of((*rest, begun.term))
                 if begun.left < known.get(key, np.inf) - at.RULED_OUT:
-                    members.setdefault(key, _begun(problem, base, begun))
+                    members.setdefault((key, begun.term.moves_along), _begun(problem, base, begun))
     if not members:
         return result
     chosen = list(members.values())
