@@ -1,7 +1,8 @@
 """Name what acts at the places of the source map: the catalogue's laws there, each refitted in full.
 
-A law begins where the map ended: with the walls that the map found, the other places keeping their free sources, at the
-size with which it comes nearest to the record. Walls that were fitted without it would have taken up a part of it.
+A law begins where the map ended: with the walls that the map found, at the size with which it comes nearest to the
+record. Walls that were fitted without it would have taken up a part of it. Then other laws are tried in the stead of
+the best, and beside it (:mod:`discrepancy.name.rivals`).
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from fitting.inference.gauss_newton import Trial
 from fitting.inference.hypothesis import Term, joins
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import Runs
+from fitting.inference.source_maps.place_model import with_signals
 
 from .. import thresholds as at
 from .law_starts import TYPICAL, Base, Begun, along, nearest
@@ -34,8 +35,8 @@ def with_rivals(result: Compared, runs: Runs, left: bool = False, more: bool = F
     another law may act beside it.
     """
     best = min(result.every, key=lambda n: n.score).fit  # even one that is never named, as no sensor can show it
-    problem, members = result.problem, dict[tuple[str, bool], Member]()
-    assert isinstance(problem, NetworkProblem)
+    assert isinstance(result.problem, NetworkProblem)
+    problem, members = with_signals(result.problem, []), dict[tuple[str, bool], Member]()  # of balances alone
     known, none = {n.key: n.fit.cost for n in result.ranked}, result.none.fit
     for rest in _rests(best.terms, left, more):
         base, labels = without(problem, best, rest, runs), {t.label for t in rest}
