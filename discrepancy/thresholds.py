@@ -68,4 +68,5 @@ NO_GAP = 1.0
 FEW = 6  # hypotheses that are refitted at a time
 NEAR = 60.0  # of a score above the best: hypotheses that are refitted under sharper weights, with fresh derivatives
 AFAR = 0.03  # error of the model, in pulses, under which laws are begun at the walls of the map
+BRANCHES = 3  # laws of each of two places that are tried together
 MOST_EFFECTS = 2  # at once

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations, product
 
 import numpy as np
 
 from fitting.inference.fit import Fit, Member, sizes_of
-from fitting.inference.hypothesis import Term, effect_of, placed
+from fitting.inference.hypothesis import Term, effect_of, joins, placed
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.runs import Runs
 from fitting.inference.source_maps.beside import found_beside
-from fitting.inference.source_maps.source_map import SourceMap
+from fitting.inference.source_maps.source_map import SourceMap, is_noise
 from solver.errors import InputError
 from solver.laws.effect import CHANNEL
 
@@ -31,6 +32,12 @@ from .scoring import Compared, exact, promised, there
 Array = np.ndarray
 
 _ROUNDS = 3  # of rivals of the best hypothesis, at most, while these find a better one
+
+
+def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkProblem, SourceMap]:
+    """The problem with the free sources, and the map with the numbers that stand out, of all places but one."""
+    others = [j for j in range(len(found.signals)) if j != i]
+    return found.forced(problem, others), found.standing_out(others)
 
 
 def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
@@ -78,6 +85,18 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Te
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
+def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
+    """For every place the laws there that may explain the record beside the free sources of the other places, refitted
+    beside these; nearest first."""
+    fits = []
+    for i, some in enumerate(laws):
+        beside, walls = _beside(problem, found, i)
+        few = [[(b.term, b.x)] for b in _few(nearest(beside, base(beside, walls), some, runs))]
+        own = refitted(beside, walls, few, runs, explaining=True)
+        fits.append(sorted(own, key=lambda f: f.cost))
+    return fits
+
+
 def _few(begun: Sequence[Begun]) -> list[Begun]:
     """The laws that are refitted: the nearest, all that promise so much that they might not be ruled out beside the
     nearest (few sensors see many alike), and every outlet of another kind, which begins far off."""
@@ -85,11 +104,38 @@ def _few(begun: Sequence[Begun]) -> list[Begun]:
     return [b for k, b in enumerate(begun) if k < at.FEW or b.left < most or b.term.rewires]
 
 
+def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
+    """Laws of two places together, each of those that do nearly as well as the best at its place, refitted; where none
+    leaves noise alone beside the free sources of the other places, no law is what acts there."""
+    near = [
+        [f for f in some if f.cost < some[0].cost + at.NEAR][: at.BRANCHES]
+        for some in fits
+        if some and is_noise(some[0].chi2, len(some[0].z))
+    ]
+    both = [
+        [(a.terms[0], _own(a)), (b.terms[0], _own(b))]
+        for some, others in combinations(near, 2)
+        for a, b in product(some, others)
+        if a.terms[0].label != b.terms[0].label and joins(b.terms[0], a.terms) and joins(a.terms[0], b.terms)
+    ]
+    return refitted(found.forced(problem, []), found.standing_out(()), both, runs)
+
+
+def _own(fit: Fit) -> Array:
+    """Where a single law ended."""
+    x = dict(zip((u.name for u in fit.unknowns), fit.x, strict=True))
+    return np.array([x[u.name] for u in fit.terms[0].unknowns])
+
+
 def refitted(
-    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs
+    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs,
+    explaining: bool = False,
 ) -> list[Fit]:  # fmt: skip
     """Hypotheses searched for from the walls of the map, and where their laws begin: from afar first, with an error
-    granted to the model as in the map, and then to the noise."""
+    granted to the model as in the map, and then to the noise.
+
+    explaining : those alone that may leave noise alone: what leaves more with an error granted leaves more without.
+    """
     if not hypotheses:
         return []
     wide = problem.granted(at.AFAR)
@@ -97,6 +143,7 @@ def refitted(
     known = {u.name: column for u, column in zip(found.unknowns, begin.J.T, strict=True)}
     members = [begin.with_laws(problem, laws) for laws in hypotheses]
     seen = there(wide.searched_from(members, runs, known))
+    seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
     return there(problem.relaxed(problem.restated(seen, wide), runs))
 
 
@@ -108,7 +155,11 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
     result = Compared.of(problem, none, {}, terms)
     yield result
     laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
-    yield (result := exact(problem, [*none, *single(problem, found, laws, runs)], {}, terms, runs))
+    fits = [*none, *single(problem, found, laws, runs)]
+    yield (result := exact(problem, fits, {}, terms, runs))
+    if len(laws) > 1 and not result.best.explains:
+        fits += together(problem, found, alone(problem, found, laws, runs), runs)
+        yield (result := exact(problem, fits, {}, terms, runs))
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := result.with_columns(columns))
     if result.none.explains:

@@ -87,8 +87,10 @@ def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], most: f
 
 
 def _fewest(begun: Sequence[Begun], most: float, n: int) -> list[Begun]:
-    """The n nearest, and all that promise so much that they might not be ruled out beside these."""
-    return [b for k, b in enumerate(begun) if b.left < most and (k < n or b.left < begun[0].left + at.RULED_OUT)]
+    """The n nearest, all that promise so much that they might not be ruled out beside these, and every outlet of
+    another kind, which begins far off."""
+    near = begun[0].left + at.RULED_OUT if begun else 0.0
+    return [b for k, b in enumerate(begun) if b.term.rewires or (b.left < most and (k < n or b.left < near))]
 
 
 def _begun(problem: NetworkProblem, base: Base, begun: Begun) -> Member:
