@@ -164,11 +164,15 @@ def _held(downhill: Array, x: Array, unknowns: Sequence[Unknown]) -> Array:
 
 
 def _free_sds(normal: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:
-    """(p,) standard deviations of unknowns at x beside all others, if none had a range."""
+    """(p,) standard deviations of unknowns at x beside all others, if none had a range. Raises LinAlgError where sources
+    took up all but round-off of one, which may be below 0."""
     local = np.where([u.of_size for u in unknowns], _FREE, precision(prior, x))
     A = normal[:-1, :-1] + np.diag(local)
     scale = np.sqrt(np.diag(A))
-    return np.asarray(np.sqrt(np.diag(np.linalg.pinv(A / np.outer(scale, scale), hermitian=True))) / scale)
+    variance = np.diag(np.linalg.pinv(A / np.outer(scale, scale), hermitian=True))
+    if variance.min(initial=0.0) < 0.0:
+        raise np.linalg.LinAlgError("no information is below 0")
+    return np.asarray(np.sqrt(variance) / scale)
 
 
 def _signs(unknown: Unknown) -> float:
