@@ -164,8 +164,10 @@ def _held(downhill: Array, x: Array, unknowns: Sequence[Unknown]) -> Array:
 
 
 def _free_sds(normal: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:
-    """(p,) standard deviations of unknowns at x beside all others, if none had a range. Raises LinAlgError where sources
-    took up all but round-off of one, which may be below 0."""
+    """(p,) standard deviations of unknowns at x beside all others, if none had a range.
+
+    Raises LinAlgError where sources took up all but round-off of one, which may be below 0.
+    """
     local = np.where([u.of_size for u in unknowns], _FREE, precision(prior, x))
     A = normal[:-1, :-1] + np.diag(local)
     scale = np.sqrt(np.diag(A))
