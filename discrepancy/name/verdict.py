@@ -81,7 +81,9 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     loose = [with_errors(n, beside(n)) for n in _held_loosely(found, exact)]
     ways = ranked([*exact, *(n for n in loose if n is not None and not _by_a_law(n, exact))])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
-    named = sum(n.probability for n in ways if n.fit.terms)
+    # where the model without effect explains the record, what the record cannot show is aliases, and nothing missing
+    hidden = sum(n.probability for n in ways if not n.shown and none.explains)
+    named = sum(n.probability for n in ways if n.fit.terms) - hidden
     unknown = Naming("unknown", problem, none, found.ranked, (), found.columns, terms, 1.0 - named)
     if not ways:  # nothing explains the record, and where no wall law holds no error of it can be estimated
         return replace(unknown, confidence=at.INCOMPLETE, reason=_left(none.fit, problem))
@@ -89,7 +91,7 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     best = next((n for n in ways if n.fit.terms), ways[0]) if named > 0.5 else ways[0]
     if not best.fit.terms:
         if best.errors is None or (none.explains and not best.places):
-            nothing = sum(n.probability for n in ways if not n.fit.terms and not n.places)
+            nothing = hidden + sum(n.probability for n in ways if not n.fit.terms and not n.places)
             return replace(unknown, verdict="none", confidence=nothing)
         return replace(unknown, reason=_acting(best.places) if best.places else _left(none.fit, problem))
     confidence = sum(n.probability for n in ways if n.key == best.key)
