@@ -23,7 +23,7 @@ from fitting.cohort.virtual import virtual_cohort, write_cohort
 from fitting.records.read.record import write_record
 from solver import load, simulate_periodic
 from solver.io.exit_codes import ExitCode
-from solver.io.interrupts import interrupts_later
+from solver.io.interrupts import interrupts_again, interrupts_later
 
 ROOT = Path(__file__).resolve().parents[1]
 MARK = "TEST_OF_INTERRUPTS"  # in the environment of all processes of a command
@@ -137,12 +137,31 @@ def test_interrupts_wait() -> None:
     assert done == ["after the signal", "to the end"] and signal.getsignal(signal.SIGINT) is usual
 
 
+def test_interrupts_that_were_lost() -> None:
+    """A library that clears every error clears Ctrl-C; the next report raises it again. Without any, nothing is raised,
+    and the usual answer is back."""
+    usual, done = signal.getsignal(signal.SIGINT), []
+    with pytest.raises(KeyboardInterrupt), interrupts_again() as due:
+        due()
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except:  # noqa: E722
+            done.append("lost")
+        due()
+        done.append("never")
+    with pytest.raises(KeyboardInterrupt), interrupts_again():
+        signal.raise_signal(signal.SIGINT)
+        done.append("never")
+    assert done == ["lost"] and signal.getsignal(signal.SIGINT) is usual
+
+
 def test_interrupts_elsewhere() -> None:
     """In another thread, where no signal comes, the block is as any other."""
 
     def work() -> str:
-        with interrupts_later() as due:
+        with interrupts_later() as due, interrupts_again() as lost:
             due()
+            lost()
         return "done"
 
     with ThreadPoolExecutor(1) as pool:

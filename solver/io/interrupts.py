@@ -12,9 +12,9 @@ from typing import Any
 @contextmanager
 def interrupts_later() -> Iterator[Callable[[], None]]:
     """Delay Ctrl-C to the end of the block, or to a call of the function that it yields."""
-    answer = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(answer):
-        yield lambda: None  # signals arrive in the main thread only
+    answer = _answer()
+    if answer is None:
+        yield lambda: None
         return
     came: list[tuple[int, Any]] = []
 
@@ -28,3 +28,37 @@ def interrupts_later() -> Iterator[Callable[[], None]]:
     finally:
         signal.signal(signal.SIGINT, answer)
     due()
+
+
+@contextmanager
+def interrupts_again() -> Iterator[Callable[[], None]]:
+    """Answer Ctrl-C at once, and where its exception was lost once more at a call of the function that it yields.
+
+    Libraries clear errors that are none to them, as of a failed import or of a missing attribute looked up in C;
+    KeyboardInterrupt goes with these.
+    """
+    answer = _answer()
+    if answer is None:
+        yield lambda: None
+        return
+    came: list[tuple[int, Any]] = []
+
+    def at_once(*signalled: Any) -> None:
+        came.append(signalled)
+        answer(*signalled)
+
+    def due() -> None:
+        if came:
+            answer(*came[-1])
+
+    signal.signal(signal.SIGINT, at_once)
+    try:
+        yield due
+    finally:
+        signal.signal(signal.SIGINT, answer)
+
+
+def _answer() -> Callable[..., Any] | None:
+    """What answers Ctrl-C; None where nothing in Python does, or in another thread than the main one, which gets it."""
+    answer = signal.getsignal(signal.SIGINT)
+    return answer if threading.current_thread() is threading.main_thread() and callable(answer) else None

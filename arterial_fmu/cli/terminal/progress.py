@@ -18,6 +18,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from solver.io.interrupts import interrupts_again
+
 Report = Callable[[float, str], None]  # takes the finished fraction and the current task
 PACE = 30.0  # s
 FIRST, NEXT = 2.0, 10.0  # s before the first line, and between lines
@@ -28,8 +30,19 @@ def bar(quiet: bool, label: str = "", pace: float | None = None) -> Iterator[Rep
     """A progress bar, removed at the end; occasional lines if the error stream is not a terminal.
 
     label : the first task. pace [s] : the averaging time for the estimate of the remaining time, such as PACE; None
-    hides the estimate.
+    hides the estimate. A report raises KeyboardInterrupt if an earlier one was lost.
     """
+    with interrupts_again() as due, _shown(quiet, label, pace) as report:
+
+        def reported(fraction: float, what: str) -> None:
+            due()
+            report(fraction, what)
+
+        yield reported
+
+
+@contextmanager
+def _shown(quiet: bool, label: str, pace: float | None) -> Iterator[Report]:
     console = Console(stderr=True, soft_wrap=True)
     if quiet:
         yield lambda fraction, what: None
