@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from checked import COARSE, Array, N, T, bench_set, recorded
+from fmus import Store
 
 from build_fmu import build
 from fitting.check import fmu_run
@@ -47,13 +48,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def fmu(folder: Path, sheep: Network) -> Path:
-    return build(sheep, folder, COARSE)
+def fmu(fmus: dict[str, Path]) -> Path:
+    return fmus["coarse sheep"]
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(bench_network("AA", bench_set()), tmp_path_factory.mktemp("bench"), COARSE)
+def bench(stored: Store) -> Path:
+    return stored(build, bench_network("AA", bench_set()), settings=COARSE)
 
 
 @pytest.fixture(scope="module")
