@@ -1,4 +1,4 @@
-"""The outcome of a study: what find, name and show came to, put together for verdict.json and the report."""
+"""Assemble the outcome of a study from its stages, for verdict.json and the report."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ from .report.map_text import acts_as
 from .report.verdict_text import late_drive, separating_measurement
 from .show.fmu_validation import Gap, Run, changed, left, met_only_with
 
-_SHOWN = 12  # candidates in the report
+_SHOWN = 12  # candidates listed in the report
 _ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"
 _BENT = (
     "The walls are as far as the search came, and some may be bent for want of what is missing: do not take them for "
     "the subject's."
 )
-_PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more is warned about
+_PARITY = 1e-3  # of the pulse: a larger difference between FMU and direct solver gives a warning
 
 
 @dataclass(frozen=True)
 class Shown:
-    """Free runs of the FMUs: of the model as given, with its nuisances refitted (``before``), and with what was added
-    (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``), the FMU's difference
-    from the direct solver (``parity``) or why that could not be told (``failure``), and the effects; alone : the gap
-    with the first of two alone. agreement : of the last of these FMUs with what was inferred. gaps : before and after,
-    over all of several recordings. second : which second state would separate the class."""
+    """Free runs of the FMUs: the file ``given``, with refitted nuisances (``before``), and with the added effects
+    (``after``). If effects were added, also the extended ``network``, its FMU (``archive``), the FMU's difference from
+    the direct solver (``parity``) or the reason why it is unknown (``failure``), and the effects. alone : gap with the
+    first effect of a pair only. agreement : of the last of these FMUs with the inferred model. gaps : before and after,
+    over all fitted recordings. second : the second state that would separate the class."""
 
     given: Run
     before: Run
@@ -68,7 +68,7 @@ class Shown:
 def unusable(
     reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | UnusableRecord
 ) -> Outcome:
-    """The outcome for a record that cannot be used."""
+    """The outcome for an unusable record."""
     channels = measured.channels if isinstance(measured, Record) else ()
     of_one_site = bool(channels) and INFLOW not in channels and len({n.rpartition(".")[0] for n in channels}) == 1
     return Outcome(
@@ -86,7 +86,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     """The outcome of all stages."""
     before, after = shown.before, shown.after
     gaps = shown.gaps or (before.gap, after.gap if after else None)
-    # what remains is found by the noise alone, without the errors of the model that a partial answer is weighed with
+    # the remaining misfit is judged by the noise alone, without the model discrepancy that weights a partial verdict
     located, balances = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
     base, columns, terms = naming.base.fit, naming.columns, naming.terms
     final = naming.best.fit if after else base
@@ -146,7 +146,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
 
 
 def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
-    """The source map, with the share of the gap of every place where it has any."""
+    """The source map, with each place's share of the gap if something acts; None without a map."""
     if naming.map is None:
         return None
     whole = study.problem if naming.map.signals else None
@@ -155,16 +155,16 @@ def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
 
 
 def _bent(walls: Walls, naming: Naming) -> bool:
-    """Whether walls beyond their spreads may be so for want of what is missing, and not in the animal."""
+    """True if walls beyond their spreads may be distorted by missing physics: the verdict is unknown or incomplete."""
     ended = naming.complete and naming.verdict != "unknown"
     return not ended and any(own.beyond for own in walls.arteries.values())
 
 
 def global_p(study: Study, naming: Naming, of_map: float) -> float:
-    """p-value of the global χ² before anything is added; of_map : that of the z map.
+    """p-value of the global χ² before anything is added. of_map : that of the z map.
 
-    The pressure drives a bench, so that its channel has no residual there: that of the wall law, with the errors of
-    both, is judged.
+    On a bench the pressure is the drive and has no residual, so the residual of the wall law is judged, with the errors
+    of both channels.
     """
     if study.site is None:
         return of_map
@@ -173,7 +173,7 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
 
 
 def fmu_warnings(shown: Shown) -> tuple[str, ...]:
-    """What to know of the FMUs that ran, and of the delivered one."""
+    """Warnings about the FMUs that ran, and about the delivered one."""
     found, a = [], shown.agreement
     if a is not None and not a.difference <= _PARITY:
         found.append(
@@ -203,14 +203,14 @@ def deciding_numbers() -> dict[str, Any]:
 
 
 def weighted(study: Study, naming: Naming) -> Study:
-    """The study with its record, the first of several, weighted as it was in naming at last."""
+    """The study of the first recording with the last weights of the naming stage."""
     return replace(study, problem=naming.problem.first)
 
 
 def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]:
-    """Where the refitted model and the record disagree, by all that is noise: sensors, drive and solver.
+    """Where the refitted model and the record disagree beyond the noise of sensors, drive and solver.
 
-    And the balances: mass, momentum and wall law where the measured channels tell them.
+    Also the balances of mass, momentum and wall law where the measured channels determine them.
     """
     beats, network, signals = study.fitted, study.network, study.problem.signals
     K = len(before.X) - 1
@@ -225,9 +225,9 @@ def sentence(
     naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None,
     acting: SourceMapShown | None = None, late: str = "",
 ) -> str:  # fmt: skip
-    """The verdict in one sentence; a second one where the search was cut short, or no law explains all.
+    """The verdict in one sentence, and a second one if the search was incomplete or no law explains everything.
 
-    acting : the source map, which then says what is missing. late : what drives the model late.
+    acting : the source map, which then describes what is missing. late : the reading as a delay of the drive, or "".
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
@@ -251,7 +251,7 @@ def sentence(
 
 
 def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
-    """What is missing, what adding it does to the gap, and what else it may be."""
+    """The named effects, the change of the gap with them, and the alternatives."""
     labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
     sensors, others = all(of_sensor(e.name) for e in effects), max(len(naming.members) - 1, 0)
     kind = "pair" if naming.verdict == "several" else "candidate"
@@ -273,7 +273,7 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
 
 
 def _met(naming: Naming) -> bool:
-    """Whether the model meets the record, but only with numbers that no animal has."""
+    """True if the model explains the record only with implausible parameters."""
     return naming.verdict == "unknown" and naming.base.explains and bool(implausible(naming.base.fit))
 
 
@@ -286,7 +286,7 @@ def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Chan
 
 
 def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
-    """What all arteries have in common: x times its step, as logarithm of a scale or as a shift."""
+    """Shifts of the common nuisance parameters: x times the step, a logarithm for a scale."""
     own = {u.name for term in fit.terms for u in term.unknowns}
     sd = np.sqrt(np.diag(with_widths(fit).covariance))
     return tuple(
@@ -297,7 +297,7 @@ def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
 
 
 def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
-    """The best hypotheses, each with what it leaves of the held-out beats."""
+    """The best hypotheses with the gap that each leaves on the held-out beats."""
     shown = naming.ranked[:_SHOWN]
     kept = naming.problem.held_out(study.held_out, study.fitted)
     found = []
