@@ -43,8 +43,8 @@ from .first_search import first_error, first_search
 Array = np.ndarray
 Progress = Callable[[float, str], None]
 
-# Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none.
-# Where the model lacks more than noise, a tenth is none
+# Gain at which a search ends, as squared fractions of a standard deviation. From a tenth, one step with the second
+# weights reaches the minimum; a hundredth is negligible. If the model lacks more than noise, a tenth is, too
 _NEAR, _SETTLED = 1e-2, 1e-4
 _FEWEST_STEPS = 20  # of the solver in a beat
 
@@ -239,7 +239,7 @@ def _result(
 
 
 def _known(problem: Problem, best: Ended, ratio: float) -> Determined:
-    """The parameters that the data determine, given the model error; ratio : χ²/dof without it."""
+    """The parameters that the data determine, with the model error; ratio : χ²/dof without it."""
     if not best.errors.any():
         return problem.determined(problem.point(best.search.x, best.batches), max(1.0, ratio))
     weighted = granted(problem, best.errors)
@@ -253,7 +253,7 @@ def _recordings(
 ) -> tuple[Recording, ...]:  # fmt: skip
     """Each recording: the fit to its data, and its own values."""
     found, one = [], problem.determined(point)
-    paid = np.einsum("np,pq,nq->n", point.J, one.covariance, point.J)  # of each datum, for the unknowns
+    paid = np.einsum("np,pq,nq->n", point.J, one.covariance, point.J)  # leverage of each datum
     paid *= one.effective / max(float(paid.sum()), np.finfo(float).tiny)
     for part, rows, batch, label in zip(problem.parts, problem.rows(), point.memory, labels, strict=True):
         assert part.target is not None
