@@ -231,8 +231,7 @@ class PlaceModel:
         z = self.problem.granted(error).target.whiten(D[..., None])
         return float((z**2).sum())
 
-    # moves: add, drop or swap a place, by the evidence of the linear problem
-    # -------------------------------------------
+    # --- moves: add, drop or swap a place, by the evidence of the linear problem --------------------------------------
 
     def best_move(self, normal: Normal, point: Point) -> Move | None:
         """The move with the largest gain of evidence; None if no move is worth its price."""
