@@ -85,8 +85,7 @@ class Recordings:
         return candidates(network, [*dict.fromkeys(sensors), *(() if site else (INFLOW,))], site)
 
     def named(self, journal: Journal, asked: Asked, runs: Runs, name: Namer) -> Naming:
-        """Name each recording by itself, in its share of the time, and then all together. name : names one
-        recording."""
+        """Name each recording by itself, in its share of the time, then all together. name : names one recording."""
         if self.alone:
             (study,) = self.studies
             return journal.naming(study.problem, lambda: name(study.problem, study.terms, runs, asked.chosen))
@@ -102,8 +101,7 @@ class Recordings:
         return replace(journal.naming(whole, together), map=alone[0].map)
 
     def only(self, journal: Journal, name: Namer) -> Naming | None:
-        """The naming of the first recording by itself, if it is the only fitted one; read from the stage of
-        :meth:`named`."""
+        """The naming of the first recording by itself, made by :meth:`named`; None if others are fitted, too."""
         (study, *more) = self.studies
         return None if more else journal.naming(study.problem, partial(_named, name, study, Runs(), None), "naming_0")
 
@@ -130,8 +128,7 @@ class Recordings:
     def each(
         self, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
     ) -> tuple[list[tuple[Recorded, Gap, Gap | None]], list[str]]:
-        """The gap that the FMUs leave for each recording, and the reason for each held-out one that could not be
-        judged."""
+        """The gaps of the FMUs for each recording, and sentences on held-out ones that could not be judged."""
         whole, best = naming.problem, naming.best.fit if shown.after else None
         found, unjudged = [], list[str]()
         for i, (record, study) in enumerate((*zip(self.records, self.studies, strict=True), *self.unseen)):

@@ -1,5 +1,4 @@
-"""Indices of a network: nodes, elements, the parts of a state vector, and sampling. The only file that knows
-indices."""
+"""Nodes, elements, the parts of a state vector, and sampling. This is the only file that computes indices."""
 
 from __future__ import annotations
 
@@ -68,8 +67,7 @@ def topology(network: Network) -> Topology:
 
 
 class Samples(NamedTuple):
-    """Values at points, each a weighted sum of a few numbers: at : (n_points, k) their indices, weight : (n_points,
-    k)."""
+    """Values at points, each a weighted sum of k numbers. at : (n_points, k) their indices. weight : (n_points, k)."""
 
     at: Array
     weight: Array
@@ -96,8 +94,7 @@ def as_slice(index: Array) -> Index:
 
 @dataclass(frozen=True)
 class Mesh:
-    """Every segment cut into elements of one degree, of equal length between the cuts of effects; element ends join at
-    nodes.
+    """Every segment cut into elements of one degree, equal between the cuts of effects; element ends join at nodes.
 
     segment : (n_e,) segment of each element. parts : (n_e,) length of the segment over that of the element. left :
     (n_e,) x/L of its left end. piece : (n_e,) number of the interval between cuts that contains it. ends : (n_e, 2)
@@ -194,8 +191,7 @@ class Mesh:
         return self.element.N == other.element.N and all(map(np.array_equal, mine, others))
 
     def sample_gauss(self, segment: Array, position: Array) -> Samples:
-        """A or ∂Q/∂x (B, n_e N) at x = position · L from the N + 1 nearest points of its piece, if there are as
-        many."""
+        """A or ∂Q/∂x (B, n_e N) at x = position · L from the nearest points of its piece, N + 1 if it has as many."""
         N = self.element.N
         points, at, weight = self.positions(self.element.x_gauss).ravel(), list[Array](), list[Array]()
         for e, x in zip(self._holding(segment, position), position, strict=True):
@@ -225,8 +221,7 @@ def build_mesh(
 ) -> Mesh:
     """Cut segments of length L : (n_segments,) [m] into elements no longer than ``element_length`` [m].
 
-    cuts : increasing x/L for every segment at which elements must end. Raises ValueError if there are too many
-    elements.
+    cuts : increasing x/L for every segment at which elements must end. Raises ValueError for too many elements.
     """
     nodes = topology(network)
     bounds = [np.array([0.0, *at, 1.0]) for at in (cuts or [()] * len(L))]

@@ -4,10 +4,10 @@ All parts use the equations of the scheme itself, so that all physics of a netwo
 
 1. The steady state of the mean drive, by implicit steps so long that everything but the flow comes to rest.
 2. The waves about it, harmonic by harmonic. A stage of length τ replaces dx/dt by (x - x_start)/τ; with τ = 1/iω its
-Jacobian is that of small waves e^{iωt}: linear theory as in :mod:`~solver.linear`, about stretched walls with flow.
-3. Repeated corrections: the residuals of these waves in the nonlinear equations over a period are cancelled with the
-same Jacobians. Each correction is a tenth of the previous one for physiological waves. This also moves the mean, which
-differs from the state of the mean drive.
+   Jacobian is that of small waves e^{iωt}: linear theory as in :mod:`~solver.linear`, about stretched walls with flow.
+3. Repeated corrections: the same Jacobians cancel the residuals of these waves in the nonlinear equations over a
+   period. Each correction is a tenth of the previous one for physiological waves. This also moves the mean, which
+   differs from the state of the mean drive.
 
 The only error in time is by the omitted harmonics: there is no time step whose error would accumulate.
 
@@ -240,8 +240,7 @@ def _size(model: Model, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Response:
-    """The response of a network to small waves of every frequency about a steady state; frequencies and members share
-    an axis.
+    """The response of a network to small waves about a steady state; frequencies and members share an axis.
 
     tau : (rows, 1, 1) of the stages. jacobian : inverse. scale, signs, charge : as :class:`~solver.scheme.stage.Loads`.
     storage : (rows, n_e, N) d(∂A/∂t)/d(-∂Q/∂x), 1 without leaks. minus_J_inverse : (rows, n_e, N).
@@ -258,8 +257,7 @@ class Response:
 
     @staticmethod
     def of(model: Model, tau: Any, y: Array, H: Array) -> Response:
-        """The response at one frequency, of stages of length tau, about the steady state y : (B, n), H : (B,
-        n_nodes)."""
+        """The response at one frequency, by stages of length tau, about the state y : (B, n), H : (B, n_nodes)."""
         o = operators_about(model, tau, y, H)
         s, _ = start(model, tau, o.inertia, o.memory, o.loads, y, model.coefficients.P_venous)
         slope = s.storage.slope(s.A, 0.0 * s.A)
@@ -290,8 +288,7 @@ class Response:
 
             δA = τ s r,    r = -∂Q/∂x - g (P - P_venous) - ∂A/∂t
 
-        with s of :attr:`storage`. A leak g grows with the pressure, which is nonlinear in the area; without leaks the
-        corrections of the area are exact.
+        with s of :attr:`storage`. Leakage is nonlinear in the area; without leaks the corrections are exact.
         """
         model, left = self.model, list[Array]()
         for stage, y, rate, _ in moments.stages(waves, drive):
@@ -321,8 +318,7 @@ class Response:
 
             K δQ = -R + (δH at the ends),    ΣδQ = -net at the nodes,    δA = -τ s ∂δQ/∂x
 
-        with the Jacobian K of momentum in every element, and s of :attr:`storage`. means : number of first rows that
-        are means.
+        with the Jacobian K of momentum in every element, and s of :attr:`storage`. means : number of rows of means.
         """
         model, mesh, layout = self.model, self.model.mesh, self.model.layout
         Q = -np.einsum("beij,bej->bei", self.jacobian.K_inverse, R)
@@ -338,8 +334,8 @@ class Response:
         return y, H
 
     def to_sources(self, momentum: Array, nodes: Array) -> tuple[Array, Array]:
-        """Amplitudes y : (K+1, S, n) and H : (K+1, S, n_nodes) of small waves by S sources, each with the same momentum
-        : (S, n_e, N+1) and ΣQ at the nodes : (S, n_nodes) at every harmonic; for one parameter set."""
+        """Amplitudes y : (K+1, S, n) and H : (K+1, S, n_nodes) of small waves by S sources, with the same momentum
+        (S, n_e, N+1) and ΣQ at the nodes (S, n_nodes) at every harmonic; for one parameter set."""
         model, mesh, layout = self.model, self.model.mesh, self.model.layout
         y = np.zeros((len(self.tau), len(nodes), layout.size), complex)
         H = np.zeros((len(self.tau), len(nodes), mesh.n_nodes), complex)
@@ -360,8 +356,7 @@ def evened(Q: Array) -> Array:
 
 
 def _remembering(model: Model, waves: Waves, taus: Sequence[Any]) -> Waves:
-    """The waves with the memory variables of walls and fluid: linear filters of the viscous stress and of the
-    velocity."""
+    """The waves with the memory of walls and fluid: linear filters of the viscous stress and of the velocity."""
     part = model.layout.part
     stress, history = part(waves.y, "stress"), part(waves.y, "history")
     if not stress.size and not history.size:
