@@ -24,8 +24,8 @@ TIME_LIMIT = 300.0  # s
 class Asked:
     """period : of the beat [s], estimated by default. walls : "common" or "individual"; by default the more probable.
     prior : file of a calibration. time_limit : for naming and every later refit [s]. jobs : number of simulating
-    processes. filters : known ones, by channel. further, hold_out : other recordings of the subject. varies :
-    parameters that each recording has of its own."""
+    processes. filters : known ones, by channel. further, hold_out : other recordings of the subject.
+    varies : parameters that each recording has of its own."""
 
     period: float | None = None
     walls: str | None = None

@@ -40,8 +40,8 @@ _MID = 0.5  # of that height: mid systole is above it after the peak
 class OddNumber:
     """An outlying parameter: of the file and of this subject [unit].
 
-    beyond : deviation from the common value of its kind, a factor, or a shift [unit] if not ``factor``. display :
-    display unit, None for the usual one. only : the only parameter of its kind.
+    beyond : deviation from the common value of its kind, a factor, or a shift [unit] if not ``factor``.
+    display : display unit, None for the usual one. only : the only parameter of its kind.
     """
 
     file: float
@@ -58,10 +58,10 @@ class Acting:
 
     unit : SI. mean, band : (N,) g at the times of the map and its standard deviation, for the source with the largest
     RMS if the place has several; ``sources`` is their number, ``part`` names that one. For an outlying parameter both
-    are empty, and ``number`` is given. pulse : peak to peak of the measured ``channel`` at the place, or None. rivals :
-    places that this record cannot distinguish from it, with nearly the same evidence in its stead; empty if the record
-    is nearly as probable without it. share : of the gap, as χ²; None if not computed. phase : phase of the beat, by the
-    inflow, with most of its energy, and its fraction of that (:func:`main_phase`).
+    are empty, and ``number`` is given. pulse : peak to peak of the measured ``channel`` at the place, or None.
+    rivals : places that this record cannot distinguish from it, with nearly the same evidence in its stead; empty if
+    the record is nearly as probable without it. share : of the gap, as χ²; None if not computed. phase : phase of the
+    beat, by the inflow, with most of its energy, and its fraction of that (:func:`main_phase`).
     """
 
     place: Place
@@ -92,8 +92,8 @@ class Acting:
 class SourceMapShown:
     """All sources of a map.
 
-    time : (N,) [s] of one beat of the period T [s]. explains : no more than noise is left with them. chi2_per_datum :
-    of the residual; 1 is noise.
+    time : (N,) [s] of one beat of the period T [s]. explains : no more than noise is left with them.
+    chi2_per_datum : of the residual; 1 is noise.
     """
 
     acting: tuple[Acting, ...]

@@ -44,9 +44,9 @@ class Sums(NamedTuple):
 class Round(NamedTuple):
     """Nodes v that are eliminated together; each has a near and a far neighbour, or a near one that counts as both.
 
-    nodes : (m,) v. near, far : (m,). row, column : entries (2, m) G_v,near and G_v,far, G_near,v and G_far,v. gives :
-    sums of the changes of G of the neighbours, (2, 2, m) terms. passes : sums of the changes of their right sides, (2,
-    m) terms; source : the nodes v of these.
+    nodes : (m,) v. near, far : (m,). row, column : entries (2, m) G_v,near and G_v,far, G_near,v and G_far,v.
+    gives : sums of the changes of G of the neighbours, (2, 2, m) terms. passes : sums of the changes of their right
+    sides, (2, m) terms; source : the nodes v of these.
     """
 
     nodes: Array

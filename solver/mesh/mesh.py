@@ -96,11 +96,11 @@ def as_slice(index: Array) -> Index:
 class Mesh:
     """Every segment cut into elements of one degree, equal between the cuts of effects; element ends join at nodes.
 
-    segment : (n_e,) segment of each element. parts : (n_e,) length of the segment over that of the element. left :
-    (n_e,) x/L of its left end. piece : (n_e,) number of the interval between cuts that contains it. ends : (n_e, 2)
-    node at the left and right end; the first nodes are the topology's. n_nodes : points where elements meet, or end.
-    first, count : (n_segments,) first element and number of elements of each segment. core : about the number of nodes
-    that are inverted as a whole instead of eliminated.
+    segment : (n_e,) segment of each element. parts : (n_e,) length of the segment over that of the element.
+    left : (n_e,) x/L of its left end. piece : (n_e,) number of the interval between cuts that contains it.
+    ends : (n_e, 2) node at the left and right end; the first nodes are the topology's. n_nodes : points where elements
+    meet, or end. first, count : (n_segments,) first element and number of elements of each segment. core : about the
+    number of nodes that are inverted as a whole instead of eliminated.
     """
 
     topology: Topology

@@ -181,8 +181,8 @@ class BalanceEngine:
         return replace(begins, y=np.stack(y), H=np.stack(H), A_t=np.zeros_like(begins.A_t))
 
     def _forced(self, forcing: Forcing, n: int) -> tuple[list[Array] | None, list[Array] | None]:
-        """For every member the residuals by sources, (n, 2, n_left), and their flows just before outlets, (n, 2,
-        n_outlets); None if there are none."""
+        """For every member the residuals by sources, (n, 2, n_left), and their flows just before outlets,
+        (n, 2, n_outlets); None if there are none."""
         if forcing is NO_FORCING:
             return None, None
         model, mesh = self.model, self.model.mesh

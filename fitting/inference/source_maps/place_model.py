@@ -50,8 +50,8 @@ class Active:
 
 @dataclass(frozen=True)
 class Point:
-    """A point of the search: active places, θ : (p,), g : (K+1, q) of all their sources; widths. Its linearisation: D :
-    (K+1, m), J : (K+1, m, p) and G : (K+1, m, S) of all places."""
+    """A point of the search: active places, θ : (p,), g : (K+1, q) of all their sources; widths. Its linearisation:
+    D : (K+1, m), J : (K+1, m, p) and G : (K+1, m, S) of all places."""
 
     active: tuple[Active, ...]
     x: Array

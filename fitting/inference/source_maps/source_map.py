@@ -66,8 +66,8 @@ class SourceMap:
     """The places where something acts.
 
     signals : at the most probable places. x : (p,) the subject's own parameters there, of ``unknowns``. widths : of the
-    priors of their groups. score : -2 ln evidence. rivals : best first. chi2 : of the residual, of n data. J : (K+1, m,
-    p) derivatives.
+    priors of their groups. score : -2 ln evidence. rivals : best first. chi2 : of the residual, of n data.
+    J : (K+1, m, p) derivatives.
     """
 
     signals: tuple[Signal, ...]
