@@ -30,7 +30,7 @@ from .. import thresholds
 
 Array = np.ndarray
 
-_SHAPES = ("even", "linear", "parabolic")  # by the degree of a wall's pressure
+_SHAPES = ("uniform", "linear", "parabolic")  # by the degree of a wall's pressure
 _SAMPLES = 400  # of a beat: all harmonics of a record are smooth on them
 _BEGUN = 0.1  # of the height of the inflow: systole is where it is more
 _MID = 0.5  # of that height: after the peak and above it, mid systole

@@ -1,8 +1,8 @@
-"""Show: free runs of FMUs through fmpy, the gap that they leave to the record, and what of a name that bears out.
+"""Show: free runs of FMUs through fmpy, their gap to the record, and the test of a name by held-out beats.
 
-The FMU is driven by the most probable wave: the inflow, or the pressure of a bench, as the whole record says it
-was, not only the one noisy sensor. What is left is divided by the sensors' own noise: 1 is noise. Nothing is named that
-does not shrink the gap to held-out beats. The FMU is the model that inference compared: one model has one gap.
+The most probable wave, given the whole record, drives the FMU: the inflow, or the pressure of a bench; not the signal
+of one noisy sensor. The residual is divided by the noise of the sensors: 1 is noise. An effect is named only if it
+reduces the gap to held-out beats. The FMU and the model of the inference solve the same equations and have one gap.
 """
 
 from __future__ import annotations
@@ -249,26 +249,26 @@ def _not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
 
 
 def met_only_with(odd: Mapping[str, float]) -> str:
-    """Numbers that no animal has, with their distances in stated spreads."""
+    """Implausible parameters, with their distances in stated spreads."""
     them = ", ".join(f"{name} {abs(x):.2g} stated spreads {'above' if x > 0 else 'below'}" for name, x in odd.items())
-    return f"the model meets the record only with {them} the file's"
+    return f"the model fits the record only with {them} the file's"
 
 
 def _no_fall(fallen: float, sd: float) -> str:
-    """What χ² of the held-out beats does, with its standard deviation, where it does not fall by more than chance."""
+    """The change of χ² of the held-out beats with its standard deviation, if it does not fall by more than chance."""
     if fallen < -at.FALL * sd:
         return f"chi2 rises by {-fallen:.3g} ± {sd:.2g}"
     return f"chi2 {'rises' if fallen < 0.0 else 'falls'} by {abs(fallen):.3g} ± {sd:.2g}, no more than chance"
 
 
 def _without(naming: Naming, verdict: str, reason: str) -> Naming:
-    """Without a name, as sure as the name was not, and no surer than not."""
+    """The naming without a name; its confidence is at most the doubt about the name."""
     doubt = 1.0 - naming.confidence if naming.verdict in ADDED else naming.confidence
     return replace(naming, verdict=verdict, members=(), confidence=min(doubt, at.INCOMPLETE), reason=reason)
 
 
 def change(before: Gap, after: Gap) -> str:
-    """How the gap to held-out beats changes, in words that follow the numbers."""
+    """The change of the gap to held-out beats in words."""
     first, last = (number(each.total[1]) for each in (before, after))
     if first == last:
         return f"stays at {first}"
@@ -276,13 +276,13 @@ def change(before: Gap, after: Gap) -> str:
 
 
 def changed(before: Gap, after: Gap) -> str:
-    """The same with its unit and, in brackets, what channels leave before and after: "Ao.P from 1.3 to 0.9 mmHg"."""
+    """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"."""
     rms = changes(_held_out(before.rms), _held_out(after.rms), _held_out(before.channels))
     return f"{change(before, after)} times the noise" + (f" ({rms})" if rms else "")
 
 
 def left(gap: Gap) -> str:
-    """The gap to held-out beats with its unit and, in brackets, what the channels leave: "1.3 mmHg of Ao.P"."""
+    """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P"."""
     rms = sizes(_held_out(gap.rms), _held_out(gap.channels))
     return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
 
@@ -292,10 +292,8 @@ def _held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
 
 
 def agreement(study: Study, fit: Fit, wave: Array, run: Run) -> Agreement | None:
-    """An FMU's run beside what inference holds of the same hypothesis under the same wave; None where it holds nothing.
-
-    Both solve the same equations, by steps in time and by harmonic balance.
-    """
+    """The run of an FMU against the model of the inference, for the same hypothesis and the same wave; None if the
+    inference has no such model. Both solve the same equations, by steps in time and by harmonic balance."""
     X = study.problem.answer(wave, fit)
     if X is None:
         return None

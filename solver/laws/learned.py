@@ -30,11 +30,11 @@ class LearnedWall(Effect):
         "learned_rise": Quantity("Pa.s", "learned viscosity at the highest strain", 0.0, 1e8, nominal=1e3),
         "learned_fall": Quantity("Pa.s", "learned viscosity at the lowest strain", 0.0, 1e8, nominal=1e3),
         "learned_cubic": Quantity("Pa.s^3", "learned stress per cube of the strain rate", 0.0, 1e10, nominal=1e3),
-        "learned_friction": Quantity(
-            "Pa", "learned friction: its stress at high strain rates", 0.0, 1e8, nominal=1e3
-        ),
+        "learned_friction": Quantity("Pa", "learned friction: its stress at high strain rates", 0.0, 1e8, nominal=1e3),
         "learned_low": Quantity("1", "lowest strain of the learned law, constant below", -0.9, 10.0, nominal=0.1),
-        "learned_span": Quantity("1", "strain range of the learned law, constant above", 0.0, 10.0, nominal=0.1, open_low=True),
+        "learned_span": Quantity(
+            "1", "strain range of the learned law, constant above", 0.0, 10.0, nominal=0.1, open_low=True
+        ),
         "learned_rate": Quantity(
             "1/s", "highest strain rate of the learned law, linear beyond", 0.0, 1e4, open_low=True
         ),
@@ -97,7 +97,13 @@ class LearnedOutlet(Effect):
             "Pa", "lowest P - P_venous of the learned law, constant below", -1e6, 1e6, nominal=1e3, display="mmHg"
         ),
         "learned_over": Quantity(
-            "Pa", "pressure range of the learned law, constant above", 0.0, 1e6, nominal=1e3, display="mmHg", open_low=True
+            "Pa",
+            "pressure range of the learned law, constant above",
+            0.0,
+            1e6,
+            nominal=1e3,
+            display="mmHg",
+            open_low=True,
         ),
     }
     neutral = {"learned_open": 0.0, "learned_shut": 0.0, "learned_from": 0.0, "learned_over": 1.0}
