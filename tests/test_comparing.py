@@ -58,8 +58,8 @@ def test_two_faults_at_one_site_are_no_discovery(effects: tuple[tuple[str, str],
 @pytest.mark.parametrize("verdict", ["ambiguous", "partial"])
 @pytest.mark.parametrize("others", [0, 1])
 def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
-    """Beside an error of the model, too, and beside another candidate: that they can imitate other effects; of two sites
-    it is not said. The model lacks nothing then."""
+    """Beside an error of the model, too, and beside another candidate: that they can imitate other effects; of two
+    sites it is not said. The model lacks nothing then."""
     gap = Gap((9.0, 9.0), {})
 
     def said(*effects: tuple[str, str]) -> str:

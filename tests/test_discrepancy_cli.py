@@ -246,7 +246,7 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
     done = run(*STUDY)
     assert done.exit_code == 130
     assert done.stderr.strip() == (
-        "Interrupted: finished stages are kept, the one under way begins anew; run again to go on."
+        "Interrupted: finished stages are kept; run the same command to continue from the stage that was interrupted."
     )
 
 

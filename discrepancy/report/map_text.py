@@ -84,7 +84,7 @@ def _odd(a: Acting) -> str:
     off = f"{number(odd.beyond, 2)} times" if odd.factor else f"{shift} {'above' if odd.beyond > 0.0 else 'below'}"
     if odd.only:
         return f"{a.place.name} is {value}; the file has {file}"
-    return f"{a.place.name} differs from the others of its kind: {value}, {off} the value expected from them (the file has {file})"
+    return f"{a.place.name} is an outlier: {value}, {off} the value expected from the others (the file has {file})"
 
 
 def _alike(a: Acting, several: bool) -> str:

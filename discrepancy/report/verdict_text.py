@@ -74,8 +74,8 @@ def separating_measurement(naming: Naming) -> str | None:
         channels = [t.place for n in naming.members for t in n.fit.terms if t.is_sensor]
         named = " and ".join(dict.fromkeys(channels))
         return (
-            f"Calibrate {named}: apply a known wave to its sensor, or record the same beats with a second sensor there; "
-            f"this reveals a sensor fault without the artery."
+            f"Calibrate {named}: apply a known wave to its sensor, or record the same beats with a second sensor "
+            f"there; this reveals a sensor fault without the artery."
         )
     if len(effects) == 1:
         return (

@@ -141,7 +141,8 @@ _NATURAL_FREQUENCIES, _DAMPINGS = (8.0, 10.0, 12.0, 15.0, 18.0, 22.0, 27.0, 33.0
 
 
 class CatheterResonance(Sensor):
-    """A search uses a = 2ζ/ω_n (slow) and b = 1/ω_n² (resonance): both are 0 for a perfect sensor, where f_n diverges."""
+    """A search uses a = 2ζ/ω_n (slow) and b = 1/ω_n² (resonance): both are 0 for a perfect sensor, where
+    f_n diverges."""
 
     name = "catheter_resonance"
     equation = "Y/X = 1/(1 + 2iζ f/f_n - (f/f_n)²); f_n = 0 means none"

@@ -91,7 +91,8 @@ def sentences(
     for a in range(len(names)):
         for b in range(a):
             if abs(correlation[a, b]) > _CORRELATED and not {a, b} <= said:
-                result.append(f"{names[b]} and {names[a]} are hard to tell apart (correlation {correlation[a, b]:.3f})")
+                pair = f"{names[b]} and {names[a]}"
+                result.append(f"{pair} are hard to distinguish (correlation {correlation[a, b]:.3f})")
     return result
 
 
