@@ -139,7 +139,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
             "beats": {"fitted": study.fitted.n_beats, "held_out": study.held_out.n_beats},
             "period": {"value": study.fitted.T, "unit": "s"},
             "gap_as_given": pair_json(shown.given.gap.total),
-            "thresholds": decided(),
+            "thresholds": deciding_numbers(),
             "software": software(),
             "engine": engine(),
         },
@@ -198,7 +198,7 @@ def fmu_warnings(shown: Shown) -> tuple[str, ...]:
     return tuple(found)
 
 
-def decided() -> dict[str, Any]:
+def deciding_numbers() -> dict[str, Any]:
     """All thresholds by name."""
     return {name: value for name, value in vars(thresholds).items() if name.isupper()}
 

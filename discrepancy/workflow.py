@@ -42,7 +42,7 @@ from solver.quantities.units import INFLOW
 
 from .add.described import NOTHING
 from .add.learning import law_of, learns
-from .assemble import Shown, decided, summary, unusable, weighted
+from .assemble import Shown, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
 from .find.model_source import build_fmu, first_of, read_model
 from .find.plausibility import check_record, check_waves
@@ -139,7 +139,7 @@ def discover(
         measured = records[0]
         check_record(measured)
         given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model), [r.sha256 for r in records]]
-        journal = Journal(folder, [*given, told, decided(), software()])
+        journal = Journal(folder, [*given, told, deciding_numbers(), software()])
         outcome, fmu = _Work(records, network, Path(model), journal, asked, known, progress).run()
     except UnusableRecord as error:
         outcome, fmu = unusable(str(error), record, model, measured), None

@@ -2,7 +2,7 @@
 
 A law begins where the map ended: with the walls that the map found, at the size with which it comes nearest to the
 record. Walls that were fitted without it would have taken up a part of it. Then other laws are tried in the stead of
-the best, and beside it (:mod:`discrepancy.name.rivals`).
+the best, and beside it (:mod:`discrepancy.name.moves`).
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from solver.laws.effect import CHANNEL
 
 from .. import thresholds as at
 from .individual_walls import implausible
-from .law_starts import TYPICAL, Base, Begun, along, nearest
-from .rivals import with_rivals
+from .law_starts import TYPICAL, Base, along, fewest, nearest
+from .moves import with_moves
 from .scoring import Compared, exact, promised, there
 
 Array = np.ndarray
 
-_ROUNDS = 3  # of rivals of the best hypothesis, at most, while these find a better one
+_ROUNDS = 3  # of moves from the best hypothesis, at most, while these find a better one
 
 
 def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkProblem, SourceMap]:
@@ -81,7 +81,7 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Te
     """Laws of any place of the map, refitted without what the map has at the others: one may be all that acts."""
     every = {(t.label, len(t.unknowns)): t for some in laws for t in some}
     plain, walls = found.forced(problem, []), found.standing_out(())
-    chosen = _few(nearest(plain, base(plain, walls), list(every.values()), runs))
+    chosen = fewest(nearest(plain, base(plain, walls), list(every.values()), runs))
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
@@ -91,17 +91,10 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Ter
     fits = []
     for i, some in enumerate(laws):
         beside, walls = _beside(problem, found, i)
-        few = [[(b.term, b.x)] for b in _few(nearest(beside, base(beside, walls), some, runs))]
+        few = [[(b.term, b.x)] for b in fewest(nearest(beside, base(beside, walls), some, runs))]
         own = refitted(beside, walls, few, runs, explaining=True)
         fits.append(sorted(own, key=lambda f: f.cost))
     return fits
-
-
-def _few(begun: Sequence[Begun]) -> list[Begun]:
-    """The laws that are refitted: the nearest, all that promise so much that they might not be ruled out beside the
-    nearest (few sensors see many alike), and every outlet of another kind, which begins far off."""
-    most = begun[0].left + at.RULED_OUT if begun else 0.0
-    return [b for k, b in enumerate(begun) if k < at.FEW or b.left < most or b.term.rewires]
 
 
 def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
@@ -173,7 +166,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
             yield (result := result.joined_by(_refined(result, runs)).polished(runs))
         # where one place is enough for all that acts, a law that explains a part of it is the wrong one
         more = left and not (found.explains and len(found.places) == 1 and not result.best.explains)
-        yield (result := with_rivals(result, runs, left, more))
+        yield (result := with_moves(result, runs, left, more))
         if result.best.key == best:
             break
     yield result.at_minimum(runs)
@@ -201,7 +194,7 @@ def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     plain, walls = found.forced(problem, []), replace(found, x=np.zeros(len(found.x)))
     laws = [t for t in result.terms if t.rewires or t in result.sought]
     wide = plain.granted(at.AFAR)
-    chosen = _few(nearest(wide, base(wide, walls), laws, runs, TYPICAL))
+    chosen = fewest(nearest(wide, base(wide, walls), laws, runs, TYPICAL))
     return result.joined_by(refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)).polished(runs)
 
 

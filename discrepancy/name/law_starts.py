@@ -9,6 +9,7 @@ promises the least of |z|² and the priors of θ + dθ.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,6 +23,8 @@ from fitting.inference.places import NUMBER, Place
 from fitting.inference.runs import Runs
 from fitting.inference.unknown import bounds, penalty, precisions
 from solver.laws.effect import WALL
+
+from .. import thresholds as at
 
 Array = np.ndarray
 
@@ -98,20 +101,28 @@ def nearest(
     return sorted(best.values(), key=lambda b: b.left)
 
 
+def fewest(begun: Sequence[Begun], most: float = math.inf, n: int = at.FEW) -> list[Begun]:
+    """The laws that are refitted, of those that promise to leave less than ``most``: the n nearest, all that promise so
+    much that they might not be ruled out beside the nearest (few sensors see many alike), and every outlet of another
+    kind, which begins far off."""
+    near = begun[0].left + at.RULED_OUT if begun else 0.0
+    return [b for k, b in enumerate(begun) if b.term.rewires or (b.left < most and (k < n or b.left < near))]
+
+
 def _promised(base: Base, z0: Array, z: Array, term: Term, x: Array) -> Begun:
     """A law where it may begin, with the residual z there and z0 without it: its size and the unknowns of the base
     moved to where they promise to leave least."""
-    unknowns, at = base.member.unknowns, base.member.x
+    unknowns, now = base.member.unknowns, base.member.x
     sizes = np.array([u.of_size for u in term.unknowns])
     lead = int(np.argmax(np.where(sizes, np.abs(x), -1.0)))
     low, high = (np.append(rest, own[lead]) for rest, own in zip(bounds(unknowns), bounds(term.unknowns), strict=True))
     column = (z - z0) / x[lead] if x[lead] else np.zeros_like(z)
     prior = np.append(precisions(unknowns), 0.0)
-    step = bounded_step(np.column_stack([base.J, column]), z, prior, np.append(at, x[lead]), low, high)
+    step = bounded_step(np.column_stack([base.J, column]), z, prior, np.append(now, x[lead]), low, high)
     size = float(np.clip(x[lead] + step[-1], *sorted((x[lead] / _FARTHER, x[lead] * _FARTHER))))
     begin = np.where(sizes, x * (size / x[lead] if x[lead] else 1.0), x)
     left = z + base.J @ step[:-1] + column * step[-1]
-    return Begun(term, begin, step[:-1], float(left @ left) + penalty(prior[:-1], at + step[:-1]))
+    return Begun(term, begin, step[:-1], float(left @ left) + penalty(prior[:-1], now + step[:-1]))
 
 
 def _sizes(term: Term, sizes: Sequence[float]) -> list[Array]:

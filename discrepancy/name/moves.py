@@ -21,13 +21,13 @@ from fitting.inference.runs import Runs
 from fitting.inference.source_maps.place_model import with_signals
 
 from .. import thresholds as at
-from .law_starts import TYPICAL, Base, Begun, along, nearest
+from .law_starts import TYPICAL, Base, Begun, along, fewest, nearest
 from .scoring import Compared, names_of, there
 
 Array = np.ndarray
 
 
-def with_rivals(result: Compared, runs: Runs, left: bool = False, more: bool = False) -> Compared:
+def with_moves(result: Compared, runs: Runs, left: bool = False, more: bool = False) -> Compared:
     """With the laws refitted that promise to explain the record in the stead of one of the best hypothesis, or of all
     of it, and those whose search ended far above what they promise from there.
 
@@ -82,15 +82,8 @@ def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Run
 def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], most: float, runs: Runs) -> list[Begun]:
     """The nearest laws that promise to cost less than ``most``, each at the size where it does; what a strong one
     promises is far from exact, but it is among the nearest. All are looked at with one size first."""
-    first = _fewest(nearest(problem, base, laws, runs, TYPICAL), most, 2 * at.FEW)
-    return _fewest(nearest(problem, base, [b.term for b in first], runs), most, at.FEW) if first else []
-
-
-def _fewest(begun: Sequence[Begun], most: float, n: int) -> list[Begun]:
-    """The n nearest, all that promise so much that they might not be ruled out beside these, and every outlet of
-    another kind, which begins far off."""
-    near = begun[0].left + at.RULED_OUT if begun else 0.0
-    return [b for k, b in enumerate(begun) if b.term.rewires or (b.left < most and (k < n or b.left < near))]
+    first = fewest(nearest(problem, base, laws, runs, TYPICAL), most, 2 * at.FEW)
+    return fewest(nearest(problem, base, [b.term for b in first], runs), most) if first else []
 
 
 def _begun(problem: NetworkProblem, base: Base, begun: Begun) -> Member:
