@@ -135,7 +135,7 @@ def test_a_wrong_mean_moves_nothing_else() -> None:
     assert ratio > 10.0 and right.report == ()
     assert "the network does not explain the record to its noise" in found.report[0] and "B.R" in found.report[0]
     assert "the intervals allow a model error of" in found.report[0]
-    assert "of each channel's pulsation (rms)" in found.report[0]
+    assert "of each channel's pulsation in the harmonics (rms)" in found.report[0]
     assert right.sd[0] < found.sd[0] < 3.0 * right.sd[0] and abs(found.x[0]) < 2.0 * found.sd[0]
 
 
