@@ -1,11 +1,10 @@
-"""What acts beside a hypothesis, whatever it is: free sources at places, integrated out of its evidence.
+"""The model discrepancy of a network: free sources at places beside a hypothesis, integrated out of its evidence.
 
     C'_k = C_k + Σ_p G_pk v_pk G_pkᴴ
 
 is the covariance of the channels where sources of variances v act at places p
-(:mod:`~fitting.inference.source_maps.place_model`): an error of the model that goes where waves can carry it, and
-nowhere else. The places are those that the evidence of the linear problem about the hypothesis leaves, or those of the
-source map.
+(:mod:`~fitting.inference.source_maps.place_model`): a model error that propagates as waves do. The places
+are selected by the evidence of the linear problem about the hypothesis, or are those of the source map.
 """
 
 from __future__ import annotations
@@ -31,10 +30,10 @@ _NO_ANSWER = (InputError, np.linalg.LinAlgError)  # of small waves: no steady st
 
 
 def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
-    """With the places that the evidence of the linear problem about a fit asks for.
+    """The hypothesis with the places that the evidence of the linear problem about a fit selects.
 
-    None where it asks for none, or for numbers that stand out alone, which are this animal; and where small waves have
-    no answer: the fit is at the end of what the equations can.
+    None if it selects none, or only outliers, which are properties of this animal; and if the linear problem has no
+    solution, at the limits of the equations.
     """
     model = PlaceModel(problem, Runs(), fit.terms, fit.unknowns)
     nothing = np.zeros((problem.K + 1, 0), complex)
@@ -55,14 +54,14 @@ def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
 
 
 def without_errors(problem: NetworkProblem, fit: Fit) -> Beside:
-    """A fit with nothing beside it, as it is."""
+    """A fit without model discrepancy."""
     m = len(problem.signals)
     return Beside(fit, np.zeros((problem.K + 1, m, m)), 0.0)
 
 
 def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs) -> Beside | None:
-    """The animal of the source map, with what acts there free; None where it cannot be simulated, or where small waves
-    have no answer. none : gives order and signal; its x, z and J are replaced."""
+    """The animal of the source map with free sources at its places; None if it cannot be simulated, or if the linear
+    problem has no solution. none : gives order and signal; its x, z and J are replaced."""
     model = PlaceModel(problem, runs)
     active = tuple(Active(s.place, s.law) for s in found.signals)
     columns = model.columns_of(active)

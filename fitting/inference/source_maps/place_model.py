@@ -1,4 +1,4 @@
-"""A record's places as a model: what is simulated with something that acts there, and what the evidence of that is.
+"""The places of a record as a model: simulations with sources at places, and their evidence.
 
 Everything at one point of a search (:mod:`~fitting.inference.source_maps.source_map`): the residual of the full
 balance, its derivatives, and the linear problem of all places about it.
@@ -32,17 +32,17 @@ Array = np.ndarray
 Move = tuple[float, tuple["Active", ...]]  # -2 ln evidence, and the places that act
 
 MOST = 3  # places at once
-CLOSELY = 14  # places that are looked at closely, of all
-SETTLED = 0.3  # of -2 ln evidence: less is no change
+CLOSELY = 14  # places evaluated in full, of all
+SETTLED = 0.3  # of -2 ln evidence: smaller changes end a search
 _STEP = 0.02  # of x: finite differences
 _UNIT = 0.01  # of a pulse: the sources' units
 _SWEEPS = 3  # over amplitudes and widths in turn
-_FARTHEST = 20.0  # stated spreads that a number may be off
+_FARTHEST = 20.0  # range of an outlier, in stated spreads
 
 
 @dataclass(frozen=True)
 class Active:
-    """A place in which something acts, with how large it is beforehand; None of a number that stands out."""
+    """An active place with the prior law of its source; None for an outlier."""
 
     place: Place
     law: Law | None = None
@@ -50,7 +50,7 @@ class Active:
 
 @dataclass(frozen=True)
 class Point:
-    """Where the search is: active places, θ : (p,), g : (K+1, q) of all their sources; widths. Where it is linearised,
+    """A point of the search: active places, θ : (p,), g : (K+1, q) of all their sources, widths. If it is linearised,
     D : (K+1, m), J : (K+1, m, p) and G : (K+1, m, S) of all places."""
 
     active: tuple[Active, ...]
@@ -64,8 +64,8 @@ class Point:
 
 
 class PlaceModel:
-    """The places of a record, and how they are simulated and compared, beside the effects ``terms``. unknowns : of a
-    hypothesis that narrows some; default those of the problem."""
+    """The places of a record with their simulation and comparison, beside the effects ``terms``. unknowns : of a
+    hypothesis with narrower ranges; default those of the problem."""
 
     def __init__(
         self, problem: NetworkProblem, runs: Runs, terms: Sequence[Term] = (), unknowns: Sequence[Unknown] = ()
@@ -73,7 +73,7 @@ class PlaceModel:
         self.problem, self.runs, self.terms = problem, runs, tuple(terms)
         self.unknowns = tuple(unknowns) or problem.hypothesis(self.terms)
         self.places = places(problem.network, problem.signals, self.unknowns)
-        self.worth = 2.0 * math.log(len(self.places))  # any place is as likely beforehand
+        self.worth = 2.0 * math.log(len(self.places))  # all places are equally likely
         ends = np.cumsum([p.columns for p in self.places])
         self.columns = {p.key: np.arange(e - p.columns, e) for p, e in zip(self.places, ends, strict=True)}
         pulse = dict(zip(problem.signals, _UNIT * pulses(problem.beats, problem.signals), strict=True))
@@ -83,12 +83,12 @@ class PlaceModel:
             else [pulse[p.channel]] for p in self.places
         ])  # fmt: skip
         self.low, self.high = (np.clip(b, -_FARTHEST, _FARTHEST) for b in bounds(self.unknowns))
-        self.volume = problem.target.log_volume  # from which ln det C is counted
+        self.volume = problem.target.log_volume  # the reference of ln det C
         self.sd0 = np.array([1.0 if p == 0.0 else p**-0.5 for p in precisions(self.unknowns)])
 
     def weigh_at(self, x: Array) -> None:
-        """Weigh the record by what the noise of the inflow does to channels with the numbers x : (p,), which those of
-        the file may be far from. What was measured stays: the seam of unlike beats is kept."""
+        """Weight the record with the response to the noise of the inflow at x : (p,), which may be far from the file.
+        The data do not change: the correction for unequal beats is kept."""
         self.problem = self.problem.at(self.terms, self.unknowns, x)
 
     # --- simulation ---------------------------------------------------------------------------------------------------
@@ -138,14 +138,14 @@ class PlaceModel:
     # --- inference at a point -----------------------------------------------------------------------------------------
 
     def normal(self, point: Point, error: float) -> Normal:
-        """The linear problem about a point, with an error granted to the model."""
+        """The linear problem about a point, with a model error in its covariance."""
         target = self.problem.granted(error).target
         y = point.D - point.J @ point.x - np.einsum("kms,ks->km", point.G[:, :, self.columns_of(point.active)], point.g)
         normal = Normal.of(target.whitener, y, point.J, point.G)
         return replace(normal, log_volume=target.log_volume - self.volume)
 
     def unknowns_of(self, active: Sequence[Active]) -> tuple[Unknown, ...]:
-        """The unknowns, those apart that stand out."""
+        """The unknowns, with outliers set apart."""
         apart = {a.place.unknown.name for a in active if a.place.unknown is not None}
         return tuple(u.set_apart() if u.name in apart else u for u in self.unknowns)
 
@@ -165,8 +165,8 @@ class PlaceModel:
     def inferred(
         self, normal: Normal, active: tuple[Active, ...], widths: Mapping[str, float], x: Array, sweeps: int = _SWEEPS
     ) -> tuple[float, tuple[Active, ...], Mapping[str, float]]:
-        """-2 ln evidence and prior of places, with the amplitudes and widths that make the record most probable; ∞
-        where they take up all that a law beside them does, so that nothing tells its size."""
+        """-2 ln evidence and prior of places, with the most probable amplitudes and widths; ∞ if they absorb a law
+        beside them completely, so that the record does not determine its size."""
         best, unknowns = math.inf, self.unknowns_of(active)
         normal, columns = normal.only(self.columns_of(active)), slices(active)
         for _ in range(sweeps):
@@ -188,7 +188,7 @@ class PlaceModel:
         return best + PRICE * sum(a.law is not None for a in active) + self.worth * len(active), active, widths
 
     def weighed(self, normal: Normal, point: Point) -> Point:
-        """A point with the amplitudes, widths and evidence that are inferred there."""
+        """A point with its inferred amplitudes, widths and evidence."""
         score, active, widths = self.inferred(normal, point.active, point.widths, point.x)
         return replace(point, active=active, widths=widths, score=score)
 
@@ -216,7 +216,7 @@ class PlaceModel:
     # --- points -------------------------------------------------------------------------------------------------------
 
     def linearised(self, point: Point, fresh: bool) -> Point | None:
-        """The same point with what is simulated there; fresh : its derivatives by the unknowns, too."""
+        """The point with its simulation; fresh : recompute the derivatives by the unknowns as well."""
         D = self.residual(point.active, point.x, point.g)
         if D is None:
             return None
@@ -234,12 +234,12 @@ class PlaceModel:
     # --- moves: one place more, one less, another in its stead, as the evidence of the linear problem has them --------
 
     def best_move(self, normal: Normal, point: Point) -> Move | None:
-        """The move that the evidence gains most by; None where none is worth it."""
+        """The move with the largest gain in evidence; None if none is worth its price."""
         found = min(self._moves(normal, point), key=lambda move: move[0], default=(math.inf, point.active))
         return found if found[0] <= point.score - SETTLED else None
 
     def _moves(self, normal: Normal, point: Point) -> Iterator[Move]:
-        """Places added; where that gains nothing, dropped and swapped."""
+        """Places added; if that gains nothing, dropped and swapped."""
         adds = self.looked(normal, point.active, point, CLOSELY) if len(point.active) < MOST else []
         yield from adds
         if min((score for score, _ in adds), default=math.inf) > point.score - SETTLED:
@@ -257,7 +257,8 @@ class PlaceModel:
                     yield other
 
     def looked(self, normal: Normal, active: tuple[Active, ...], point: Point, closely: int) -> list[Move]:
-        """-2 ln evidence with one place more: of all places at a few sizes, then of the best with all inferred."""
+        """-2 ln evidence with one more place: for all places at a few sizes, then for the best with all sizes
+        inferred."""
         sd = self.sd(active, point.widths)
         reduced = normal.without(self.columns_of(active), self.variance(active))
         there, quick = {a.place.key for a in active}, list[tuple[float, Active]]()
@@ -280,8 +281,8 @@ class PlaceModel:
 
 
 def with_signals(problem: NetworkProblem, signals: Sequence[tuple[Place, Array]]) -> NetworkProblem:
-    """A problem whose simulations hold what acts at some places, with harmonics (K+1, q) [SI] each; of balances alone:
-    what has none is not run in time, which takes a hundred times as long."""
+    """A problem whose simulations include sources at some places, with harmonics (K+1, q) [SI] each; by harmonic
+    balance only: a simulation in time would take a hundred times as long."""
     sources, amplitudes = list[Source](), list[Array]()
     shown = np.zeros((problem.K + 1, len(problem.signals)), complex)
     for place, g in signals:
@@ -301,7 +302,7 @@ def slices(active: Sequence[Active]) -> list[Array]:
 
 
 def normal_size(point: Point) -> int:
-    """How many real numbers a record has."""
+    """The number of real data of a record."""
     return point.D.shape[1] * (2 * len(point.D) - 1)
 
 

@@ -1,14 +1,14 @@
-"""Evidence of unknown sources at places of a network, beside unknowns under priors: all of it linear, in closed form.
+"""Evidence of unknown sources at places of a network, with unknowns under priors: linear, in closed form.
 
     W_k (y_k + J_k θ + G_k g_k) is white,    k = 0 … K
 
 with the residual y, extrapolated to θ = 0 and g = 0, and whiteners W that make real and imaginary parts N(0, 1). A
-source p has Gaussian harmonics that decline as those of something smooth do,
+source p has Gaussian harmonics that decrease like those of a smooth signal,
 
     Re g_pk, Im g_pk ~ N(0, a_p² (1 + (k/k0)²)^-n),
 
-with amplitude a_p and spectrum (k0, n) by evidence, at the price of the list that they come from. Sources couple no
-harmonics, so that they are integrated out harmonic by harmonic; what they leave is an ordinary linear problem of θ
+with amplitude a_p and spectrum (k0, n) by evidence, with the prior odds of their lists. Sources do not couple
+harmonics and are integrated out harmonic by harmonic, which leaves a linear problem of θ
 (:mod:`~fitting.inference.hierarchy`).
 """
 
@@ -31,7 +31,7 @@ PRICE = 2.0 * math.log(len(SPECTRA) * len(AMPLITUDES))  # of a law, all of the l
 
 @dataclass(frozen=True)
 class Law:
-    """How large the harmonics of a source are beforehand."""
+    """The prior of the harmonics of a source."""
 
     amplitude: float
     k0: float
@@ -48,7 +48,7 @@ class Normal:
     """The normal equations of S sources and p unknowns.
 
     of_sources : (K+1, S, S). between : (K+1, S, p+1), sources with the unknowns and y. of_unknowns : (p+1, p+1) real.
-    log_volume : ln det of what was integrated out.
+    log_volume : ln det of the integrated sources.
     """
 
     of_sources: Array
@@ -81,17 +81,17 @@ class Normal:
         )
 
     def _less(self, taken: Array) -> Array:
-        """The equations of the unknowns less what sources take up, (…, p+1, p+1): nearly all of it, at times, and what
-        is left may not be less than nothing by rounding."""
+        """The equations of the unknowns minus the part that sources absorb, (…, p+1, p+1). They may absorb nearly all,
+        and rounding must not make the rest negative."""
         rounding = _ROUNDING * np.diagonal(self.of_unknowns).copy()
         rounding[-1] = 0.0
         return self.of_unknowns + np.diag(rounding) - taken
 
     def _kernel(self, columns: Array, variance: Array) -> tuple[Array, float]:
-        """K = r (1 + r GᴴG r)⁻¹ r for the standard deviations r, and the ln det of what is inverted."""
+        """K = r (1 + r GᴴG r)⁻¹ r for the standard deviations r, and the ln det of the inverse."""
         r = np.sqrt(variance)
         GG = r[:, :, None] * self.of_sources[:, columns[:, None], columns] * r[:, None]
-        # by eigenvectors: sources that look alike make GᴴG all but singular
+        # by eigenvectors: similar sources make GᴴG nearly singular
         value, vector = np.linalg.eigh(GG)
         value = np.maximum(value, 0.0)
         inverse = (vector / (1.0 + value)[:, None]) @ vector.conj().swapaxes(1, 2)
@@ -107,7 +107,7 @@ class Normal:
         self, columns: Array, relative: Sequence[float], sd: Array,
         spectra: Sequence[tuple[float, float]] = SPECTRA, amplitudes: Sequence[float] = AMPLITUDES,
     ) -> tuple[float, Law]:  # fmt: skip
-        """-2 ln evidence with a further place of some columns, under the law that makes it least, and that law.
+        """-2 ln evidence with a further place of some columns, under its best law, and that law.
 
         relative : (q,) sizes of the columns. sd : (p,) standard deviations of the priors of the unknowns.
         """
@@ -131,8 +131,8 @@ class Normal:
 
     def amplitudes(self, columns: Array, variance: Array, x: Array, spread: Array | None = None) -> tuple[Array, Array]:
         """(K+1, q) the most probable harmonics of sources for unknowns x, and the standard deviations of their real and
-        of their imaginary parts. spread : (p, p) covariance of the unknowns, which sources make up for; none: as if
-        they were known."""
+        of their imaginary parts. spread : (p, p) covariance of the unknowns, which adds to theirs; none: the unknowns
+        count as known."""
         K, _ = self._kernel(columns, variance)
         right = self.between[:, columns]
         g = -(K @ (right @ np.append(x, 1.0))[..., None])[..., 0]
@@ -151,7 +151,7 @@ def marginal(normal: Array, sd: Array) -> Array:
     right = sd * normal[..., :-1, -1]
     try:
         factor = np.linalg.cholesky(np.eye(sd.shape[-1]) + N)
-    except np.linalg.LinAlgError:  # sources took up all but round-off of something: no information is below 0
+    except np.linalg.LinAlgError:  # sources absorbed an unknown to round-off: information is not negative
         value, vector = np.linalg.eigh(0.5 * (N + N.swapaxes(-1, -2)))
         grown = 1.0 + np.maximum(value, 0.0)
         v = (right[..., None, :] @ vector)[..., 0, :] / np.sqrt(grown)
