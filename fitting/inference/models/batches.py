@@ -1,4 +1,4 @@
-"""Points of hypotheses simulated together: in batches of one kind, and each simulation once."""
+"""Joint simulation of the points of hypotheses: in batches of one kind, each simulation once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .simulator import Simulator
 Array = np.ndarray
 
 _LARGEST = 64  # members at once
-_FEWEST = 16  # of them in a process of its own: a batch costs ten members more than it has (measured)
+_FEWEST = 16  # minimum per process: the overhead of a batch equals ten members (measured)
 
 Batch = tuple[Simulator, list[Member], float]  # and until when it may run, [s] of time.monotonic
 Answer = tuple[list[Array | None] | None, int]  # X of a batch, and how many were simulated
@@ -66,8 +66,8 @@ def _cut(there: list[int], jobs: int) -> list[list[int]]:
 
 
 def _elsewhere(batch: Batch) -> Answer:
-    """A batch in another process, and what it simulated. None after the deadline: an exception would end the process,
-    and there may be more to do by a later one."""
+    """A batch in another process, with its number of simulations. None after the deadline: an exception would end the
+    process, which later deadlines may need."""
     simulator, members, until = batch
     runs = Runs(deadline=until)
     try:
@@ -77,13 +77,13 @@ def _elsewhere(batch: Batch) -> Answer:
 
 
 def kind_of(terms: Sequence[Term]) -> str:
-    """Hypotheses that share a mesh, outlets and states run in one batch."""
+    """The key of a batch: hypotheses with the same mesh, outlets and states."""
     own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts or t.remembers]
     return " ".join(sorted(set(own)))
 
 
 def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-    # a term that may lie anywhere along its segment has the label of that in its usual place, and more unknowns
+    # a term with a free position has the label of the term at its usual place, and more unknowns
     terms = {(t.label, *(u.name for u in t.unknowns)): t for member in members for t in member.terms}
     network = rewired(simulator.network, terms.values())
     nominal = network.parameters()
@@ -104,7 +104,7 @@ def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[
 
 
 def _values(members: Sequence[Member], network: Network) -> Iterator[dict[str, float]]:
-    """The parameters of every member that move, [SI]; those of one hypothesis after the other are found together."""
+    """The changed parameters of every member [SI]; members of one hypothesis are computed together."""
     for unknowns, some in groupby(members, key=lambda m: m.unknowns):
         x = np.stack([m.x for m in some])
         found = parameter_values(unknowns, network, x)

@@ -2,8 +2,8 @@
 
 With the true waves P and R, the channels measure p = H_P P + o_P and r = H_R R + o_R, where H and o are the measurement
 chain (1 and 0 if perfect). The law of :mod:`solver.loop`, with all effects of the wall, then makes of the measured
-radius r the measured pressure G(r). Errors in variables (:mod:`fitting.inference.models.loop`), for every effect that a
-bench can show.
+radius r the measured pressure G(r). The fit uses errors in variables (:mod:`fitting.inference.models.loop`), for every
+effect of a bench.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _MOST_HARMONICS = 40
 _ABOVE_NOISE = 4.0  # standard deviations
 _RULES = Rules(gain=1e-3, latent=True)  # a step of a thirtieth of a standard deviation moves no verdict
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
-_FLOOR = 1e-9  # of the pulse: noise assumed at least
+_FLOOR = 1e-9  # of the pulse: minimum noise
 _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part of a beat
 
 
@@ -112,14 +112,14 @@ class Bench(Forward):
 
     @cached_property
     def artery(self) -> Network:
-        """The site's artery alone, with all terms that a wall may have, neutral."""
+        """The site's artery alone, with all terms of a wall at their neutral values."""
         neutral = {f"{self.site}.{key}": neutral_value(key) for key in terms_of("segment")}
         alone = self.part(self.network)
         return alone.with_terms(neutral | alone.parameters())
 
     @cached_property
     def start(self) -> Array:
-        """(N,) [m] the radius up to harmonic K, where searches begin: a ringing sensor undone makes much of noise."""
+        """(N,) [m] the radius up to harmonic K, the start of searches: inverting a resonant sensor amplifies noise."""
         X = spectral.coefficients(self.loop.R)
         X[self.K + 1 :] = 0.0
         return np.fft.irfft(X * self.loop.N, self.loop.N)
@@ -130,7 +130,7 @@ class Bench(Forward):
         return order, np.zeros_like(order)
 
     def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
-        """The linear problems of trials, at the radius that was most probable where they step from."""
+        """The linear problems of trials, at the most probable radius of their previous points."""
         runs.check()
         radius = [self.start if t.before is None else t.before.memory.after(t.step) for t in trials]
         return [_linearised(self, t.member, r, t.by) for t, r in zip(trials, radius, strict=True)]
@@ -146,7 +146,7 @@ class Bench(Forward):
               columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
         """The most probable unknowns of every hypothesis; ``start`` : of another one.
 
-        known : the cost of one found before; where it is given, a search that promises to stay far above the best ends.
+        known : the cost of an earlier hypothesis; if given, a search with a much larger predicted cost ends.
         """
         found: list[Fit | None] = []
         for terms in hypotheses:
@@ -185,7 +185,7 @@ class Bench(Forward):
         return [] if state is None else without_groups(fit, fit.order, state.memory.L[: len(fit.z), : len(fit.z)])
 
     def beside(self, fit: Fit) -> Beside | None:
-        """With errors of the wall law, as of its pressure: of its mean, and of its harmonics."""
+        """With errors of the wall law, as errors of its pressure: of the mean and of the harmonics."""
         state = _settled(self, fit.member)
         if state is None:
             return None
@@ -209,7 +209,7 @@ class Bench(Forward):
 
     @property
     def weights(self) -> tuple[Array, Array]:
-        """What :meth:`restored` makes the same problem of: the covariance of the loop's noise, and errors in it."""
+        """The argument of :meth:`restored`: the covariance of the loop's noise, and the errors in it."""
         return self.loop.noise, self.error
 
     def restored(self, weights: tuple[Array, Array]) -> Bench:
@@ -241,7 +241,7 @@ class Bench(Forward):
         return np.fft.irfft(X, self.loop.N)
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
-        """(N,) [Pa] the true pressure at the site that P and R together make most probable under a hypothesis."""
+        """(N,) [Pa] the most probable true pressure at the site under a hypothesis, given P and R."""
         state = _settled(self, fit.member)
         if state is None:
             return self.loop.P
@@ -284,7 +284,7 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
         X = np.abs(spectral.coefficients(x)) ** 2
         above = np.flatnonzero(X > _ABOVE_NOISE**2 * own[: len(X), i, i].real)
         highest.append(int(above[-1]) if len(above) else 1)
-    # where one of the two is noise alone, a sensor or wall that is slow enough would explain it
+    # if one channel contains only noise, a slow sensor or wall would explain it
     usable = np.flatnonzero(np.abs(filtered(network, signals[1], beats.omega * np.arange(len(own)))) >= SAFE)
     K = min(_MOST_HARMONICS, max(1, min(*highest, int(usable[-1]))))
     return Bench(network, site, signals, replace(loop, noise=noise), K, beats.n_beats, highest=0.5 * beats.N / beats.T)
@@ -296,7 +296,7 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
 def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None, known: float = np.inf) -> Fit:
     """The most probable size of the terms and of the nuisances.
 
-    start : of a simpler hypothesis, whose unknowns are taken over. known : as of :meth:`Bench.refit`.
+    start : of a simpler hypothesis, for shared unknowns. known : as of :meth:`Bench.refit`.
     Raises NoFit if no wall of this kind carries the loop.
     """
     found: list[Fit] = []
@@ -309,7 +309,7 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None, known: 
 
 
 def _searched(problem: Bench, member: Member, known: float = np.inf) -> Fit:
-    """The minimum that a search from one point comes to. Raises NoFit where it cannot begin there."""
+    """The minimum of a search from one point. Raises NoFit if it cannot start there."""
     found = Search(member, _RULES)
     search(partial(problem.points, runs=Runs()), [found], known)
     if found.here is None:
@@ -318,10 +318,10 @@ def _searched(problem: Bench, member: Member, known: float = np.inf) -> Fit:
 
 
 def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[Member]:
-    """Where searches begin: at the simpler fit, the new terms at the best of their starting points.
+    """Start points of searches: the simpler fit, with the new terms at the best of their start points.
 
-    Where a term has several valleys, or the simpler fit is an odd wall, also at an ordinary one: a slow sensor and a
-    viscous wall are alike from afar, and the simpler fit may have taken the one for the other.
+    If a term has several minima, or the simpler fit is far from its prior, a nominal wall is a further start: a slow
+    sensor and a viscous wall are similar, and the simpler fit may have absorbed the effect.
     """
     unknowns = problem.hypothesis(terms)
     known = () if start is None else [u.name for u in start.unknowns]
@@ -334,7 +334,7 @@ def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[M
 
 
 def _promise(problem: Bench, member: Member) -> float:
-    """The cost that one linear step from a point promises."""
+    """The predicted cost after one linear step from a point."""
     point = _linearised(problem, member, problem.start)
     try:
         return np.inf if point is None else Search(member, _RULES, point).promised()
@@ -346,7 +346,7 @@ def _promise(problem: Bench, member: Member) -> float:
 
 
 def _settled(problem: Bench, member: Member) -> Point | None:
-    """The linear problem at given parameters, at the radius that is most probable under them."""
+    """The linear problem at given parameters, at their most probable radius."""
     r = problem.start
     for _ in range(2):
         point = _linearised(problem, member, r, np.arange(0))
@@ -360,8 +360,8 @@ def _linearised(problem: Bench, member: Member, r: Array, by: Array | None = Non
     """The whitened linear problem at a point and the measured radius r, harmonic by harmonic up to K, with derivatives
     by the unknowns ``by`` : (q,), default all; None where the law has no pressure there.
 
-    Harmonics beyond K hold noise alone; a sensor that is slow enough would explain it away. log_volume : log det of V
-    up to K, which keeps a hypothesis from explaining the residual by a larger noise.
+    Harmonics beyond K contain only noise, which a slow sensor would explain. log_volume : log det of V up to K, which
+    prevents a hypothesis from explaining the residual by larger noise.
     """
     by = np.arange(len(member.x)) if by is None else by
     steps = finite_steps(member.unknowns, member.x, _STEP)
@@ -370,7 +370,7 @@ def _linearised(problem: Bench, member: Member, r: Array, by: Array | None = Non
         G = seen.pressure(r)
         columns = (G[1:] - G[0]).T / steps[by]
         try:
-            # L in the order of the harmonics: an entry of z depends on harmonics up to its own only
+            # L in the order of the harmonics, so that an entry of z depends only on harmonics up to its own
             linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, fourier(len(r)))
         except NoFit:
             return None

@@ -1,19 +1,18 @@
 """The problem of a calibration: the whitened residual with its derivatives, by batches of the solver.
 
 With priors of standard deviation s the search (:mod:`fitting.inference.gauss_newton`) minimises |z(x)|² + Σ (x_i/s_i)²,
-where z holds the residuals of all recordings, one after the other. One batch a recording gives z and its derivatives,
-by finite differences, for little more than the price of z.
+where z holds the residuals of all recordings, one after the other. One batch per recording gives z and its derivatives,
+by finite differences, at little more than the cost of z.
 
-What the model of a calibration lacks, as a random error of its channels: its size by evidence at the current point.
-
-Every harmonic of a channel has an error of the standard deviation a s, independent of the others, where s is the
-standard deviation of the channel's mean beat and a one number of the means, which zeros of sensors and heights shift,
-and one of all harmonics, by restricted maximum likelihood (:mod:`fitting.inference.model_discrepancy`). Both are 0
-where the unknowns, refitted in the linear problem, leave noise alone. Far from the minimum they are large and the cost
-smooth; as the search comes nearer they fall by themselves. Where the model is wrong they stay, and channels and
-harmonics count by what is left of them in mmHg or mL/s, not by a noise far below that. All recordings and channels have
-the same two: with its own each could be fitted at the cost of the others. Of one channel alone both are one: with an
-error of its own, the one mean would be given up for the harmonics.
+The model error of a calibration is a random error of its channels, whose size is estimated at the current point. Every
+harmonic of a channel has an error of the standard deviation a s, independent of the others, where s is the standard
+deviation of the channel's mean beat and a is one number for the means, which sensor zeros and heights shift, and one
+for all harmonics, by restricted maximum likelihood (:mod:`fitting.inference.model_discrepancy`). Both are 0 if the
+unknowns, refitted in the linear problem, leave only noise. Far from the minimum they are large and the cost is smooth;
+near the minimum they decrease. For a wrong model they remain, and the weights follow the residuals in mmHg or mL/s, not
+the much smaller noise. All recordings and channels share the two numbers; with separate ones, each could be fitted at
+the expense of the others. A single channel has one number for both; with its own, the mean would be sacrificed for the
+harmonics.
 """
 
 from __future__ import annotations
@@ -49,8 +48,8 @@ Array = np.ndarray
 STEP = 3e-4
 DERIVATIVE_ERROR = 5e-4
 TOLERANCE = 1e-7  # of periodic beats, whose small differences are the derivatives
-CHANCE = 4.0  # standard deviations of χ² from which more than noise is left
-_ALTERNATIONS = 12  # of search and error, at most
+CHANCE = 4.0  # standard deviations of χ² beyond which more than noise remains
+_ALTERNATIONS = 12  # maximum number of alternations of search and error
 _SAME = 0.1  # relative change of an error that changes no weight
 
 
@@ -58,7 +57,7 @@ _SAME = 0.1  # relative change of an error that changes no weight
 class Part:
     """One recording: its m channels up to harmonic K, and their simulation under its inflow.
 
-    unknowns : the q that act in it; which : (q,) their numbers among all. target : what the record says, with its
+    unknowns : the q that act in it; which : (q,) their numbers among all. target : the data with their
     weights; None until they are known. log_volume : ln det of their covariance over that of the noise.
     """
 
@@ -72,7 +71,7 @@ class Part:
 
     @property
     def size(self) -> int:
-        """Numbers in its residual."""
+        """Length of its residual."""
         return len(self.simulator.names) * (2 * self.simulator.K + 1)
 
     def with_target(self, x: Array, error: Array) -> Part:
@@ -115,14 +114,14 @@ class Part:
 
 @dataclass(frozen=True)
 class Problem:
-    """Unknowns p of a network, and the recordings that tell them. Of a point the memory holds each part's batch."""
+    """Unknowns p of a network and the recordings that determine them. The memory of a point has each part's batch."""
 
     unknowns: tuple[Unknown, ...]
     parts: tuple[Part, ...]
 
     @property
     def typical(self) -> Array:
-        """(p,) prior standard deviations, or what they would be: the unit of x in the search."""
+        """(p,) prior or default standard deviations: the unit of x in the search."""
         return np.array([u.typical_sd for u in self.unknowns])
 
     @property
@@ -159,7 +158,7 @@ class Problem:
         return found
 
     def determined(self, point: Point, scale: float = 1.0) -> Determined:
-        """What the data determine at a point; scale : of their covariance."""
+        """The identifiability at a point; scale : of the covariance of the data."""
         return determined(point.J * self.typical, self.prior, self.typical, scale, DERIVATIVE_ERROR)
 
 
@@ -167,7 +166,7 @@ def part_of(
     beats: Beats, network: Network, unknowns: tuple[Unknown, ...], which: Array, names: Sequence[str], K: int,
     settings: Settings, meter: Meter,
 ) -> Part:  # fmt: skip
-    """The part of a recording; its beats are found by harmonic balance if that has room."""
+    """The part of a recording; harmonic balance computes its beats if the network is small enough."""
     beyond = HARMONICS_BEYOND if has_room(network, K + HARMONICS_BEYOND, settings) else 0
     simulator = Simulator(network, inflow(beats, settings.dt, network), beats.T, tuple(names), K, settings,
                           tolerance=TOLERANCE, beyond=beyond)  # fmt: skip
@@ -179,7 +178,7 @@ def part_of(
 
 @dataclass(frozen=True)
 class Ended:
-    """Where a search ended. errors : (2,) a of means and of harmonics. history : the cost, -2 ln of likelihood and
+    """The end of a search. errors : (2,) a of means and of harmonics. history : the cost, -2 ln of likelihood and
     priors up to a constant, at all points kept: comparable between searches with other errors."""
 
     search: Search
@@ -188,14 +187,14 @@ class Ended:
 
     @property
     def batches(self) -> Sequence[Array]:
-        """Of every recording where it ended."""
+        """The batch of every recording at the end of the search."""
         assert self.search.here is not None
         found: Sequence[Array] = self.search.here.memory
         return found
 
 
 def minimum(problem: Problem, x: Array, batches: Sequence[Array], rules: Rules) -> Ended:
-    """The search from x : (p,), whose batches are known, in turn with the errors of the model."""
+    """The search from x : (p,), with known batches, alternating with the estimate of the model errors."""
     errors, history = np.full(2, math.inf), list[float]()
     for _ in range(_ALTERNATIONS):
         told = model_errors(problem, x, batches)
@@ -222,9 +221,9 @@ def granted(problem: Problem, errors: Array) -> Problem:
 
 
 def model_errors(problem: Problem, x: Array, batches: Sequence[Array]) -> Array:
-    """(2,) the errors that make what is left most probable, about x : (p,).
+    """(2,) the most probable model errors about x : (p,).
 
-    The linear problem's own minimum counts as far as one step of the search reaches.
+    They are estimated at the minimum of the linear problem, within the reach of one step.
     """
     point = problem.point(x, batches)
     n, free = len(point.z), np.array([u.low < u.high for u in problem.unknowns], bool)
@@ -236,10 +235,10 @@ def model_errors(problem: Problem, x: Array, batches: Sequence[Array]) -> Array:
     fit = Fit((), near, np.zeros(len(near)), point.z, point.J[:, free], np.zeros(n, int), np.zeros(n, int))
     if settled(fit).chi2 < n + CHANCE * math.sqrt(2.0 * n):
         return np.zeros(2)
-    lone = len(problem.parts) == 1 and len(problem.parts[0].simulator.names) == 1  # one mean tells no error of means
+    lone = len(problem.parts) == 1 and len(problem.parts[0].simulator.names) == 1  # one mean determines no error
     each = zip(problem.parts, problem.rows(), strict=True)
     means, rest = estimated(fit, [block for part, rows in each for block in _blocks(part, rows.start, int(lone))], 2)
-    return np.array([max(means, rest), rest])  # few means tell little of their error: it is not below the harmonics'
+    return np.array([max(means, rest), rest])  # few means determine their error badly: at least that of the harmonics
 
 
 def _blocks(part: Part, start: int, of_means: int) -> Iterator[Block]:
@@ -257,9 +256,9 @@ def _blocks(part: Part, start: int, of_means: int) -> Iterator[Block]:
 
 
 def widening(problem: Problem, z: Array, paid: float) -> float:
-    """By how much the covariance of the unknowns is too small: an error that is alike at all harmonics is less than
-    that of the worst octave, harmonics 0 to 3, then 4 to 7, 8 to 15 … z : (n,) whitened with the error; paid : numbers
-    that the unknowns took of them."""
+    """Factor that widens the covariance of the unknowns: an error common to all harmonics is smaller than that of the
+    worst octave, harmonics 0 to 3, then 4 to 7, 8 to 15 … z : (n,) whitened with the error; paid : the number of
+    parameters that the data determine."""
     left, worst = z**2 * len(z) / max(len(z) - paid, 1.0), 1.0
     for part, rows in zip(problem.parts, problem.rows(), strict=True):
         each = np.maximum(np.log2(np.maximum(np.arange(part.simulator.K + 1), 1)).astype(int), 1)

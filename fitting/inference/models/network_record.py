@@ -1,4 +1,4 @@
-"""A network record made ready: the problem of its beats, with the network's own error and the noise of its channels."""
+"""The problem of a network record: its beats, the error of the solver and the noise of its channels."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from ..runs import Runs
 from .network import NetworkProblem
 from .simulator import HARMONICS_BEYOND, Simulator, linear_response, started, varying
 
-STEP_DT = 1e-3  # s, where no balance is found
+STEP_DT = 1e-3  # s, without harmonic balance
 _FEWEST = 80  # of such steps in a beat
-_REPEATS = 3.0  # of their tolerance: what beats need not repeat better than where they take more than two
+_REPEATS = 3.0  # tolerance of beats, if they take more than two to repeat
 
 
 def network_problem(
@@ -32,7 +32,7 @@ def network_problem(
 ) -> NetworkProblem:  # fmt: skip
     """The problem of a record with inlet.Q and some outputs of the network. prior : of a calibration.
 
-    Raises ValueError if they do not belong together, or if the network breaks down with this inflow.
+    Raises ValueError if record and network do not match, or if the network cannot be simulated with this inflow.
     """
     check_flow_driven(network)
     runs, known = runs or Runs(), network.output_units()

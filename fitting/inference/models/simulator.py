@@ -24,15 +24,15 @@ from ..runs import Runs
 Array = np.ndarray
 
 
-HARMONICS_BEYOND = 8  # above those of the record that a balance keeps: without more, 7e-5 of the pulse in elastic walls
-_BEATS = 30  # without repeating, after which a hypothesis has broken down
-_SHORTER = 2  # times that the step is halved where the model as given breaks down
+HARMONICS_BEYOND = 8  # of a balance, above those of the record: without them, an error of 7e-5 of the pulse (elastic)
+_BEATS = 30  # beats after which a hypothesis counts as not periodic
+_SHORTER = 2  # maximum number of halvings of the step if the given model fails
 
 
 @dataclass(frozen=True)
 class Forced:
-    """What acts beside a network's own equations. amplitudes : (K+1, n_sources) harmonics of sources; signals :
-    (K+1, m) of what channels show beside it."""
+    """Additional sources of a network. amplitudes : (K+1, n_sources) harmonics of sources; signals : (K+1, m)
+    additional signals of channels."""
 
     sources: tuple[Source, ...]
     amplitudes: Array
@@ -43,11 +43,11 @@ class Forced:
 class Simulator:
     """Harmonics 0 … K of the channels ``names`` of a network under a periodic flow.
 
-    beyond : harmonics above K that a harmonic balance keeps (:func:`~solver.beat_harmonics`); 0 of a model that has no
-    balance: the beat is run in time, in steps of settings.dt.
-    start : time [s] in the beat at which such runs begin: where the flow is least, because a run begins at rest, and a
-    flow that sets in at once would strain the walls as no heart does. tolerance, resolved : of the periodic beat.
-    forced : by sources, of which there are balances alone.
+    beyond : harmonics above K in the harmonic balance (:func:`~solver.beat_harmonics`); 0 for a model without balance,
+    which is simulated in time, in steps of settings.dt.
+    start : time [s] in the beat at which such runs start: the minimum of the flow, because a run starts at rest, and a
+    sudden flow would strain the walls unphysically. tolerance, resolved : of the periodic beat. forced : sources; they
+    require a harmonic balance.
     """
 
     network: Network
@@ -67,7 +67,7 @@ class Simulator:
         return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0))
 
     def finer(self) -> Simulator:
-        """The same with half the step and half the elements, to see what both do."""
+        """The same with half the step and half the element length, to estimate the error of both."""
         half = self.halved()
         return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
 
@@ -75,9 +75,9 @@ class Simulator:
         self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
     ) -> Array:  # fmt: skip
         """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps,
-        through the filters that the network says its channels have.
+        through the known filters of the channels.
 
-        Members without a beat that repeats are NaN.
+        Members without a periodic beat are NaN.
         Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
         """
         runs.check()
@@ -93,7 +93,7 @@ class Simulator:
         return X if self.forced is None else X + self.forced.signals
 
     def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
-        """By harmonic balance; NaN where none is found. Raises ValueError where a member has no steady state."""
+        """By harmonic balance; NaN without one. Raises ValueError if a member has no steady state."""
         forced = self.forced if self.forced and self.forced.sources else None
         sources, amplitudes = (forced.sources, forced.amplitudes) if forced else ((), None)
         return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
@@ -115,9 +115,9 @@ class Simulator:
 
 
 def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
-    """The model as given under this inflow; where it has no balance, in time, with shorter steps if it needs them.
+    """The given model under this inflow; without a balance in time, with shorter steps if necessary.
 
-    Raises NonPhysicalState if none will do, ValueError where it has no steady state under the mean of the inflow.
+    Raises NonPhysicalState if no step works, ValueError if it has no steady state under the mean of the inflow.
     """
     X = simulator.coefficients(simulator.network, {}, runs)[0]
     if not np.isnan(X).any():
@@ -132,13 +132,13 @@ def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
 
 
 def filters(network: Network, names: Sequence[str], T: float, K: int) -> Array:
-    """H : (K+1, m) of the filters that a network says its channels have."""
+    """H : (K+1, m) of the known filters of the channels of a network."""
     return np.stack([filtered(network, name, 2.0 * np.pi / T * np.arange(K + 1)) for name in names], axis=1)
 
 
 def linear_response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
-    """The linearised response (K + 1 + neighbours, m) to the inflow, both as their filters show them; where the linear
-    solver lacks a term of a wall, that of the walls without terms."""
+    """The linearised response (K + 1 + neighbours, m) to the inflow, both after their filters. If the linear solver
+    lacks a term of a wall, the walls have no terms."""
     K += NEIGHBOURS
     shown = filters(network, names, T, K) / undoable(network, INFLOW, 2.0 * np.pi / T * np.arange(K + 1))[:, None]
     try:
@@ -157,9 +157,10 @@ def varying(
     parameters: Mapping[str, float] | None = None,
     known: Felt | None = None,
 ) -> Felt | None:
-    """What the linearised network feels of an inflow whose beats differ; None of beats cut at equal intervals.
+    """Linear response of the channels to beat-to-beat variation of the inflow; None for beats cut at equal intervals.
 
-    known : of other parameters, whose seam is kept: fits are compared under several weights, with one mean beat.
+    known : the response for other parameters, whose correction of the mean beat is kept: fits with different weights
+    are compared with the same mean beat.
     """
 
     def transfer(T: float, n: int) -> Array:
