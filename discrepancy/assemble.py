@@ -30,15 +30,15 @@ from .findings.shown_map import SourceMapShown, gap_shares, shown_map
 from .name.individual_walls import implausible, odd_ones, walls_of
 from .name.intervals import stated
 from .name.verdict import Naming
-from .report.map_text import acts_as
+from .report.map_text import acts_as, joined
 from .report.verdict_text import late_drive, separating_measurement
 from .show.fmu_validation import Gap, Run, changed, left, met_only_with
 
 _SHOWN = 12  # candidates listed in the report
 _ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"
 _BENT = (
-    "The walls are as far as the search came, and some may be bent for want of what is missing: do not take them for "
-    "the subject's."
+    "The walls may have absorbed part of the missing physics, and the search did not end with a named effect: do not "
+    "use them as the subject's walls."
 )
 _PARITY = 1e-3  # of the pulse: a larger difference between FMU and direct solver gives a warning
 
@@ -177,22 +177,22 @@ def fmu_warnings(shown: Shown) -> tuple[str, ...]:
     found, a = [], shown.agreement
     if a is not None and not a.difference <= _PARITY:
         found.append(
-            f"error of the program: with the same numbers and under the same inflow the FMU leaves a gap of "
-            f"{a.fmu[1]:.3g} times the noise of held-out beats, and the model that effects were sought with "
-            f"{a.inferred[1]:.3g}: {a.channel} differs by {a.difference:.1g} of its pulse at harmonic {a.harmonic} "
-            f"(more than {_PARITY:g}); do not rely on this study; report this."
+            f"error of the program: with the same parameters and inflow, the FMU has a gap to held-out beats of "
+            f"{a.fmu[1]:.3g} times the noise, and the model of the search one of {a.inferred[1]:.3g}: {a.channel} "
+            f"differs by {a.difference:.1g} of its pulse at harmonic {a.harmonic} (more than {_PARITY:g}); do not rely "
+            f"on this study, and report this error."
         )
     if shown.failure is not None:
         found.append(f"model.fmu does not run with its network's own inflow: {shown.failure}")
     elif shown.archive is not None and shown.parity is None:
         found.append(
-            "model.fmu was not compared with the direct solver, because its network's own inflow moves nothing, as "
-            "of one artery on a bench; give the [inlet] of the --model file a Q_max above 0 or a curve."
+            "model.fmu was not compared with the direct solver, because its network's own inflow is 0, as on a bench; "
+            "give the [inlet] of the --model file a Q_max above 0 or a curve."
         )
     elif shown.parity is not None and not shown.parity <= _PARITY:
         found.append(
             f"model.fmu differs from the direct solver by {shown.parity:.1g} of a channel's pulse (more than "
-            f"{_PARITY:g}): do not rely on it; report this as an error."
+            f"{_PARITY:g}): do not rely on it, and report this error."
         )
     return tuple(found)
 
@@ -231,23 +231,23 @@ def sentence(
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
-        said = f"The model meets the record: the gap is {left(before)}; nothing is missing."
+        said = f"Nothing is missing: the model fits the record, with a gap to held-out beats of {left(before)}."
     elif naming.verdict in ADDED and after:
         said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}")
         said += f" The simplest reading: {late}." if late else ""
         if acting and somewhere and naming.verdict == "partial":
-            said += f" {acts_as(acting, 'All that is missing')}"
+            said = f"{said} {acts_as(acting, 'All missing physics together')}"
     elif _met(naming):
         met = met_only_with(implausible(naming.base.fit))
-        said = f"{met[0].upper()}{met[1:]}: another subject than the file's, or something that the catalogue lacks."
+        said = f"{met[0].upper()}{met[1:]}: it is another subject, or the catalogue lacks the effect."
     elif acting and somewhere and naming.verdict == "unknown":
-        tried = "No law of the catalogue explains it" if naming.complete else "Nothing that was tried explains it"
+        tried = "No law of the catalogue explains it" if naming.complete else "None of the laws tried explains it"
         gap = f"the gap to held-out beats is {left(before)}"
         said = f"Something is missing: {gap}. {tried}. {acts_as(acting)}"
     else:
-        why = " that the catalogue does not explain" if naming.complete else ", and nothing that was tried explains it"
-        said = f"Something is missing{why}: the gap to held-out beats is {left(before)}."
-    return said if naming.complete else f"{said} Search incomplete: the time limit was over before all was compared."
+        why = "no law of the catalogue explains it" if naming.complete else "none of the laws tried explains it"
+        said = f"Something is missing, and {why}: the gap to held-out beats is {left(before)}."
+    return said if naming.complete else joined(said, "The search is incomplete: the time limit ended it.")
 
 
 def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:

@@ -252,7 +252,7 @@ def _not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
 def met_only_with(odd: Mapping[str, float]) -> str:
     """Implausible parameters with their distances in stated spreads, in words."""
     them = ", ".join(f"{name} {abs(x):.2g} stated spreads {'above' if x > 0 else 'below'}" for name, x in odd.items())
-    return f"the model meets the record only with {them} the file's"
+    return f"the model fits the record only with {them} the file's"
 
 
 def _no_fall(fallen: float, sd: float) -> str:

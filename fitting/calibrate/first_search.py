@@ -90,6 +90,6 @@ def _said(problem: Problem, ended: Mapping[int, Ended], best: int) -> str:
     then = (
         f"from other start {best} it leaves {leaves[best]}"
         if best
-        else f"from none of {len(ended) - 1} others it comes near"
+        else f"none of {len(ended) - 1} other starts ends closer to the record"
     )
     return f"from the network's own values {why}; {then}"

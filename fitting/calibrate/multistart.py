@@ -103,7 +103,7 @@ class Starts:
         values = ", ".join(dict.fromkeys(other.value(int(i)) for i in np.argsort(-off, kind="stable")[:_SHOWN_VALUES]))
         cost, lowest = other.found.cost, self.minima[0].found.cost
         return (
-            f"{len(other.starts)} of {self.starts} starts settled elsewhere, with cost {cost:.4g} instead of "
+            f"{len(other.starts)} of {self.starts} starts ended in another minimum, with cost {cost:.4g} instead of "
             f"{lowest:.4g}: {values} (SI)"
             + ("; the record cannot distinguish the two" if cost - lowest < _ALIKE else "")
         )

@@ -199,14 +199,14 @@ def _result(
     sd = np.sqrt(np.diag(known.covariance))
     terms = [f"ln {u.name}" if u.kind == "scale" else u.name for u in unknowns]
     report = [
-        *(f"{name} stopped at the end of its allowed range" for name in at_bound),
+        *(f"{name} reached a bound of its allowed range" for name in at_bound),
         *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known, terms),
         *_misfit(chi2 / dof, dof, recordings, best.errors),
         *said,
         *dict.fromkeys(text.rstrip(".") for part in problem.parts for text in part.beats.warnings),
     ]
     if not best.search.converged:
-        report.append("the search did not settle: no further step lowered the misfit, or the iterations were used up")
+        report.append("the search did not converge: no step lowered the misfit, or it reached its iteration limit")
     return Calibration(
         network=network.name,
         recordings=recordings,
@@ -279,9 +279,12 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
     where = f"{worst} of {one.label}" if len(recordings) > 1 else worst
     there = " there" if len(recordings) > 1 else ""
     means, rest = (f"{100.0 * a:.2g} %" for a in errors)
-    weighed = f"weighed as if harmonics were off by {rest} of each channel's pulsation (rms), means by {means} (sd)"
+    allowed = (
+        f"the intervals allow a model error of {rest} of each channel's pulsation in the harmonics (rms) and {means} "
+        "in the means (sd)"
+    )
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
         f"({one.channels[worst]:.3g} times its noise); rms residual{there}: {sizes(one.rms, one.channels)}; "
-        + (weighed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
+        + (allowed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
     ]

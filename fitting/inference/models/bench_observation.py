@@ -99,7 +99,7 @@ def of_other_beats(covariance: Array, error: Array, beats: Beats, fitted: Beats,
     """The covariance (n, m, m) of other beats of the same record, from the noise of the fitted ones, scaled to their
     number.
 
-    error : (n, m) standard deviation of errors that more beats do not lower, of solver and model.
+    error : (n, m) standard deviation of the errors of solver and model, which more beats do not reduce.
     """
     times, at = fitted.n_beats / beats.n_beats, np.arange(len(names))
     found = covariance * times

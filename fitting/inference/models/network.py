@@ -56,7 +56,7 @@ _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller solver erro
 
 @dataclass(frozen=True)
 class NetworkProblem(Forward):
-    """A network record and the network that it is compared with.
+    """A network record with the network for comparison.
 
     error : (K+1, m) standard deviation of the solver's errors. exact : target without model error, if there is any, and
     model_error : its covariance (K+1, m, m). More beats reduce neither. response : (K+1, m) of the channels to the

@@ -229,7 +229,7 @@ class _Search:
             point = fewer
         return point
 
-    # --- what is told -------------------------------------------------------------------------------------------------
+    # --- the result ---------------------------------------------------------------------------------------------------
 
     def told(self, point: Point) -> SourceMap:
         """The map of a point, under its weights; without places that had no size yet when time ran out."""
