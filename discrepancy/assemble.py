@@ -35,7 +35,7 @@ from .report.verdict_text import late_drive, separating_measurement
 from .show.fmu_validation import Gap, Run, changed, left, met_only_with
 
 _SHOWN = 12  # candidates listed in the report
-_ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"
+_ONE_SITE = "Two sensor faults at one site explain the record, but such a pair can imitate many other effects:"
 _BENT = (
     "The walls may have absorbed part of the missing physics, and the search did not end with a named effect: do not "
     "use them as the subject's walls."

@@ -30,7 +30,7 @@ from .. import thresholds
 
 Array = np.ndarray
 
-_SHAPES = ("even", "linear", "parabolic")  # by the degree of a wall's pressure
+_SHAPES = ("uniform", "linear", "parabolic")  # by the degree of a wall's pressure
 _SAMPLES = 400  # per beat: they resolve all harmonics of a record
 _BEGUN = 0.1  # of the height of the inflow: systole is above it
 _MID = 0.5  # of that height: mid systole is above it after the peak
