@@ -52,11 +52,9 @@ def test_a_zero_may_be_all_that_is_free() -> None:
     """The same zero with nothing else; the indices of the arteries do not depend on it."""
     found = calibrate(shifted(3), NETWORK, ["C.P.zero"], channels=SHOWN)
     assert found.zeros["C.P.zero"][0] == pytest.approx(4.0 * MMHG, abs=0.05 * MMHG)
-    indices = network_indices(found, NETWORK, shifted(3))
-    assert {n: e.value for n, e in indices["C"].items()} == {
-        n: e.value
-        for n, e in network_indices(dataclasses.replace(found, x=0.0 * found.x), NETWORK, shifted(3))["C"].items()
-    }
+    without = dataclasses.replace(found, x=0.0 * found.x)
+    indices, others = (network_indices(each, NETWORK, shifted(3))["C"] for each in (found, without))
+    assert {n: e.value for n, e in indices.items()} == {n: e.value for n, e in others.items()}
 
 
 def test_a_set_with_a_zero_is_a_set_of_the_fmu(tmp_path: Path) -> None:

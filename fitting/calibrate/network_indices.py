@@ -15,8 +15,8 @@ from ..inference.models.calibration import STEP
 from ..inference.models.simulator import HARMONICS_BEYOND, Simulator
 from ..inference.runs import Runs
 from ..inference.unknown import finite_steps, parameter_values
-from ..parallel.threads import single_threaded
 from ..inference.zeros import apart, unmoved
+from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.channels.inflow import inflow
 from ..records.thresholds import MAX_HARMONICS

@@ -28,7 +28,8 @@ def parse_unknown(text: str, network: Network) -> Unknown:
     """The unknown of a text TARGET.PARAMETER[:PRIOR].
 
     TARGET : "all" (every segment, or every outlet, that has the parameter), names joined by "+" ("CA+FA"), "fluid" or
-    "network"; or CHANNEL.zero, "C.P.zero". PARAMETER : "E", "phi0" …, "outlet.R_t" …. PRIOR : its standard deviation (0.1), or "none".
+    "network"; or CHANNEL.zero, "C.P.zero". PARAMETER : "E", "phi0" …, "outlet.R_t" …. PRIOR : its standard deviation
+    (0.1), or "none".
     Raises ValueError for a name that the network has not, a prior that is not positive, or a value 0 to be scaled.
     """
     name, colon, prior = (part.strip() for part in text.partition(":"))
