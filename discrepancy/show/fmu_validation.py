@@ -17,7 +17,7 @@ import numpy as np
 from fitting.check.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Fit
 from fitting.inference.models.bench_observation import mean_wander, sense
-from fitting.inference.models.simulator import filters
+from fitting.inference.models.simulator import as_shown, filters
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels.amounts import changes, sizes
 from fitting.records.channels.noise import check_flow_driven
@@ -147,7 +147,7 @@ def _weights(K: int) -> Array:
 def sensed(study: Study, fit: Fit, X: Array) -> Array:
     """The coefficients after the measurement chain of a hypothesis and the known filters."""
     names, T = study.problem.signals, study.fitted.T
-    return sense(fit.member, names, X * filters(study.problem.network, names, T, len(X) - 1), T)
+    return sense(fit.member, names, as_shown(study.problem.network, names, T, X), T)
 
 
 def parity(network: Network, study: Study, wave: Array, run: Run, settings: Settings) -> float:

@@ -59,7 +59,8 @@ class Calibration:
     explains the record; the covariance includes them. singular_values : of the whitened Jacobian in prior units,
     largest first, 0 below its own error. report : undetermined parameters, active bounds, misfit, one sentence each.
     history : cost after each iteration of both searches. simulations : number of simulated parameter sets. others : the
-    network's fixed parameters [SI]. Intervals are Student's t with 4 (beats - 1) degrees of freedom per recording, from
+    network's fixed parameters [SI]. zeros : values and intervals [SI] of sensors' zeros, which are no parameters of an
+    FMU ("C.P.zero"). Intervals are Student's t with 4 (beats - 1) degrees of freedom per recording, from
     the estimate of the noise.
     """
 
@@ -83,6 +84,7 @@ class Calibration:
     others: Mapping[str, float]
     laws: Mapping[str, str]
     model_errors: tuple[float, float] = (0.0, 0.0)
+    zeros: Mapping[str, tuple[float, Interval]] = field(default_factory=dict)
 
     @property
     def cost(self) -> float:
@@ -161,6 +163,8 @@ class Calibration:
             "model_errors": dict(zip(("means", "harmonics"), self.model_errors, strict=True)),
             "channels": self.channels,
             "rms": {name: {"value": rms, "unit": SIGNAL_UNITS[name[-1]]} for name, rms in self.rms.items()},
+            **({"zeros": {n: {"value": v, "ci95": list(ends), "unit": SIGNAL_UNITS[n.removesuffix(".zero")[-1]]}
+                          for n, (v, ends) in self.zeros.items()}} if self.zeros else {}),
             "undetermined": sorted(self.undetermined),
             **({"recordings": {each.label: _plain(each) for each in self.recordings}} if more else {}),
             "report": list(self.report),

@@ -41,7 +41,7 @@ _SAMPLES = 4  # per harmonic in a period, to resolve products of harmonics
 _TOGETHER = 3000  # elements of members and moments in one operation (measured: equally fast from 800 to 12 000)
 _FINE = 4096  # samples of the drive, whose mean must be accurate
 MOST = _FINE // 4  # harmonics
-LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
+LONG = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
 _MEAN = 1e4  # s, the mean as a wave so slow that everything follows it; a longer one has rounding errors
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 

@@ -16,7 +16,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from solver import loop as law
-from solver.laws.catalogue import filtered, neutral_value, terms_of
+from solver.laws.catalogue import filtered, neutral_value, terms_of, zero_of
 from solver.network.description import Network
 
 from ...records.alignment.beats import Beats
@@ -237,7 +237,7 @@ class Bench(Forward):
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) [Pa] the mean pressure, before its filter."""
-        X = np.fft.rfft(self.loop.P)
+        X = np.fft.rfft(self.loop.P - zero_of(self.network, self.signals[0]))
         X[: self.K + 1] /= undoable(self.network, self.signals[0], beats.omega * np.arange(self.K + 1))
         return np.fft.irfft(X, self.loop.N)
 
@@ -263,7 +263,8 @@ class Bench(Forward):
         (P, o_P), (R, o_R) = (chain(moved, name, omega) for name in self.signals)
         to_P, to_R = (filtered(self.network, name, omega) for name in self.signals)
         to_R[self.K + 1 :] = 1.0  # noise only; the law would amplify it by inverting a filter
-        return Seen(wall, self.loop.T, (P * to_P, o_P), (R * to_R, o_R))
+        z_P, z_R = (zero_of(self.network, name) for name in self.signals)
+        return Seen(wall, self.loop.T, (P * to_P, o_P + z_P), (R * to_R, o_R + z_R))
 
     @property
     def noise(self) -> Array:

@@ -28,6 +28,7 @@ import numpy as np
 from solver import Settings
 from solver.errors import InputError
 from solver.harmonics import has_room
+from solver.laws.catalogue import zero_of
 from solver.network.description import Network
 from solver.simulate import BROKEN
 
@@ -40,6 +41,7 @@ from ..intervals.identify import Determined, determined
 from ..model_discrepancy import Block, estimated, settled
 from ..runs import Meter, Runs
 from ..unknown import Unknown, finite_steps, parameter_values
+from ..zeros import apart, unmoved
 from .simulator import HARMONICS_BEYOND, Simulator, linear_response, varying
 
 Array = np.ndarray
@@ -78,7 +80,7 @@ class Part:
     def with_target(self, x: Array, error: Array) -> Part:
         """The part weighted for all unknowns x : (p,) and a solver error (K+1, m)."""
         s = self.simulator
-        own = parameter_values(self.unknowns, s.network, x[self.which])
+        own, _ = apart(parameter_values(self.unknowns, s.network, x[self.which]), s.network)
         at = {name: float(value) for name, value in own.items()}
         H = linear_response(s.network, s.names, s.T, s.K, at)
         felt = varying(self.beats, s.network, s.names, s.K, at)
@@ -86,9 +88,12 @@ class Part:
 
     def simulate(self, x: Array) -> Array:
         """Coefficients (B, K+1, m) of the periodic beat for its unknowns x : (B, q)."""
-        parameters = parameter_values(self.unknowns, self.simulator.network, x)
         network = self.simulator.network
+        parameters, zeros = apart(parameter_values(self.unknowns, network, x), network)
+        parameters = parameters or unmoved(network, len(x))
         X = self.simulator.coefficients(network, parameters, Runs(self.meter))
+        for i, name in enumerate(self.simulator.names):
+            X[:, 0, i] += zeros.get(f"{name}.zero", zero_of(network, name)) - zero_of(network, name)
         if np.isnan(X).any():
             raise InputError(f"network {network.name}: it has no periodic beat with these values.")
         return X

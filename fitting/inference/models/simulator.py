@@ -9,7 +9,7 @@ import numpy as np
 
 from solver import NonPhysicalState, Settings, beat_harmonics, repeating_beat
 from solver.errors import InputError
-from solver.laws.catalogue import filtered
+from solver.laws.catalogue import filtered, zero_of
 from solver.mesh.sources import Source
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
@@ -74,7 +74,7 @@ class Simulator:
         self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
     ) -> Array:  # fmt: skip
         """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow (possibly one per member),
-        after the known filters of the channels.
+        after the known filters and zeros of the channels.
 
         Members without a periodic beat are NaN.
         Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
@@ -88,7 +88,7 @@ class Simulator:
         else:
             X = np.full((B, self.K + 1, len(self.names)), np.nan, complex)
         runs.meter.add(B)
-        X = X * filters(network, self.names, self.T, self.K)
+        X = as_shown(network, self.names, self.T, X)
         return X if self.forced is None else X + self.forced.signals
 
     def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
@@ -133,6 +133,13 @@ def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
 def filters(network: Network, names: Sequence[str], T: float, K: int) -> Array:
     """H : (K+1, m) of the known filters of the channels."""
     return np.stack([filtered(network, name, 2.0 * np.pi / T * np.arange(K + 1)) for name in names], axis=1)
+
+
+def as_shown(network: Network, names: Sequence[str], T: float, X: Array) -> Array:
+    """Coefficients X : (…, K+1, m) through the known filters of their channels, with the known zeros."""
+    found = X * filters(network, names, T, X.shape[-2] - 1)
+    found[..., 0, :] += [zero_of(network, name) for name in names]
+    return found
 
 
 def linear_response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
