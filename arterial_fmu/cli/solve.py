@@ -58,7 +58,7 @@ def main(
     max_beats: Annotated[int, typer.Option(help="Give up after this many beats.")] = 100,
     backend: Annotated[
         str, typer.Option(help="numpy; native, the compiled engine; or auto, the engine where it can run this.")
-    ] = "numpy",
+    ] = "auto",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
