@@ -83,7 +83,7 @@ def _odd_text(name: str, own: OwnNumber, network: Network) -> str:
 
 Array = np.ndarray
 
-# --- numbers that stand out -------------------------------------------------------------------------------------------
+# --- outliers ---------------------------------------------------------------------------------------------------------
 # With free deviations, one outlier widens the spread that its kind shares, and hides in it: with individual walls, an
 # artery of 2.2 times the modulus, nine stated spreads from the others, left only noise as "this animal's own". So if
 # nothing else is missing, an outlier is bounded to the range of its kind, and effects at its artery must explain the

@@ -53,7 +53,7 @@ class Several(Forward):
     varies: tuple[str, ...] = ()
     beats: tuple[tuple[Beats, Beats], ...] = ()
 
-    # --- what is in common, and what is not --------------------------------------------------------------------------
+    # --- common unknowns and those of one recording ------------------------------------------------------------------
 
     @property
     def first(self) -> Forward:

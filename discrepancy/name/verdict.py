@@ -1,4 +1,4 @@
-"""The verdict: which hypotheses remain, exact or with model discrepancy, and what they allow to be concluded."""
+"""The verdict: the hypotheses that remain, exact or with model discrepancy, and the conclusion from them."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def both_show(found: Compared, n: Named) -> bool:
 
 
 def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
-    """True if the map has only numbers that stand out, and a law at the same arteries explains the record, within the
+    """True if the map has only outlying parameters, and a law at the same arteries explains the record, within the
     odds of 1 : 100 of the map and more probable than no effect."""
     if loose.fit.terms or not loose.places or any(p.kind != NUMBER for p in loose.places):
         return False

@@ -199,7 +199,7 @@ def own_parity(fmu: Path, network: Network) -> float | None:
     return worst
 
 
-# --- what the runs bear out -------------------------------------------------------------------------------------------
+# --- the test of a name by the runs -----------------------------------------------------------------------------------
 
 
 def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:

@@ -296,7 +296,7 @@ def with_signals(problem: NetworkProblem, signals: Sequence[tuple[Place, Array]]
 
 
 def slices(active: Sequence[Active]) -> list[Array]:
-    """The columns of every place among those of all."""
+    """The columns of every place, numbered over all active places."""
     ends = np.cumsum([a.place.columns for a in active])
     return [np.arange(end - a.place.columns, end) for a, end in zip(active, ends, strict=True)]
 
