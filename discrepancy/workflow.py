@@ -1,7 +1,6 @@
 """The workflow: find where model and record disagree, name the missing effect, add it, show that the gap shrinks.
 
-The output folder receives its files at the end, the verdict last. Until then ``<out>/.state`` contains the finished
-stages.
+The output folder receives its files at the end, the verdict last. Until then ``<out>/.state`` has the finished stages.
 """
 
 from __future__ import annotations

@@ -62,8 +62,7 @@ class Leaves:
     """The number arrays in frozen objects, in the order of their fields.
 
     arrays : (B, n) each. kind : other contents of the objects; classes : their classes. Models with equal kind and
-    classes share a program. recorder : if given, :meth:`of` replaces the arrays by traced ones of one member; otherwise
-    it only collects them.
+    classes share a program. recorder : if given, :meth:`of` replaces the arrays by traced ones of one member.
     """
 
     recorder: Recorder | None = None

@@ -119,8 +119,7 @@ class Bench(Forward):
 
     @cached_property
     def start(self) -> Array:
-        """(N,) [m] the radius up to harmonic K, where searches start: inverting a ringing sensor would amplify
-        noise."""
+        """(N,) [m] the radius up to harmonic K, where searches start: inverting a ringing sensor amplifies noise."""
         X = spectral.coefficients(self.loop.R)
         X[self.K + 1 :] = 0.0
         return np.fft.irfft(X * self.loop.N, self.loop.N)

@@ -257,8 +257,7 @@ class PlaceModel:
                     yield other
 
     def looked(self, normal: Normal, active: tuple[Active, ...], point: Point, closely: int) -> list[Move]:
-        """-2 ln evidence with one more place: of all places for a few priors, then of the best ones inferred in
-        full."""
+        """-2 ln evidence with one more place: all places for a few priors, then the best ones inferred in full."""
         sd = self.sd(active, point.widths)
         reduced = normal.without(self.columns_of(active), self.variance(active))
         there, quick = {a.place.key for a in active}, list[tuple[float, Active]]()
