@@ -175,7 +175,7 @@ def test_a_partial_answer_is_added(partial: tuple[Outcome, dict[str, Any], Path]
     assert outcome.network_after == read_network(folder / "model.toml")
     assert (folder / "model.fmu").is_file()
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert "What remains" in page and verdict["remains"] in page
+    assert "Residual:" in page and verdict["remains"] in page
     assert "An effect is missing, and more than that" in page
 
 
