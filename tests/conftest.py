@@ -23,7 +23,6 @@ from fmus import COARSE, TIGHT, Instance, Store, mixed
 
 from build_fmu import build, build_native
 from solver import InputError, Network, Settings, load
-from solver.tracing.native import Backend
 
 # a slow machine is no fault
 hypothesis.settings.register_profile("no deadline", deadline=None)
@@ -64,20 +63,6 @@ def one_process() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(subprocess, "run", run)
-        yield
-
-
-@pytest.fixture(scope="module")
-def by_engine() -> Iterator[None]:
-    """Steps are made by the compiled engine where there is one: in long runs whose claim is about the scheme, which
-    both have (test_native.py, to 1e-10)."""
-    real = Backend.of
-
-    def of(name: str, *given: Any) -> Backend:
-        return real("auto" if name == "numpy" else name, *given)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Backend, "of", staticmethod(of))
         yield
 
 

@@ -14,8 +14,6 @@ from solver.periodic.anderson import Beats, fills_slowly
 from solver.scheme.model import build
 from solver.scheme.step import initial_state
 
-pytestmark = pytest.mark.usefixtures("by_engine")
-
 Array = np.ndarray
 
 simulate_module = import_module("solver.simulate")  # whose name in the package is the function

@@ -19,6 +19,7 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from fmus import COARSE, MS, Instance, Store
 from native_fmus import apart, elastic, half_sine, needs_compiler, pair, rows
+from test_command import run as command
 from test_table_source import table as source
 from test_toy import TissueSupport
 
@@ -308,12 +309,12 @@ def test_doctor(native: Path, stored: Store, tmp_path: Path) -> None:
 
 def test_command(tmp_path: Path) -> None:
     """build --native; the options of it alone are refused without it."""
-    line = [sys.executable, "-m", "arterial_fmu", "build", "sheep", "--out", os.fspath(tmp_path), "--fmi", "3"]
-    refused = subprocess.run(line, capture_output=True, text=True)
-    assert refused.returncode == 2
+    line = ["build", "sheep", "--out", tmp_path, "--fmi", "3"]
+    refused = command(*line)
+    assert refused.exit_code == 2
     assert "--fmi and --platforms: for FMUs that need no Python; add --native." in refused.stderr
-    done = subprocess.run([*line, "--native", "--set", "CA.E=2 MPa"], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    done = command(*line, "--native", "--set", "CA.E=2 MPa")
+    assert done.exit_code == 0, done.stderr
     description = fmpy.read_model_description(os.fspath(tmp_path / "sheep.fmu"))
     starts = {v.name: v.start for v in description.modelVariables}
     assert (description.fmiVersion, float(starts["CA.E"])) == ("3.0", 2e6)

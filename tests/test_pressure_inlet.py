@@ -28,8 +28,6 @@ from solver.scheme.outputs import inlet_answers
 from solver.scheme.stage import Stage, operators
 from solver.scheme.step import initial_state
 
-pytestmark = pytest.mark.usefixtures("by_engine")
-
 Array = np.ndarray
 
 
