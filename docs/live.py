@@ -1,0 +1,133 @@
+"""The beat on the first page of the site: the engine as WebAssembly and two networks, as one script of data.
+
+The C files are those of native FMUs, and a network is the resource of its native FMU (``fmu_src/native/resource.py``): from
+sliders to coefficients and waves the page runs what the FMU runs. ``live.js`` is their host.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import subprocess
+import tempfile
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fmu_src import compiler
+from fmu_src.contents.models import given_arteries
+from fmu_src.native.resource import number_of, resource
+from solver import Settings, load
+from solver.network.description import Network
+
+NATIVE = Path(__file__).resolve().parents[1] / "native"
+TARGET = "wasm32-wasi"
+# what the page calls; of the standard's own functions it has none
+_CALLED = ("new", "said", "reset", "set_up", "enter", "leave", "read", "write", "step")
+_HOST = {"fmi2.c", "fmi3.c", "host.c"}
+STEP = 2e-3  # s, at the heart rate of the network
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number that moves several parameters. kind : how, a factor or a shift of each. log : even in its logarithm."""
+
+    label: str
+    kind: str
+    low: float
+    high: float
+    keys: tuple[str, ...]
+    log: bool = False
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A network on the page. sites : name and words, of two. rates : of the heart, lowest and highest [1/min]."""
+
+    title: str
+    sites: Mapping[str, str]
+    rates: tuple[int, int]
+    outlets: Slider
+
+
+WALLS = (
+    Slider("Young’s modulus E", "factor", 0.5, 2.0, ("E",), log=True),
+    Slider("Wall viscosity φ0", "factor", 0.0, 3.0, ("phi0",)),
+)
+SHOWN = {
+    "sheep": Shown(
+        "Sheep",
+        {"MD": "descending aorta (MD)", "CA": "carotid artery (CA)"},
+        (60, 180),
+        Slider("Terminal reflection R_t", "shift", -0.3, 0.5, ("outlet.R_t",)),
+    ),
+    "human": Shown(
+        "Human",
+        {"TA1": "thoracic aorta (TA1)", "AB2": "abdominal aorta (AB2)"},
+        (40, 120),
+        Slider("Peripheral resistance R2", "factor", 0.5, 2.0, ("outlet.R2",), log=True),
+    ),
+}
+
+
+def script() -> str:
+    """The data of ``live.js``; without a compiler an empty one, and the page says so."""
+    made = None
+    if compiler.ziglang() is not None:
+        made = {"engine": _packed(engine()), "networks": [network_data(name, shown) for name, shown in SHOWN.items()]}
+    return f"globalThis.arterialLive = {json.dumps(made, ensure_ascii=False)};\n"
+
+
+def engine() -> bytes:
+    """The C files of native FMUs without FMI as a WebAssembly module. Raises CalledProcessError."""
+    sources = [NATIVE / path for path in compiler.fmu_sources(NATIVE) if path.endswith(".c")]
+    files = [str(path) for path in sources if path.name not in _HOST]
+    flags = [flag for flag in compiler.FLAGS if flag != "-shared"]
+    exports = [f"-Wl,--export={name}" for name in ("malloc", *(f"component_{name}" for name in _CALLED))]
+    with tempfile.TemporaryDirectory(prefix="arterial_live_") as folder:
+        out = Path(folder, "engine.wasm")
+        command = [*(compiler.ziglang(TARGET) or []), *flags, "-mexec-model=reactor", *exports, *files, "-o", str(out)]
+        subprocess.run(command, check=True, capture_output=True, text=True)
+        return out.read_bytes()
+
+
+def network_data(name: str, shown: Shown) -> dict[str, Any]:
+    """A network with what the page must know of it: where it writes and reads, and the inflow of a beat [m³/s]."""
+    network, settings, table, _ = given_arteries(load(name), Settings(dt=STEP), {})
+    vr = {variable.name: i for i, variable in enumerate(table)}
+    T = network.inlet.T
+    steps = round(T / STEP)
+    set_first = {"inlet.interpolation": "linear", "network.start": "periodic"}
+    return {
+        "title": shown.title,
+        "resource": _packed(resource(network, settings, table)),
+        "T": T,
+        "rates": shown.rates,
+        "first": [[vr[key], number_of(table[vr[key]], value)] for key, value in set_first.items()],
+        "inlet": vr["inlet.Q"],
+        "inflow": network.inlet.Q(np.arange(1, steps + 1) / steps * T).tolist(),
+        "sites": [{"label": label, "P": vr[f"{site}.P"], "Q": vr[f"{site}.Q"]} for site, label in shown.sites.items()],
+        "sliders": [_slider(slider, network, vr) for slider in (*WALLS, shown.outlets)],
+    }
+
+
+def _slider(slider: Slider, network: Network, vr: Mapping[str, int]) -> dict[str, Any]:
+    values = network.parameters()
+    moved = [name for name in values if name.partition(".")[2] in slider.keys]
+    return {
+        "label": slider.label,
+        "kind": slider.kind,
+        "low": slider.low,
+        "high": slider.high,
+        "log": slider.log,
+        "vr": [vr[name] for name in moved],
+        "start": [values[name] for name in moved],
+    }
+
+
+def _packed(content: bytes) -> str:
+    return base64.b64encode(zlib.compress(content, 9)).decode()
