@@ -9,6 +9,11 @@
   }
 
   class Arteries {
+    // The module of docs/live.py's engine, for any number of networks.
+    static async engine(packed) {
+      return WebAssembly.compile(await unpacked(packed));
+    }
+
     // network : what docs/live.py says of it. It begins in its periodic beat.
     static async open(engine, network) {
       const resource = new Uint8Array(await unpacked(network.resource));
@@ -16,7 +21,7 @@
         size: () => resource.length,
         read: (at) => new Uint8Array(made.exports.memory.buffer).set(resource, at),
       };
-      const { instance: made } = await WebAssembly.instantiate(engine, { page });
+      const made = await WebAssembly.instantiate(engine, { page });
       made.exports._initialize();
       return new Arteries(made.exports, network);
     }
@@ -80,5 +85,4 @@
   }
 
   globalThis.Arteries = Arteries;
-  globalThis.Arteries.unpacked = unpacked;
 })();

@@ -29,7 +29,16 @@ TARGET = "wasm32-wasi"
 # what the page calls; of the standard's own functions it has none
 _CALLED = ("new", "said", "reset", "set_up", "enter", "leave", "read", "write", "step")
 _HOST = {"fmi2.c", "fmi3.c", "host.c"}
-STEP = 2e-3  # s, at the heart rate of the network
+ABSENT = (
+    "*Here a sheep and a human beat while you move sliders, if the package ziglang was there when the site was built: "
+    "`pip install ziglang`, then `make docs`.*"
+)
+ABOUT = (
+    "Each slider acts on all arteries or outlets; with the heart rate the mean inflow stays as it is. What runs here is "
+    "the [compiled engine](numerics.md#in-a-browser) of the native FMU."
+)
+NO_SCRIPT = "Here a sheep and a human beat while you move sliders, if the browser runs scripts."
+STEPS = 200  # of a beat, at any heart rate
 
 
 @dataclass(frozen=True)
@@ -61,24 +70,32 @@ WALLS = (
 SHOWN = {
     "sheep": Shown(
         "Sheep",
-        {"MD": "descending aorta (MD)", "CA": "carotid artery (CA)"},
+        {"PD": "proximal descending aorta (PD)", "DD": "distal descending aorta (DD)"},
         (60, 180),
-        Slider("Terminal reflection R_t", "shift", -0.3, 0.5, ("outlet.R_t",)),
+        Slider("Reflection R_t", "shift", -0.3, 0.5, ("outlet.R_t",)),
     ),
     "human": Shown(
         "Human",
         {"TA1": "thoracic aorta (TA1)", "AB2": "abdominal aorta (AB2)"},
-        (40, 120),
-        Slider("Peripheral resistance R2", "factor", 0.5, 2.0, ("outlet.R2",), log=True),
+        (45, 120),
+        Slider("Resistance R2", "factor", 0.5, 1.5, ("outlet.R2",)),
     ),
 }
 
 
+def block() -> str:
+    """What the page has: the live beat, or without a compiler why it is not there."""
+    if compiler.ziglang() is None:
+        return ABSENT
+    scripts = "".join(f'<script src="{name}.js" defer></script>' for name in ("live-data", "live-arteries", "live"))
+    return f'<div class="arterial-live"><noscript>{NO_SCRIPT}</noscript></div>{scripts}\n\n{ABOUT}'
+
+
 def script() -> str:
-    """The data of ``live.js``; without a compiler an empty one, and the page says so."""
-    made = None
-    if compiler.ziglang() is not None:
-        made = {"engine": _packed(engine()), "networks": [network_data(name, shown) for name, shown in SHOWN.items()]}
+    """The data of ``live.js``, nothing without a compiler."""
+    if compiler.ziglang() is None:
+        return ""
+    made = {"engine": _packed(engine()), "networks": [network_data(name, shown) for name, shown in SHOWN.items()]}
     return f"globalThis.arterialLive = {json.dumps(made, ensure_ascii=False)};\n"
 
 
@@ -91,16 +108,16 @@ def engine() -> bytes:
     with tempfile.TemporaryDirectory(prefix="arterial_live_") as folder:
         out = Path(folder, "engine.wasm")
         command = [*(compiler.ziglang(TARGET) or []), *flags, "-mexec-model=reactor", *exports, *files, "-o", str(out)]
-        subprocess.run(command, check=True, capture_output=True, text=True)
+        subprocess.run(command, check=True)
         return out.read_bytes()
 
 
 def network_data(name: str, shown: Shown) -> dict[str, Any]:
     """A network with what the page must know of it: where it writes and reads, and the inflow of a beat [m³/s]."""
-    network, settings, table, _ = given_arteries(load(name), Settings(dt=STEP), {})
+    longest = Settings(dt=60.0 / shown.rates[0] / STEPS)  # so that no step of the page is cut into several
+    network, settings, table, _ = given_arteries(load(name), longest, {})
     vr = {variable.name: i for i, variable in enumerate(table)}
     T = network.inlet.T
-    steps = round(T / STEP)
     set_first = {"inlet.interpolation": "linear", "network.start": "periodic"}
     return {
         "title": shown.title,
@@ -109,7 +126,7 @@ def network_data(name: str, shown: Shown) -> dict[str, Any]:
         "rates": shown.rates,
         "first": [[vr[key], number_of(table[vr[key]], value)] for key, value in set_first.items()],
         "inlet": vr["inlet.Q"],
-        "inflow": network.inlet.Q(np.arange(1, steps + 1) / steps * T).tolist(),
+        "inflow": network.inlet.Q(np.arange(1, STEPS + 1) / STEPS * T).tolist(),
         "sites": [{"label": label, "P": vr[f"{site}.P"], "Q": vr[f"{site}.Q"]} for site, label in shown.sites.items()],
         "sliders": [_slider(slider, network, vr) for slider in (*WALLS, shown.outlets)],
     }
