@@ -1,7 +1,7 @@
 """The beat on the first page of the site: the engine as WebAssembly and two networks, as one script of data.
 
-The C files are those of native FMUs, and a network is the resource of its native FMU (``fmu_src/native/resource.py``): from
-sliders to coefficients and waves the page runs what the FMU runs. ``live.js`` is their host.
+The C files are those of native FMUs, and a network is the resource of its native FMU (``fmu_src/native/resource.py``):
+from parameters to waves the page runs what the FMU runs. ``live-arteries.js`` is its host, ``live.js`` what one sees.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import json
 import subprocess
 import tempfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,8 +34,8 @@ ABSENT = (
     "`pip install ziglang`, then `make docs`.*"
 )
 ABOUT = (
-    "Each slider acts on all arteries or outlets; with the heart rate the mean inflow stays as it is. What runs here is "
-    "the [compiled engine](numerics.md#in-a-browser) of the native FMU."
+    "Each slider acts on all arteries or all outlets; the heart rate leaves the mean inflow as it is. What runs here "
+    "is the [engine of the native FMU](numerics.md#in-a-browser)."
 )
 NO_SCRIPT = "Here a sheep and a human beat while you move sliders, if the browser runs scripts."
 STEPS = 200  # of a beat, at any heart rate
@@ -61,6 +61,11 @@ class Shown:
     sites: Mapping[str, str]
     rates: tuple[int, int]
     outlets: Slider
+
+    @property
+    def settings(self) -> Settings:
+        """With a time step that is the longest of the page, so that none is cut into several."""
+        return Settings(dt=60.0 / self.rates[0] / STEPS)
 
 
 WALLS = (
@@ -114,8 +119,7 @@ def engine() -> bytes:
 
 def network_data(name: str, shown: Shown) -> dict[str, Any]:
     """A network with what the page must know of it: where it writes and reads, and the inflow of a beat [m³/s]."""
-    longest = Settings(dt=60.0 / shown.rates[0] / STEPS)  # so that no step of the page is cut into several
-    network, settings, table, _ = given_arteries(load(name), longest, {})
+    network, settings, table, _ = given_arteries(load(name), shown.settings, {})
     vr = {variable.name: i for i, variable in enumerate(table)}
     T = network.inlet.T
     set_first = {"inlet.interpolation": "linear", "network.start": "periodic"}
