@@ -248,4 +248,4 @@ def test_page(data: dict[str, Any], script: str, expected: dict[str, np.ndarray]
     assert len(found["first"]) == 4 and not set(found["first"]) & set(found["moved"])
     for first, again in zip(found["first"], found["reset"], strict=True):
         pixels = [np.array(re.findall(r"[\d.]+", path), float) for path in (first, again)]
-        print(np.abs(pixels[0] - pixels[1]).max())
+        assert np.abs(pixels[0] - pixels[1]).max() <= 0.2  # a thousandth of the pulse, and a digit of the path
