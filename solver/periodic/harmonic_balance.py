@@ -179,7 +179,7 @@ def steady(model: Model, mean: Array) -> State:
 
 def settled_below(model: Model, given: Array) -> tuple[Array, Array]:
     """Convergence limits of flows and nodal pressures in such a step : two (B,)."""
-    c = model.coefficients  # the flow through the inlets, and the one that P_0 drives before
+    c = model.coefficients  # the flow through the inlets, and the transient flow that P_0 drives
     driven = np.abs(model.inlets.flow(given, c.P_0)).sum(axis=1)
     flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
     return flow + model.flow_floor, flow * model.impedance + model.pressure_floor
