@@ -1,9 +1,9 @@
-"""The system of the nodal pressures, solved at a cost that grows with the number of nodes.
+"""The system of the nodal pressures, solved at a cost proportional to the number of nodes.
 
-Node i is coupled to node j where an element joins them. Arteries branch, so most nodes have one or two neighbours.
-These are eliminated round by round, all of a round at once, no two of them neighbours; what they leave couples their
-neighbours. Leaves and every second node of a chain go, so that a tree of n nodes takes some log n rounds, and a
-network with loops comes down to these. What stays is inverted as a whole. Which node goes when is found once a mesh.
+An element couples the two nodes at its ends. Arteries branch, so most nodes have one or two neighbours. Each round
+eliminates many of these at once, no two of them neighbours, and so couples their neighbours. Leaves and every second
+node of a chain are eliminated: a tree of n nodes takes about log n rounds, and a network with loops reduces to its
+loops. The remaining matrix is inverted. The order of elimination is computed once per mesh.
 
 Elimination by rounds: G. L. Miller, J. H. Reif, Parallel tree contraction, Proc. 26th FOCS (1985) 478.
 """
@@ -20,13 +20,13 @@ import numpy as np
 Array = np.ndarray
 Index = Array | slice
 
-CORE = 96  # nodes that are inverted as a whole: below, a product with the inverse costs less than a round
+CORE = 96  # size of the remaining matrix: below, a product with the inverse costs less than a round
 _WHOLE = 160_000  # numbers, 1.3 MB: inverses no larger cost less in a product than rounds do
-_WORTH = 0.1  # of the nodes, which a round must take: where many loops meet, few can go
+_WORTH = 0.1  # minimum fraction of nodes per round: with many loops, few can be eliminated
 
 
 class Sums(NamedTuple):
-    """Sums of terms by where they go. order : the terms by target; first : (n,) where each target's begin; targets :
+    """Sums of terms by target. order : the terms by target; first : (n,) where each target's begin; targets :
     (n,)."""
 
     order: Array
@@ -42,10 +42,10 @@ class Sums(NamedTuple):
 
 
 class Round(NamedTuple):
-    """Nodes v that go together; each has a near and a far neighbour, or a near one that counts as both.
+    """Nodes v eliminated together; each has a near and a far neighbour, or a near one in both roles.
 
     nodes : (m,) v. near, far : (m,). row, column : entries (2, m) G_v,near and G_v,far, G_near,v and G_far,v.
-    gives : how G of the neighbours changes, (2, 2, m) terms. passes : how the right side there does, (2, m) terms;
+    gives : changes of G of the neighbours, (2, 2, m) terms. passes : changes of their right side, (2, m) terms;
     source : the nodes v of these.
     """
 
@@ -61,12 +61,12 @@ class Round(NamedTuple):
 
 @dataclass(frozen=True)
 class Elimination:
-    """What is eliminated when, of a system of n nodes that elements couple.
+    """The order of elimination for n nodes coupled by elements.
 
-    Entries of G are counted: the diagonal first, then those of element ends, then those that arise. The last one is 0.
-    n, n_entries : how many nodes and entries. elements : how the (4 n_e) products of element ends (left with left and
-    right, right with left and right) add up to entries. rows : the node of every entry's equation. core : nodes that
-    stay; inner : their entries (n_core, n_core).
+    Entries of G are numbered: the diagonal first, then those of element ends, then fill-in. The last one is 0.
+    n, n_entries : numbers of nodes and entries. elements : the sums of the (4 n_e) products of element ends (left with
+    left and right, right with left and right) that form entries. rows : the node of every entry's equation. core : the
+    remaining nodes; inner : their entries (n_core, n_core).
     """
 
     n: int
@@ -81,7 +81,7 @@ class Elimination:
         """-G⁻¹ of G = scale · Σ products - diag(less). products : (B, 4 n_e) flow into a node of each element end by
         the pressure at each end. scale, less : (B, n) of each node's equation.
 
-        Raises LinAlgError where G is singular.
+        Raises LinAlgError if G is singular.
         """
         G = np.zeros_like(products, shape=(len(products), self.n_entries))
         G[:, self.elements.targets] = np.add.reduceat(products.take(self.elements.order, 1), self.elements.first, 1)
@@ -103,7 +103,8 @@ class Elimination:
 
 @dataclass(frozen=True)
 class Factor:
-    """-G⁻¹: what every round passes on, (B, 2 m), takes back, (B, 2, m), and keeps, (B, m); inverse : of the core."""
+    """-G⁻¹: factors of every round, for its right sides (B, 2 m), its solutions (B, 2, m) and its nodes (B, m); inverse
+    : of the core."""
 
     plan: Elimination
     passed: tuple[Array, ...]
@@ -113,7 +114,7 @@ class Factor:
 
     @staticmethod
     def joined(factors: Sequence[Factor]) -> Factor:
-        """Those of several systems as one of them all."""
+        """The factors of several systems as one batch."""
         passed, taken, own = (
             tuple(map(np.concatenate, zip(*(getattr(f, part) for f in factors), strict=True)))
             for part in ("passed", "taken", "own")
@@ -121,7 +122,7 @@ class Factor:
         return Factor(factors[0].plan, passed, taken, own, np.concatenate([f.inverse for f in factors]))
 
     def whole(self) -> Factor:
-        """The same as the inverse of the whole system, where that is small: for a factor that is used often."""
+        """The inverse of the whole system, if it is small, for a factor that is used often."""
         if not self.plan.rounds or len(self.inverse) * self.plan.n**2 > _WHOLE:
             return self
         unit = np.eye(self.plan.n, dtype=self.inverse.dtype)
@@ -130,7 +131,7 @@ class Factor:
         return Factor(replace(self.plan, rounds=(), core=slice(None)), (), (), (), inverse)
 
     def member(self, b: int) -> Factor:
-        """That of one system of several."""
+        """The factor of one system of several."""
         own_b = slice(b, b + 1)
         passed, taken, own = (tuple(x[own_b] for x in rounds) for rounds in (self.passed, self.taken, self.own))
         return replace(self, passed=passed, taken=taken, own=own, inverse=self.inverse[own_b])
@@ -158,12 +159,12 @@ class Factor:
 
 @lru_cache(maxsize=32)
 def eliminated(ends: bytes, n: int, core: int = CORE) -> Elimination:
-    """As :func:`eliminate`, of the bytes of the ends: meshes that are joined alike share it."""
+    """As :func:`eliminate`, from the bytes of the ends: meshes of one topology share it."""
     return eliminate(np.frombuffer(ends, int).reshape(-1, 2), n, core)
 
 
 def eliminate(ends: Array, n: int, core: int = CORE) -> Elimination:
-    """How to eliminate the n nodes that elements with ends : (n_e, 2) couple, until about ``core`` of them stay."""
+    """The elimination of n nodes coupled by elements with ends : (n_e, 2), until about ``core`` nodes remain."""
     entries = {(i, i): i for i in range(n)}
 
     def entry(i: int, j: int) -> int:
@@ -206,7 +207,7 @@ def _apart(beside: dict[int, set[int]]) -> list[int]:
 
 
 def _round(nodes: list[int], beside: Iterable[list[int]], entry: Callable[[int, int], int]) -> Round:
-    """The round in which nodes go that have these one or two neighbours."""
+    """The round that eliminates nodes with these one or two neighbours."""
     near, far = np.array([(others[0], others[-1]) for others in beside]).T
     two = near != far
     pairs = ((near, near), (near, far), (far, near), (far, far))

@@ -1,6 +1,6 @@
-"""Harmonic balance by the compiled engine: what :mod:`~solver.periodic.harmonic_balance` does, member by member, in C.
+"""Harmonic balance by the compiled engine: the method of :mod:`~solver.periodic.harmonic_balance` in C, per member.
 
-A member that the engine does not solve is left to NumPy, with the rest of its batch: failures have the same sentences.
+If the engine does not solve a member, NumPy computes the whole batch: failures have the same messages.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Array = np.ndarray
 
 
 class Unsolved(NoEngine):
-    """A member that the engine leaves to NumPy."""
+    """A member that the engine does not solve."""
 
 
 class _Balance(ctypes.Structure):
@@ -49,8 +49,8 @@ class _Period(ctypes.Structure):
 
 
 class Beat(NamedTuple):
-    """That of one member: its steady state, y : (n,), H : (n_nodes,); the waves (K+1, 2, n + n_nodes) about it, real
-    parts and imaginary ones, and how large their last correction was."""
+    """The beat of one member: its steady state, y : (n,), H : (n_nodes,); the waves (K+1, 2, n + n_nodes) about it,
+    real parts and imaginary ones, and the size of their last correction."""
 
     y: Array
     H: Array
@@ -59,8 +59,8 @@ class Beat(NamedTuple):
 
 
 def engine_for(model: Model, backend: str) -> BalanceEngine | None:
-    """What makes the balances of a model, None where NumPy does. Raises ValueError for an unknown backend, and for
-    "native" where the engine cannot."""
+    """The engine for the balances of a model; None for NumPy. Raises ValueError for an unknown backend, and for
+    "native" if the engine does not support the model."""
     check_backend(backend)
     if backend == "numpy":
         return None
@@ -73,7 +73,7 @@ def engine_for(model: Model, backend: str) -> BalanceEngine | None:
 
 
 def waves_by(backend: str, model: Model, *balance: Any) -> tuple[State, Waves] | None:
-    """As :meth:`BalanceEngine.waves`; None where NumPy must make them."""
+    """As :meth:`BalanceEngine.waves`; None if NumPy must compute them."""
     engine = engine_for(model, backend)
     try:
         return None if engine is None else engine.waves(*balance)
@@ -82,12 +82,12 @@ def waves_by(backend: str, model: Model, *balance: Any) -> tuple[State, Waves] |
 
 
 class BalanceEngine:
-    """The balances of a model. Raises NoEngine where it cannot make them."""
+    """The balances of a model. Raises NoEngine if it does not support it."""
 
     def __init__(self, model: Model) -> None:
         self.model, self._library = model, _library()
         try:
-            # what tables add is part of the forcing
+            # tables are part of the forcing
             self.recorded, arrays = recorded(replace(model, tables=NoTables()))
         except Untraceable as reason:
             raise NoEngine(f"this network is not recorded: {reason}") from None
@@ -140,8 +140,8 @@ class BalanceEngine:
         forcing: Forcing = NO_FORCING, observe: bool = True,
     ) -> Iterator[tuple[Beat, Array | None]]:  # fmt: skip
         """Of every member the waves, as :func:`~solver.periodic.harmonic_balance.balanced` about the steady state of
-        the mean drive, and amplitudes (K+1, n_outputs) of the outputs, None where a moment is not physical, or nobody
-        asks.
+        the mean drive, and amplitudes (K+1, n_outputs) of the outputs, None if a state is not physical, or if not
+        requested.
 
         drive : (K+1, B or 1, n_inlets). Raises Unsolved.
         """

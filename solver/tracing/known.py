@@ -1,4 +1,4 @@
-"""A recorder that also does what it writes down, with the numbers of one parameter set.
+"""A recorder that also evaluates the recorded operations, with the values of one parameter set.
 
 Code that makes coefficients of parameters asks now and then how these are: whether any wall is nonlinear, where
 elements must end. The answer is that of the parameter set at hand, and the program *requires* it of every other one.
@@ -52,7 +52,7 @@ class Known(Recorder):
         return found != 0.0 if kind != "number" else found
 
     def require(self, x: View, value: Array) -> None:
-        """The program is to stop where x has other numbers."""
+        """Require the present values of x: the program stops for other values."""
         size = x.index.size
         same = self.emit("equal", (self.operand(x, x.index.shape), self.operand(value, x.index.shape)), (size,), size)
         least = self.emit("least", (Operand(same, 0, False),), (1, size), 1)

@@ -1,4 +1,4 @@
-"""Operations on numbers that are not known yet, written down in the order in which a program is to do them.
+"""Recorded operations on arrays without values, in the order of their execution by a program.
 
 An operation belongs to the *phase* of the latest of its operands: what depends on parameters alone is computed when
 these are given, what depends on the state at the start of a stage once a stage, and only the rest in every iteration.
@@ -16,7 +16,7 @@ CONSTANT = -1  # the phase of numbers that the code itself contains
 
 
 class Untraceable(TypeError):
-    """An array program cannot be recorded: it asks for numbers, or calls what the engine does not have."""
+    """Code that cannot be recorded: it branches on values, or calls a function that the engine lacks."""
 
 
 class Slot:

@@ -1,8 +1,8 @@
-"""The steps of a model as a program: one pass of the scheme's own code over arrays without numbers.
+"""The steps of a model as a program: one pass of the scheme's own code over arrays without values.
 
-Recorded are :func:`~solver.scheme.stage.operators_about` at rest, :class:`~solver.scheme.stage.Stage` with its
-Jacobian, the tolerances, the guards and the outputs, with the laws, outlets and effects of the network at hand. Models
-that differ in numbers alone share a program.
+The recording includes :func:`~solver.scheme.stage.operators_about` at rest, :class:`~solver.scheme.stage.Stage` with
+its Jacobian, the tolerances, the guards and the outputs, with the laws, outlets and effects of the network at hand.
+Models that differ only in numbers share a program.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ Array = np.ndarray
 
 # the phases of a program, in the order of native/engine.h
 PHASES = ("bind", "prepare", "start", "correct", "finite", "refresh", "correct_fresh", "end", "check", "report")
-# where it takes and leaves its numbers, in the order there
+# places of its inputs and outputs, in the order there
 PLACES = (
     "y", "H0", "drive", "venous", "begun", "given", "small_Q", "small_H", "start", "given_now", "Q", "H",
     "Q_new", "dH", "change_Q", "change_H", "Q_new_fresh", "dH_fresh", "change_Q_fresh", "change_H_fresh",
     "finite", "end", "A_t", "margin", "y_report", "A_t_report", "H_report", "report", "g_begin", "g", "g_report",
 )  # fmt: skip
 _PHASE = {name: number for number, name in enumerate(PHASES)}
-CORE = 32  # nodes that are inverted as a whole: compiled, a round costs less than in NumPy
+CORE = 32  # size of the remaining matrix: a compiled round costs less than in NumPy
 _KEPT = 16  # programs
 _MESH = ("segment", "parts", "left", "piece", "ends")
 
 
 @dataclass
 class Recorded:
-    """A program, and the address of each array of numbers of its models, -1 where none needs it. checked : whether a
-    step of it was compared with NumPy's. classes : what it was recorded from, without the network."""
+    """A program, with the address of each array of its models, -1 for unused arrays. checked : whether one of its steps
+    was compared with NumPy's. classes : the classes of the recorded objects, without the network."""
 
     program: Program
     places: tuple[int, ...]
@@ -61,8 +61,8 @@ class Recorded:
 class Leaves:
     """The arrays of numbers in frozen objects, in the order of their fields.
 
-    arrays : (B, n) each. kind : what else the objects hold; classes : theirs. Models that are alike in both have one
-    program. recorder : where :meth:`of` makes traced arrays of one member in their place; without one it only looks.
+    arrays : (B, n) each. kind : the other contents of the objects; classes : their classes. Models equal in both share
+    a program. recorder : for the traced arrays of one member in :meth:`of`; without one it only inspects.
     """
 
     recorder: Recorder | None = None
@@ -109,7 +109,7 @@ class Leaves:
 
 
 def _facts(x: Network | Mesh | Layout) -> Hashable:
-    """What a program takes from it."""
+    """The facts of an object that a program depends on."""
     if isinstance(x, Network):
         names = tuple(segment.name for segment in x.segments)
         return names, tuple((site.segment, site.position) for site in x.sites), tuple(x.output_units())
@@ -119,7 +119,7 @@ def _facts(x: Network | Mesh | Layout) -> Hashable:
 
 
 def numbers(model: Model) -> tuple[Any, ...]:
-    """All that a step and its outputs are made of."""
+    """The objects of a step and its outputs."""
     tables = model.tables.given(np.zeros(len(model.tables.tables)))  # g(t) is given, moment by moment
     return replace(model, parameters={}, memo={}, mesh=replace(model.mesh, core=CORE), tables=tables), site_walls(model)
 
@@ -128,15 +128,15 @@ def numbers(model: Model) -> tuple[Any, ...]:
 
 
 def recorded(model: Model, tau: float) -> tuple[Recorded, list[Array]]:
-    """The program of the steps of a model with stages of length tau [s], and the numbers that it is bound to.
+    """The program of the steps of a model with stages of length tau [s], and its parameters.
 
-    Raises Untraceable, which says what cannot be recorded.
+    Raises Untraceable with the operation that cannot be recorded.
     """
     return _programs.of(numbers(model), tau, lambda r, own, leaves: Recording(r, own[0], tau).all(leaves, own[1]))
 
 
 class Programs:
-    """The programs of the last kinds of models."""
+    """A cache of programs by kind of model."""
 
     def __init__(self) -> None:
         self.kept: dict[Hashable, Recorded] = {}
@@ -144,8 +144,8 @@ class Programs:
     def of(
         self, own: tuple[Any, ...], tau: float, record: Callable[[Recorder, tuple[Any, ...], Leaves], Recorded]
     ) -> tuple[Recorded, list[Array]]:
-        """The program for objects, which ``record`` makes of traced ones where none of the same kind has it, and the
-        numbers in them. tau : the length of stages."""
+        """The program for objects and the numbers in them; ``record`` makes it from traced objects if the cache has
+        none of this kind. tau : the length of stages."""
         looked = Leaves()
         looked.of(own)
         key = (tau, tuple(looked.kind), tuple(looked.classes))
@@ -164,7 +164,7 @@ _programs = Programs()
 
 
 class Recording:
-    """What is given to the program of a model m, and what it leaves, by name; all of one member."""
+    """Inputs and outputs of the program of a model m, by name; for one member."""
 
     phases: ClassVar[Mapping[str, int]] = _PHASE
 
@@ -196,24 +196,24 @@ class Recording:
         return state, venous
 
     def recorded(self, leaves: Leaves, held: int | None = None) -> Recorded:
-        """The program of all that is given and left; held : the phase whose numbers are kept apart."""
+        """The program from inputs to outputs; held : the phase whose results are stored separately."""
         places = {f"leaf {i}": [leaf] for i, leaf in enumerate(leaves.traced)}
         units = self.m.mesh.n_elements
         program = compiled(self.recorder, len(self.phases), units, {**self.given, **places}, self.out, held)
         return Recorded(program, tuple(program.address.get(name, -1) for name in places))
 
     def acting(self, name: str, phase: str) -> Any:
-        """The model whose tables have amplitudes that are given before a phase."""
+        """The model with amplitudes of its tables as inputs of a phase."""
         n = self.n_sources
         return replace(self.m, tables=self.m.tables.given(self.take(name, phase, n)[0])) if n else self.m
 
     def take(self, name: str, phase: str, *shape: int) -> Any:
-        """An array that is given before a phase; one of the same name lies where that of an earlier phase does."""
+        """An input array of a phase; arrays of one name share their place."""
         self.given[name].append(array(self.recorder, self.phases[phase], (1, *shape)))
         return self.given[name][-1]
 
     def prepare(self) -> tuple[State, Any]:
-        """What a step begins with: tolerances, what drives the inlets at its stages, the state with the new inflow."""
+        """The start of a step: tolerances, the drives of the inlets at its stages, the state with the new inflow."""
         m, out = self.m, self.out
         y, H = self.take("y", "prepare", m.layout.size), self.take("H0", "prepare", self.n_H)
         drive = self.take("drive", "prepare", len(m.inlets.by_flow), len(INFLOW_TIMES))[0, ..., None]
@@ -233,14 +233,14 @@ class Recording:
         return Stage.of(self.m, self.o, y, given, venous, 0.0, g)
 
     def correct(self, stage: Stage, phase: str, fresh: str, jacobian: Any) -> None:
-        """A chord iteration, and how much it changes."""
+        """A chord iteration, and the size of its change."""
         Q, H = self.take("Q", phase, *self.shapes["Q"]), self.take("H", phase, self.n_H)
         Q_new, dH = stage.correct(jacobian, Q, H)
         self.out |= {f"Q_new{fresh}": Q_new, f"dH{fresh}": dH, f"change_H{fresh}": largest(dH)}
         self.out[f"change_Q{fresh}"] = largest((Q_new - Q).reshape(1, -1))
 
     def refresh(self, stage: Stage) -> None:
-        """Whether the last iterate is one to go on from, the Jacobian there, and iterations with it."""
+        """Whether the last iterate is usable, the Jacobian there, and iterations with it."""
         s, Q = stage.start, self.take("Q", "finite", *self.shapes["Q"])
         self.out["finite"] = (s.area(s.area_rate(Q)) > 0.0).all(axis=(0, 1, 2))
         Q, H = self.take("Q", "refresh", *self.shapes["Q"]), self.take("H", "refresh", self.n_H)
@@ -248,7 +248,7 @@ class Recording:
         self.correct(stage, "correct_fresh", "_fresh", there)
 
     def end(self, stage: Stage) -> None:
-        """The state at the end of the stage, and the smallest number that must be positive of a solution."""
+        """The state at the end of the stage, and the smallest of the numbers that must be positive."""
         m, Q = self.m, self.take("Q", "end", *self.shapes["Q"])
         A_t: Any = stage.start.area_rate(Q)
         end: Any = stage.end(Q, A_t)

@@ -1,4 +1,4 @@
-"""Forward mode: recorded operations with the derivatives of what they make, in one direction.
+"""Forward mode: recorded operations with the derivatives of their results, in one direction.
 
 Behind every operation that depends on what has a direction stands that of its derivative, in the same phase: the
 product rule of each, as it is written in :data:`_RULES`. Comparisons have none; where a branch is taken, it stays.
@@ -19,7 +19,7 @@ _LINEAR = {"copy", "negative", "gather", "scatter", "sums", "sum"}
 
 
 def tangents(r: Recorder, seeds: Mapping[Slot, Slot]) -> dict[Slot, Slot]:
-    """Write derivatives behind the operations, and return their slots. seeds : those of what is given, by slot."""
+    """Record derivatives after the operations, and return their slots. seeds : derivatives of the inputs, by slot."""
     made = dict(seeds)
     grown = True
     while grown:  # a part of an array may be written, and read, before another part that has a direction
@@ -58,7 +58,7 @@ class _Forward:
         return o._replace(slot=self.made[o.slot]) if o.slot in self.made else None
 
     def derive(self, i: Instruction) -> None:
-        """Write the derivative of what an operation makes."""
+        """Record the derivative of the result of an operation."""
         self.i, out, d = i, self.made[i.out], [self.tangent(o) for o in i.operands]
         self.size = i.out.size if i.name == "product" else i.sizes[0]
 
