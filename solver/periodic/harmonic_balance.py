@@ -328,9 +328,7 @@ class Response:
         self.jacobian.add_to(Q, H)
         y = np.zeros_like(Q, shape=(len(Q), layout.size))
         layout.part(y, "A")[:] = self.tau * self.storage * (Q @ mesh.element.d_xi) * self.minus_J_inverse
-        if (
-            means and model.storage.proportional
-        ):  # a constant source stores no volume: the flow of the slow wave is neglected
+        if means and model.storage.proportional:  # constant sources store no volume
             Q[:means] = evened(Q[:means])
         layout.part(y, "Q")[:] = Q
         if layout.shapes["P_C"][0]:
