@@ -1,4 +1,4 @@
-"""The outcome of a study: the results of find, name and show in one object, for verdict.json and the report."""
+"""Assemble the outcome of a study from its stages, for verdict.json and the report."""
 
 from __future__ import annotations
 
@@ -34,23 +34,22 @@ from .report.map_text import acts_as, joined
 from .report.verdict_text import late_drive, separating_measurement
 from .show.fmu_validation import Gap, Run, changed, left, met_only_with
 
-_SHOWN = 12  # candidates in the report
+_SHOWN = 12  # candidates listed in the report
 _ONE_SITE = "Two sensor faults at one site explain the record, but such a pair can imitate many other effects:"
 _BENT = (
     "The walls may have absorbed part of the missing physics, and the search did not end with a named effect: do not "
     "use them as the subject's walls."
 )
-_PARITY = 1e-3  # of a pulse: a larger difference between FMU and direct solver gives a warning
+_PARITY = 1e-3  # of the pulse: a larger difference between FMU and direct solver gives a warning
 
 
 @dataclass(frozen=True)
 class Shown:
-    """Free runs of the FMUs: of the model as given, of the model with refitted nuisances (``before``), and of the
-    extended model (``after``). If an effect was added, there are the extended ``network``, its FMU (``archive``), the
-    difference of the FMU from the direct solver (``parity``) or the reason why it is unknown (``failure``), and the
-    effects. alone : the gap with only the first of two effects. agreement : of the last of these FMUs with the model
-    of the inference. gaps : before and after, over all of several recordings. second : the second state that would
-    separate the class."""
+    """Free runs of the FMUs: the file ``given``, with refitted nuisances (``before``), and with the added effects
+    (``after``). If effects were added, also the extended ``network``, its FMU (``archive``), the FMU's difference from
+    the direct solver (``parity``) or the reason why it is unknown (``failure``), and the effects. alone : gap with the
+    first effect of a pair only. agreement : of the last of these FMUs with the inferred model. gaps : before and after,
+    over all fitted recordings. second : the second state that would separate the class."""
 
     given: Run
     before: Run
@@ -69,7 +68,7 @@ class Shown:
 def unusable(
     reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | UnusableRecord
 ) -> Outcome:
-    """The outcome for a record that cannot be used."""
+    """The outcome for an unusable record."""
     channels = measured.channels if isinstance(measured, Record) else ()
     of_one_site = bool(channels) and INFLOW not in channels and len({n.rpartition(".")[0] for n in channels}) == 1
     return Outcome(
@@ -87,7 +86,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     """The outcome of all stages."""
     before, after = shown.before, shown.after
     gaps = shown.gaps or (before.gap, after.gap if after else None)
-    # the residual is judged by the noise alone, without the model discrepancy that weights a partial explanation
+    # the remaining misfit is judged by the noise alone, without the model discrepancy that weights a partial verdict
     located, balances = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
     base, columns, terms = naming.base.fit, naming.columns, naming.terms
     final = naming.best.fit if after else base
@@ -147,7 +146,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
 
 
 def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
-    """The source map; every signal with its share of the gap, where that is known."""
+    """The source map, with each place's share of the gap if something acts; None without a map."""
     if naming.map is None:
         return None
     whole = study.problem if naming.map.signals else None
@@ -156,16 +155,16 @@ def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
 
 
 def _bent(walls: Walls, naming: Naming) -> bool:
-    """True if walls are beyond their stated spreads and may have absorbed missing physics."""
+    """True if walls beyond their spreads may be distorted by missing physics: the verdict is unknown or incomplete."""
     ended = naming.complete and naming.verdict != "unknown"
     return not ended and any(own.beyond for own in walls.arteries.values())
 
 
 def global_p(study: Study, naming: Naming, of_map: float) -> float:
-    """p-value of the global χ² before anything is added; of_map : that of the z map.
+    """p-value of the global χ² before anything is added. of_map : that of the z map.
 
-    On a bench the measured pressure drives the model and has no residual; the residual of the wall law, with the
-    errors of both channels, replaces it.
+    On a bench the pressure is the drive and has no residual, so the residual of the wall law is judged, with the errors
+    of both channels.
     """
     if study.site is None:
         return of_map
@@ -174,7 +173,7 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
 
 
 def fmu_warnings(shown: Shown) -> tuple[str, ...]:
-    """Warnings about the FMUs that ran and about the delivered one."""
+    """Warnings about the FMUs that ran, and about the delivered one."""
     found, a = [], shown.agreement
     if a is not None and not a.difference <= _PARITY:
         found.append(
@@ -204,13 +203,15 @@ def deciding_numbers() -> dict[str, Any]:
 
 
 def weighted(study: Study, naming: Naming) -> Study:
-    """The study with the weights of its record, the first of several, that the naming used last."""
+    """The study of the first recording with the last weights of the naming stage."""
     return replace(study, problem=naming.problem.first)
 
 
 def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]:
-    """Where the refitted model and the record disagree, against the noise of sensors, drive and solver; and the
-    balances of mass, momentum and wall law, as far as the measured channels determine them."""
+    """Where the refitted model and the record disagree beyond the noise of sensors, drive and solver.
+
+    Also the balances of mass, momentum and wall law where the measured channels determine them.
+    """
     beats, network, signals = study.fitted, study.network, study.problem.signals
     K = len(before.X) - 1
     residual = study.problem.repeated(beats, beats, K) - before.X
@@ -224,9 +225,9 @@ def sentence(
     naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None,
     acting: SourceMapShown | None = None, late: str = "",
 ) -> str:  # fmt: skip
-    """The verdict in one sentence. Further sentences follow if the search was incomplete or no law explains the record.
+    """The verdict in one sentence, and a second one if the search was incomplete or no law explains everything.
 
-    acting : the source map. late : the channels that are late, if that is the simplest reading.
+    acting : the source map, which then describes what is missing. late : the reading as a delay of the drive, or "".
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
@@ -250,7 +251,7 @@ def sentence(
 
 
 def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
-    """The missing effects, the gap before and after they are added, and the alternatives."""
+    """The named effects, the change of the gap with them, and the alternatives."""
     labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
     sensors, others = all(of_sensor(e.name) for e in effects), max(len(naming.members) - 1, 0)
     kind = "pair" if naming.verdict == "several" else "candidate"
@@ -272,7 +273,7 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
 
 
 def _met(naming: Naming) -> bool:
-    """Whether the model fits the record, but only with implausible parameters."""
+    """True if the model explains the record only with implausible parameters."""
     return naming.verdict == "unknown" and naming.base.explains and bool(implausible(naming.base.fit))
 
 
@@ -285,7 +286,7 @@ def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Chan
 
 
 def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
-    """The changes common to all arteries: x times its step, as the logarithm of a scale or as a shift."""
+    """Shifts of the common nuisance parameters: x times the step, a logarithm for a scale."""
     own = {u.name for term in fit.terms for u in term.unknowns}
     sd = np.sqrt(np.diag(with_widths(fit).covariance))
     return tuple(
@@ -296,7 +297,7 @@ def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
 
 
 def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
-    """The best hypotheses, each with its residual on the held-out beats."""
+    """The best hypotheses with the gap that each leaves on the held-out beats."""
     shown = naming.ranked[:_SHOWN]
     kept = naming.problem.held_out(study.held_out, study.fitted)
     found = []

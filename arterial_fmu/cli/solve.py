@@ -61,7 +61,7 @@ def main(
     max_beats: Annotated[int, typer.Option(help="Maximum number of beats.")] = 100,
     backend: Annotated[
         str, typer.Option(help="numpy, native (the compiled engine), or auto (native if it supports this network).")
-    ] = "numpy",
+    ] = "auto",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:

@@ -37,7 +37,7 @@ _SHOWN_VALUES = 4  # unknowns in such a sentence
 class Minimum:
     """A minimum: the calibration of the first start that ended there, and the numbers of these starts, from 0.
 
-    settled : whether any of their searches converged there.
+    settled : True if any of their searches converged there.
     """
 
     found: Calibration

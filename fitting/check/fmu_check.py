@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from solver.errors import InputError
-from solver.laws.catalogue import filtered
+from solver.laws.catalogue import filtered, zero_of
 from solver.network.description import Network
 from solver.network.files import read_network
 from solver.quantities.units import INFLOW
@@ -289,9 +289,9 @@ def _warnings(
 
 
 def _shown(network: Network, name: str, values: Array, beats: Beats) -> Array:
-    """(N,) a simulated beat after the known filter of its channel."""
+    """(N,) a simulated beat after the known filter of its channel, with its known zero."""
     X = np.fft.rfft(fourier(values, beats.N))
-    return np.fft.irfft(X * filtered(network, name, beats.omega * np.arange(len(X))), beats.N)
+    return np.fft.irfft(X * filtered(network, name, beats.omega * np.arange(len(X))), beats.N) + zero_of(network, name)
 
 
 def _response(

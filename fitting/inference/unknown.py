@@ -20,6 +20,7 @@ from solver.quantities.coordinate import SCALE, Coordinate
 from solver.quantities.quantity import Quantity
 
 from ..results.estimate import Estimate
+from .zeros import zero_quantities, zero_values
 
 Array = np.ndarray
 Reach = tuple[float, float]  # lower and upper reach of an interval, in standard deviations
@@ -168,9 +169,14 @@ def reference(unknown: Coordinate, variable: str) -> str:
 
 def parameter_values(unknowns: Sequence[Coordinate], network: Network, x: Array) -> dict[str, Array]:
     """Values [SI] of the parameters of a network that move, within their ranges; x : (…, p) gives arrays (…,)."""
-    nominal, known = network.parameters(), network.parameter_quantities()
+    nominal, known = _numbers(network)
     moved = values(unknowns, np.asarray(x, float), nominal)
     return {n: np.clip(value, known[n].low, known[n].high) for n, value in moved.items() if n in nominal}
+
+
+def _numbers(network: Network) -> tuple[dict[str, float], dict[str, Quantity]]:
+    """The parameters of a network and the zeros of its outputs: their values, and what they are."""
+    return network.parameters() | zero_values(network), network.parameter_quantities() | zero_quantities(network)
 
 
 def interval(
@@ -216,7 +222,7 @@ def parameter_intervals(
 
     covariance : (p, p) of x; dof : its degrees of freedom (Student's t).
     """
-    nominal, known = network.parameters(), network.parameter_quantities()
+    nominal, known = _numbers(network)
     names = dict.fromkeys(variable for u in unknowns for variable, _ in u.moves)
     half = quantile(dof)
     return {n: interval(unknowns, n, nominal[n], known[n], np.asarray(x), covariance, half).ci95 for n in names}

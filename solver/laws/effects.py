@@ -34,7 +34,7 @@ from .effect import (
 from .learned import LearnedOutlet, LearnedWall
 from .localised import SideBranch, Stenosis, WallStiffness
 from .outlets import Reflection, Windkessel
-from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset, LowPass
+from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset, KnownZero, LowPass
 from .springpot import FractionalViscosity
 from .wall import Wall
 
@@ -366,5 +366,6 @@ ALL: tuple[Effect, ...] = (
     ChannelOffset(),
     CatheterResonance(),
     LowPass(),
+    KnownZero(),
 )
 BY_NAME: dict[str, Effect] = {effect.name: effect for effect in ALL}

@@ -191,6 +191,30 @@ class CatheterResonance(Sensor):
         return {"slow": 2.0 * np.asarray(terms["zeta"]) * per, "resonance": per * per}
 
 
+class KnownZero(Sensor):
+    """The zero or the height of a sensor, known or found by a calibration; never a candidate of a search, which has
+    :class:`ChannelOffset`."""
+
+    name = "known_zero"
+    equation = "y(t) = x(t) + zero, known"
+    terms = {"zero": Quantity("signal", "known zero of the channel, in the unit of its signal", -1e6, 1e6)}
+    neutral = {"zero": 0.0}
+    signature = "one channel only: mean"
+    confusable = ("channel_offset", "external_pressure")
+    separator = "calibration of the sensor"
+
+    def searched(self, channel: str) -> Mapping[str, Quantity]:
+        return {}
+
+    def said(self, words: str) -> Mapping[str, str] | None:
+        """zero AMOUNT, such as zero 4 mmHg."""
+        match = re.fullmatch(r"zero\s+(.+)", words, re.IGNORECASE)
+        return match and {"zero": match[1]}
+
+    def offset(self, values: Values) -> Array | float:
+        return values["zero"]
+
+
 _HIGHEST_ORDER = 8
 
 

@@ -1,9 +1,9 @@
 """The system of the nodal pressures, solved at a cost proportional to the number of nodes.
 
-An element couples the two nodes at its ends. Arteries branch, so most nodes have one or two neighbours. Each round
-eliminates many of these at once, no two of them neighbours, and so couples their neighbours. Leaves and every second
-node of a chain are eliminated: a tree of n nodes takes about log n rounds, and a network with loops reduces to its
-loops. The remaining matrix is inverted. The order of elimination is computed once per mesh.
+Nodes i and j are coupled if an element joins them. Arteries branch, so most nodes have one or two neighbours. These are
+eliminated in rounds of nodes that are not neighbours of each other; each elimination couples the neighbours of the
+node. A round removes leaves and every second node of a chain, so that a tree of n nodes takes O(log n) rounds, and a
+network with loops is reduced to these. The remaining core is inverted as a whole. The order is computed once per mesh.
 
 Elimination by rounds: G. L. Miller, J. H. Reif, Parallel tree contraction, Proc. 26th FOCS (1985) 478.
 """
@@ -20,13 +20,13 @@ import numpy as np
 Array = np.ndarray
 Index = Array | slice
 
-CORE = 96  # size of the remaining matrix: below, a product with the inverse costs less than a round
-_WHOLE = 160_000  # numbers, 1.3 MB: inverses no larger cost less in a product than rounds do
-_WORTH = 0.1  # minimum fraction of nodes per round: with many loops, few can be eliminated
+CORE = 96  # nodes that are inverted as a whole: below, a product with the inverse costs less than a round
+_WHOLE = 160_000  # numbers, 1.3 MB: for inverses up to this size, a product costs less than the rounds
+_WORTH = 0.1  # least fraction of the nodes that a round must remove: where many loops meet, few can be
 
 
 class Sums(NamedTuple):
-    """Sums of terms by target. order : the terms by target; first : (n,) where each target's begin; targets :
+    """Sums of terms by target. order : the terms by target; first : (n,) the first term of each target; targets :
     (n,)."""
 
     order: Array
@@ -35,18 +35,18 @@ class Sums(NamedTuple):
 
     @staticmethod
     def of(targets: Array) -> Sums:
-        """For terms that go to targets : (n_terms,)."""
+        """For terms with targets : (n_terms,)."""
         order = np.argsort(targets, kind="stable")
         each, first = np.unique(targets[order], return_index=True)
         return Sums(order, first, each)
 
 
 class Round(NamedTuple):
-    """Nodes v eliminated together; each has a near and a far neighbour, or a near one in both roles.
+    """Nodes v that are eliminated together; each has a near and a far neighbour, or a near one that counts as both.
 
     nodes : (m,) v. near, far : (m,). row, column : entries (2, m) G_v,near and G_v,far, G_near,v and G_far,v.
-    gives : changes of G of the neighbours, (2, 2, m) terms. passes : changes of their right side, (2, m) terms;
-    source : the nodes v of these.
+    gives : sums of the changes of G of the neighbours, (2, 2, m) terms. passes : sums of the changes of their right
+    sides, (2, m) terms; source : the nodes v of these.
     """
 
     nodes: Array
@@ -61,12 +61,12 @@ class Round(NamedTuple):
 
 @dataclass(frozen=True)
 class Elimination:
-    """The order of elimination for n nodes coupled by elements.
+    """The elimination order of a system of n nodes coupled by elements.
 
-    Entries of G are numbered: the diagonal first, then those of element ends, then fill-in. The last one is 0.
-    n, n_entries : numbers of nodes and entries. elements : the sums of the (4 n_e) products of element ends (left with
-    left and right, right with left and right) that form entries. rows : the node of every entry's equation. core : the
-    remaining nodes; inner : their entries (n_core, n_core).
+    Entries of G are numbered: the diagonal first, then those of element ends, then the fill-in. The last one is 0. n,
+    n_entries : numbers of nodes and entries. elements : sums of the (4 n_e) products of element ends (left with left
+    and right, right with left and right) to entries. rows : the equation's node of every entry. core : remaining nodes;
+    inner : their entries (n_core, n_core).
     """
 
     n: int
@@ -78,7 +78,7 @@ class Elimination:
     inner: Array
 
     def factor(self, products: Array, scale: Array, less: Array) -> Factor:
-        """-G⁻¹ of G = scale · Σ products - diag(less). products : (B, 4 n_e) flow into a node of each element end by
+        """-G⁻¹ of G = scale · Σ products - diag(less). products : (B, 4 n_e) flow into the node of each element end by
         the pressure at each end. scale, less : (B, n) of each node's equation.
 
         Raises LinAlgError if G is singular.
@@ -103,8 +103,8 @@ class Elimination:
 
 @dataclass(frozen=True)
 class Factor:
-    """-G⁻¹: factors of every round, for its right sides (B, 2 m), its solutions (B, 2, m) and its nodes (B, m); inverse
-    : of the core."""
+    """-G⁻¹: for every round the factors passed to neighbours, (B, 2 m), those of back substitution, (B, 2, m), and the
+    inverse pivots, (B, m); inverse : of the core."""
 
     plan: Elimination
     passed: tuple[Array, ...]
@@ -122,7 +122,7 @@ class Factor:
         return Factor(factors[0].plan, passed, taken, own, np.concatenate([f.inverse for f in factors]))
 
     def whole(self) -> Factor:
-        """The inverse of the whole system, if it is small, for a factor that is used often."""
+        """The same as an inverse of the whole system, if that is small: for a factor that is used often."""
         if not self.plan.rounds or len(self.inverse) * self.plan.n**2 > _WHOLE:
             return self
         unit = np.eye(self.plan.n, dtype=self.inverse.dtype)
@@ -131,7 +131,7 @@ class Factor:
         return Factor(replace(self.plan, rounds=(), core=slice(None)), (), (), (), inverse)
 
     def member(self, b: int) -> Factor:
-        """The factor of one system of several."""
+        """The factor of one system of a batch."""
         own_b = slice(b, b + 1)
         passed, taken, own = (tuple(x[own_b] for x in rounds) for rounds in (self.passed, self.taken, self.own))
         return replace(self, passed=passed, taken=taken, own=own, inverse=self.inverse[own_b])
@@ -159,12 +159,12 @@ class Factor:
 
 @lru_cache(maxsize=32)
 def eliminated(ends: bytes, n: int, core: int = CORE) -> Elimination:
-    """As :func:`eliminate`, from the bytes of the ends: meshes of one topology share it."""
+    """As :func:`eliminate`, from the bytes of the ends: meshes with the same connections share it."""
     return eliminate(np.frombuffer(ends, int).reshape(-1, 2), n, core)
 
 
 def eliminate(ends: Array, n: int, core: int = CORE) -> Elimination:
-    """The elimination of n nodes coupled by elements with ends : (n_e, 2), until about ``core`` nodes remain."""
+    """The elimination of n nodes coupled by elements with ends : (n_e, 2), until about ``core`` of them remain."""
     entries = {(i, i): i for i in range(n)}
 
     def entry(i: int, j: int) -> int:
@@ -197,7 +197,7 @@ def eliminate(ends: Array, n: int, core: int = CORE) -> Elimination:
 
 
 def _apart(beside: dict[int, set[int]]) -> list[int]:
-    """Nodes with at most two neighbours, no two of them neighbours: those with one first."""
+    """Nodes with at most two neighbours, no two of them neighbours; those with one first."""
     found, taken = list[int](), set[int]()
     for v in sorted((v for v, others in beside.items() if len(others) <= 2), key=lambda v: len(beside[v])):
         if v not in taken:

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver import NonPhysicalState, Settings, beat_harmonics, repeating_beat
 from solver.errors import InputError
-from solver.laws.catalogue import filtered
+from solver.laws.catalogue import filtered, zero_of
 from solver.mesh.sources import Source
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
@@ -24,15 +24,15 @@ from ..runs import Runs
 Array = np.ndarray
 
 
-HARMONICS_BEYOND = 8  # of a balance, above those of the record: without them, an error of 7e-5 of the pulse (elastic)
-_BEATS = 30  # beats after which a hypothesis counts as not periodic
-_SHORTER = 2  # maximum number of halvings of the step if the given model fails
+HARMONICS_BEYOND = 8  # above K in a harmonic balance: without them the error is 7e-5 of the pulse with elastic walls
+_BEATS = 30  # without repeating, after which the simulation has failed
+_SHORTER = 2  # times that the step is halved if the model as given breaks down
 
 
 @dataclass(frozen=True)
 class Forced:
-    """Additional sources of a network. amplitudes : (K+1, n_sources) harmonics of sources; signals : (K+1, m)
-    additional signals of channels."""
+    """Sources beside a network's own equations. amplitudes : (K+1, n_sources) harmonics of sources; signals : (K+1, m)
+    added to the channels."""
 
     sources: tuple[Source, ...]
     amplitudes: Array
@@ -43,11 +43,10 @@ class Forced:
 class Simulator:
     """Harmonics 0 … K of the channels ``names`` of a network under a periodic flow.
 
-    beyond : harmonics above K in the harmonic balance (:func:`~solver.beat_harmonics`); 0 for a model without balance,
-    which is simulated in time, in steps of settings.dt.
-    start : time [s] in the beat at which such runs start: the minimum of the flow, because a run starts at rest, and a
-    sudden flow would strain the walls unphysically. tolerance, resolved : of the periodic beat. forced : sources; they
-    require a harmonic balance.
+    beyond : harmonics above K in a harmonic balance (:func:`~solver.beat_harmonics`); 0 for a model without balance,
+    whose beat is run in time with steps of settings.dt. start : time [s] in the beat at which such runs begin, where
+    the flow is least: a run begins at rest, and a sudden flow would strain the walls more than any heart. tolerance,
+    resolved : of the periodic beat. forced : sources, which only a balance can include.
     """
 
     network: Network
@@ -67,15 +66,15 @@ class Simulator:
         return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0))
 
     def finer(self) -> Simulator:
-        """The same with half the step and half the element length, to estimate the error of both."""
+        """The same with half the step and half the element length, to measure the errors of both."""
         half = self.halved()
         return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
 
     def coefficients(
         self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
     ) -> Array:  # fmt: skip
-        """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps,
-        through the known filters of the channels.
+        """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow (possibly one per member),
+        after the known filters and zeros of the channels.
 
         Members without a periodic beat are NaN.
         Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
@@ -89,11 +88,11 @@ class Simulator:
         else:
             X = np.full((B, self.K + 1, len(self.names)), np.nan, complex)
         runs.meter.add(B)
-        X = X * filters(network, self.names, self.T, self.K)
+        X = as_shown(network, self.names, self.T, X)
         return X if self.forced is None else X + self.forced.signals
 
     def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
-        """By harmonic balance; NaN without one. Raises ValueError if a member has no steady state."""
+        """By harmonic balance; NaN if none is found. Raises ValueError if a member has no steady state."""
         forced = self.forced if self.forced and self.forced.sources else None
         sources, amplitudes = (forced.sources, forced.amplitudes) if forced else ((), None)
         return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
@@ -101,7 +100,7 @@ class Simulator:
                               sources=sources, amplitudes=amplitudes, progress=runs.check)  # fmt: skip
 
     def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
-        """By running beats until they repeat."""
+        """By time stepping until beats repeat."""
 
         def drive(t: Array) -> Array:
             return inflow(t + self.start)
@@ -115,9 +114,9 @@ class Simulator:
 
 
 def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
-    """The given model under this inflow; without a balance in time, with shorter steps if necessary.
+    """The model as given under this inflow; if it has no balance, by time stepping, with shorter steps if needed.
 
-    Raises NonPhysicalState if no step works, ValueError if it has no steady state under the mean of the inflow.
+    Raises NonPhysicalState if all steps fail, ValueError if it has no steady state under the mean inflow.
     """
     X = simulator.coefficients(simulator.network, {}, runs)[0]
     if not np.isnan(X).any():
@@ -132,13 +131,20 @@ def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
 
 
 def filters(network: Network, names: Sequence[str], T: float, K: int) -> Array:
-    """H : (K+1, m) of the known filters of the channels of a network."""
+    """H : (K+1, m) of the known filters of the channels."""
     return np.stack([filtered(network, name, 2.0 * np.pi / T * np.arange(K + 1)) for name in names], axis=1)
 
 
+def as_shown(network: Network, names: Sequence[str], T: float, X: Array) -> Array:
+    """Coefficients X : (…, K+1, m) through the known filters of their channels, with the known zeros."""
+    found = X * filters(network, names, T, X.shape[-2] - 1)
+    found[..., 0, :] += [zero_of(network, name) for name in names]
+    return found
+
+
 def linear_response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
-    """The linearised response (K + 1 + neighbours, m) to the inflow, both after their filters. If the linear solver
-    lacks a term of a wall, the walls have no terms."""
+    """The linearised response (K + 1 + neighbours, m) to the inflow, with the filters of both. If the linear solver
+    lacks a wall term, the response of walls without terms."""
     K += NEIGHBOURS
     shown = filters(network, names, T, K) / undoable(network, INFLOW, 2.0 * np.pi / T * np.arange(K + 1))[:, None]
     try:
@@ -157,10 +163,10 @@ def varying(
     parameters: Mapping[str, float] | None = None,
     known: Felt | None = None,
 ) -> Felt | None:
-    """Linear response of the channels to beat-to-beat variation of the inflow; None for beats cut at equal intervals.
+    """The linearised response of the network to beat-to-beat variation of the inflow; None for beats cut at equal
+    intervals.
 
-    known : the response for other parameters, whose correction of the mean beat is kept: fits with different weights
-    are compared with the same mean beat.
+    known : for other parameters; its seam is kept, so that fits under several weights refer to one mean beat.
     """
 
     def transfer(T: float, n: int) -> Array:
