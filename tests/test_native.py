@@ -125,6 +125,16 @@ def test_beats(sheep: Network) -> None:
         assert again.backend == "native" and again.beats == 2
 
 
+def test_a_run_of_one_step(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first of its program, which is compared with NumPy's; and runs step by step, as for progress."""
+    told = list[float]()
+    for n, progress in ((1, None), (5, lambda part, label: told.append(part))):
+        monkeypatch.setattr("solver.tracing.steps._programs", Programs())  # none that was compared before
+        found, expected = both(sheep, n * COARSE.dt, progress=progress)
+        assert len(found.time) == n + 1 and off(found, expected) < EQUAL
+    assert told[:5] == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
+
+
 def test_batch_is_its_members(sheep: Network) -> None:
     """A batch, one of whose members has memory: each is what it is alone, and what NumPy makes of it."""
     held = effects.BY_NAME["stress_relaxation"].add(sheep, "all", {"tau": 0.01})
