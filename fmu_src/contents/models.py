@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from importlib import import_module
 from typing import Any
 
 from solver.errors import InputError
@@ -22,6 +23,7 @@ from .. import __version__
 from ..cosimulation.drive import inlet_with, own_drive
 from ..documents import document, lumped_document
 from ..slaves import body_slave, heart_slave
+from ..slaves.base import Subject
 from ..variables.arteries_variables import variable_table
 from ..variables.variable import Variable, with_starts
 
@@ -47,6 +49,11 @@ class Model:
     table: tuple[Variable, ...]
     resources: dict[str, str]
     documents: dict[str, bytes]
+
+    def subject(self) -> Subject:
+        """What its slave makes of its resources."""
+        slave = getattr(import_module(f"fmu_src.{self.slave}"), self.kind)
+        return slave.subject(json.loads(self.resources[slave.data_file]))  # type: ignore[no-any-return]
 
 
 def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
@@ -74,26 +81,27 @@ def given_arteries(network: Network, settings: Settings, given: Starts) -> tuple
     return network, settings, table, others
 
 
-def heart_model(species: str = "human", starts: Starts | None = None) -> Model:
-    """A left heart. Raises ValueError for an unknown species."""
+def heart_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> Model:
+    """A left heart. fmi : version of the standard of one that needs no Python. Raises ValueError for an unknown species.
+    """
     heart = of(species)[0]
     with_starts(heart_slave.table(heart), starts or {})
     heart = heart.with_values(starts or {})
     table, others = _others(heart_slave.table(heart), starts or {})
     title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
-    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table)
+    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table, fmi)
     resources = _data("heart.json", {"heart": heart_slave.to_data(heart)}, others)
     return Model(heart.name, "slaves.heart_slave", "HeartSlave", table, resources, pages)
 
 
-def body_model(species: str = "human", starts: Starts | None = None) -> Model:
-    """What closes the volume. Raises ValueError for an unknown species."""
+def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> Model:
+    """What closes the volume. fmi : as of hearts. Raises ValueError for an unknown species."""
     body = of(species)[1]
     with_starts(body_slave.table(body), starts or {})
     body = body.with_values(starts or {})
     table, others = _others(body_slave.table(body), starts or {})
     title = "The veins, the right heart and the lungs as one elastic reservoir."
-    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
+    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table, fmi)
     resources = _data("body.json", {"body": body_slave.to_data(body)}, others)
     return Model(body.name, "slaves.body_slave", "BodySlave", table, resources, pages)
 

@@ -20,10 +20,15 @@ from .drawing import model_png, network_svg
 
 def documents(network: Network, table: tuple[Variable, ...], version: str, fmi: int = 0) -> dict[str, bytes]:
     """The files by their path in the FMU. fmi : version of the standard of one that needs no Python, 0 of others."""
-    html = index_html(network, table, version)
-    if fmi:
-        html = html.replace(HOST, NATIVE_HOST).replace(_CRASHES, _REFUSES).replace("(FMI 2.0)", f"(FMI {fmi}.0)")
+    html = of_standard(index_html(network, table, version), fmi)
     return {"documentation/index.html": html.encode(), "model.png": model_png(network), **licences(not fmi)}
+
+
+def of_standard(html: str, fmi: int) -> str:
+    """A page of pythonfmu's FMU as that of one that needs no Python. fmi : as for :func:`documents`."""
+    if not fmi:
+        return html
+    return html.replace(HOST, NATIVE_HOST).replace(_CRASHES, _REFUSES).replace("(FMI 2.0)", f"(FMI {fmi}.0)")
 
 
 def licences(wrapped: bool = True) -> dict[str, bytes]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .binaries import PLATFORMS, here
 from .native_fmu import DESCRIPTION, RESOURCE, guid_of
-from .resource import with_guid
+from .arrays import with_guid
 
 Row = tuple[str, str, str, str]
 
