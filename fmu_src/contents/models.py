@@ -53,7 +53,7 @@ class Model:
     def subject(self) -> Subject:
         """What its slave makes of its resources."""
         slave = getattr(import_module(f"fmu_src.{self.slave}"), self.kind)
-        return slave.subject(json.loads(self.resources[slave.data_file]))  # type: ignore[no-any-return]
+        return slave.subject(json.loads(self.resources[slave.data_file]))
 
 
 def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
@@ -82,7 +82,9 @@ def given_arteries(network: Network, settings: Settings, given: Starts) -> tuple
 
 
 def heart_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> Model:
-    """A left heart. fmi : version of the standard of one that needs no Python. Raises ValueError for an unknown species.
+    """A left heart. fmi : version of the standard of one that needs no Python, 0 of others.
+
+    Raises ValueError for an unknown species.
     """
     heart = of(species)[0]
     with_starts(heart_slave.table(heart), starts or {})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from ..variables.variable import Variable
-from .document import HOST, licences, of_standard, page, variables_html
+from .document import HOST, NATIVE_HOST_OF_FEW, licences, of_standard, page, variables_html
 
 
 def documents(
@@ -25,7 +25,7 @@ def documents(
 <h2>References</h2>
 <p>{escape(reference)}</p>
 <p>Licence: MIT.</p>"""
-    html = of_standard(page(f"{name}: {title}", body), fmi)
+    html = of_standard(page(f"{name}: {title}", body), fmi, NATIVE_HOST_OF_FEW)
     return {"documentation/index.html": html.encode(), **licences(not fmi)}
 
 

@@ -100,7 +100,7 @@ def _range(variable: Variable) -> tuple[float, float, float]:
     return start, variable.quantity.low, variable.quantity.high
 
 
-# --- the file ----------------------------------------------------------------------------------------------------------
+# --- the file -------------------------------------------------------------------------------------------------------
 
 
 def file_of(named: Mapping[str, Array], texts: Texts, programs: Sequence[Array]) -> bytes:

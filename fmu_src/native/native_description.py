@@ -18,8 +18,8 @@ _CATEGORIES = ("Warning", "Discard", "Error", "Fatal")
 
 @dataclass(frozen=True)
 class About:
-    """What a description says beside its variables. stop, step [s], tolerance : of the default experiment. derivatives :
-    whether there are directional ones."""
+    """What a description says beside its variables. stop, step [s], tolerance : of the default experiment.
+    derivatives : whether there are directional ones."""
 
     name: str
     description: str
@@ -149,7 +149,7 @@ def fmi3(about: About, table: Sequence[Variable]) -> bytes:
 
 def _units3(root: Element, table: Sequence[Variable]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
-    for name, asked in unit_names(tuple(table)).items():
+    for name, asked in sorted({"s": set[str](), **unit_names(tuple(table))}.items()):  # s: of time
         unit = SubElement(definitions, "Unit", name=name)
         SubElement(unit, "BaseUnit", {base: str(power) for base, power in base_units(name).items()})
         for display in sorted(asked.union(display_units(name)), key=str.lower):

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -38,7 +37,10 @@ _MOST = 3_000_000  # bytes of programs: of larger networks only those of its own
 
 
 def resource(network: Network, settings: Settings, table: Sequence[Variable]) -> bytes:
-    """The file, its GUID still open (:func:`~fmu_src.native.arrays.with_guid`). Raises ValueError where the network cannot be recorded."""
+    """The file, its GUID still open (:func:`~fmu_src.native.arrays.with_guid`).
+
+    Raises ValueError where the network cannot be recorded.
+    """
     shared = Shared()
     programs, derivatives = recorded(network, settings, shared)
     texts = Texts()

@@ -89,7 +89,7 @@ def repeated(body: Callable[[State], State], state: State) -> State:
     """The state after ``body`` has been applied to it as long as its first number is true."""
     recorder = next((x.recorder for x in state if not _known(x)), None)
     if recorder is not None:
-        return recorder.repeated(body, state)  # type: ignore[no-any-return]
+        return recorder.repeated(body, state)
     while state[0]:
         state = body(state)
     return state

@@ -100,7 +100,7 @@ class BodyComponent(Arithmetic):
         """Volume at the present time [m³]; not extrapolated over a step of more than twice the one before."""
         s = self.state
         ahead = divided(s.t - s.known, s.known - s.known_before, 0.0)
-        return s.V_start + s.net + select(ahead <= 2.0, ahead, 0.0) * (s.net - s.net_before)  # type: ignore[no-any-return]
+        return s.V_start + s.net + select(ahead <= 2.0, ahead, 0.0) * (s.net - s.net_before)
 
     def outputs(self) -> list[float]:
         """Pressure [Pa] and volume [m³]."""

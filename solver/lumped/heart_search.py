@@ -59,9 +59,7 @@ class _Newton(NamedTuple):
     count: Number
 
 
-def one_by_one(
-    residuals: Residuals, Q_m: Number, Q_a: Number, found: Number = False
-) -> tuple[Number, Number, Number]:
+def one_by_one(residuals: Residuals, Q_m: Number, Q_a: Number, found: Number = False) -> tuple[Number, Number, Number]:
     """One valve after the other, each by bisection, from the flows Q_m, Q_a [m³/s], unless these are ``found``: whether
     they converge, and the flows. Slow, but robust if a valve closes instantaneously.
 

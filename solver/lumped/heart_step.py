@@ -86,7 +86,8 @@ def step(heart: Heart, state: HeartState, h: Number, port: Port, P_venous: Numbe
     rate = heart.heart.rate
     require(
         (h > 0.0) & (h <= _LARGEST_STEP / rate),
-        "communication step of %g s: a heart of %g beats per second needs steps above 0 and up to %g s; take shorter ones.",
+        "communication step of %g s: a heart of %g beats per second needs steps above 0 and up to %g s; take shorter "
+        "ones.",
         h, rate, _LARGEST_STEP / rate,
     )  # fmt: skip
     trial = _Trial(heart, state, h, port, P_venous)
@@ -176,8 +177,8 @@ class _Trial:
         found, Q_m, Q_a = one_by_one(self._residuals, *start, converged)
         require(
             found,
-            "t = %.6g s: the flows through the valves have no solution over a step of %g s (aorta.P_0 = %g Pa, aorta.Z = "
-            "%g Pa.s/m^3); take shorter steps.",
+            "t = %.6g s: the flows through the valves have no solution over a step of %g s (aorta.P_0 = %g Pa, "
+            "aorta.Z = %g Pa.s/m^3); take shorter steps.",
             self.state.t + self.h, self.h, self.port.P_0, self.port.Z,
         )  # fmt: skip
         return Q_m, Q_a

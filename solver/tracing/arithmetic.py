@@ -71,9 +71,11 @@ class _Recording(Recorder):
         self.inputs: dict[str, list[Traced]] = {}
         self.out: dict[str, Traced] = {}
         given = self.given("values", (len(names),))
-        self.values = {name: _Item(x, choices[name]) if name in choices else x for name, x in zip(names, given, strict=True)}
+        self.values = {
+            name: _Item(x, choices[name]) if name in choices else x for name, x in zip(names, given, strict=True)
+        }
 
-    def given(self, name: str, shape: tuple[int, ...] = (), phase: int = 0) -> Traced:
+    def given(self, name: str, shape: tuple[int, ...] = (), phase: int = 0) -> Any:
         """Numbers that the program is given under a name."""
         self.inputs[name] = [array(self, phase, shape)]
         return self.inputs[name][0]
