@@ -123,11 +123,11 @@ def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
     def command(
         species: SpeciesName = "human",
         out: Out = Path("dist"),
-        execution_tool: ExecutionTool = True,
-        change: Changes = None,
         native: Native = False,
         fmi: Standard = 2,
         platforms: Platforms = "",
+        execution_tool: ExecutionTool = True,
+        change: Changes = None,
         as_json: Json = False,
         quiet: Quiet = False,
     ) -> None:

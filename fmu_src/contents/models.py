@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from importlib import import_module
 from typing import Any
 
 from solver.errors import InputError
@@ -23,7 +22,7 @@ from .. import __version__
 from ..cosimulation.drive import inlet_with, own_drive
 from ..documents import document, lumped_document
 from ..slaves import body_slave, heart_slave
-from ..slaves.base import Subject
+from ..slaves.base import ComponentSlave, Subject
 from ..variables.arteries_variables import variable_table
 from ..variables.variable import Variable, with_starts
 
@@ -40,7 +39,7 @@ class Model:
 
     name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class.
     table : its variables. resources, documents : further files by path, text in ``resources/`` and bytes in the whole
-    archive.
+    archive. subject : what the slave makes of the resources, of hearts and bodies.
     """
 
     name: str
@@ -49,11 +48,7 @@ class Model:
     table: tuple[Variable, ...]
     resources: dict[str, str]
     documents: dict[str, bytes]
-
-    def subject(self) -> Subject:
-        """What its slave makes of its resources."""
-        slave = getattr(import_module(f"fmu_src.{self.slave}"), self.kind)
-        return slave.subject(json.loads(self.resources[slave.data_file]))
+    subject: Subject | None = None
 
 
 def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
@@ -93,7 +88,15 @@ def heart_model(species: str = "human", starts: Starts | None = None, fmi: int =
     title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
     pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table, fmi)
     resources = _data("heart.json", {"heart": heart_slave.to_data(heart)}, others)
-    return Model(heart.name, "slaves.heart_slave", "HeartSlave", table, resources, pages)
+    return Model(
+        heart.name,
+        "slaves.heart_slave",
+        "HeartSlave",
+        table,
+        resources,
+        pages,
+        _subject(heart_slave.HeartSlave, resources),
+    )
 
 
 def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> Model:
@@ -105,7 +108,9 @@ def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 
     title = "The veins, the right heart and the lungs as one elastic reservoir."
     pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table, fmi)
     resources = _data("body.json", {"body": body_slave.to_data(body)}, others)
-    return Model(body.name, "slaves.body_slave", "BodySlave", table, resources, pages)
+    return Model(
+        body.name, "slaves.body_slave", "BodySlave", table, resources, pages, _subject(body_slave.BodySlave, resources)
+    )
 
 
 def of(species: str) -> tuple[Heart, Body]:
@@ -156,6 +161,10 @@ def _others(table: Table, starts: Starts) -> tuple[Table, dict[str, float | str]
     had = {variable.name: variable.start for variable in table}
     others = {name: value for name, value in starts.items() if value != had[name]}
     return with_starts(table, others), others
+
+
+def _subject(slave: type[ComponentSlave], resources: Mapping[str, str]) -> Subject:
+    return slave.subject(json.loads(resources[slave.data_file]))
 
 
 def _data(file: str, content: dict[str, Any], starts: Starts) -> dict[str, str]:

@@ -47,8 +47,8 @@ def files(
 def arithmetic_files(model: Model, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:
     """All files of a heart or a body by path. Raises ValueError as ``build_fmu.build_native``."""
     _check(fmi, platforms)
-    subject = model.subject()
-    component, e = subject.make(), subject.experiment
+    assert model.subject is not None
+    subject, component, e = model.subject, model.subject.make(), model.subject.experiment
     assert isinstance(component, Arithmetic)
     about = About(model.name, subject.description, __version__, "", e.stop_time, e.step_size, None, derivatives=False)
     own_files = {

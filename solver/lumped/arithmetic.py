@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import InputError
 
 Number = Any  # a float, a truth value, or one of these that is being recorded
-State = TypeVar("State", bound=tuple[Number, ...])
+State = TypeVar("State", bound=tuple[Any, ...])
 
 
 def _known(x: Number) -> bool:
@@ -86,10 +86,10 @@ def require(condition: Number, sentence: str, *numbers: Number) -> None:
 
 
 def repeated(body: Callable[[State], State], state: State) -> State:
-    """The state after ``body`` has been applied to it as long as its first number is true."""
-    recorder = next((x.recorder for x in state if not _known(x)), None)
-    if recorder is not None:
-        return recorder.repeated(body, state)
+    """The state, a tuple of numbers and such tuples, after ``body`` has been applied to it as long as its first number
+    is true."""
+    if not _known(state[0]):
+        return state[0].recorder.repeated(body, state)  # type: ignore[no-any-return]
     while state[0]:
         state = body(state)
     return state

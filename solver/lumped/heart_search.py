@@ -80,10 +80,10 @@ def one_by_one(residuals: Residuals, Q_m: Number, Q_a: Number, found: Number = F
         return _OneByOne(
             negated(end) & (rounds < _ITERATIONS), end, s.aortic != ended, Q_m, Q_a,
             select(both, Q_m, s.before_m), select(both, Q_a, s.before_a), rounds,
-            *(select(ended, one, other) for one, other in zip(anew, b, strict=True)),
+            _Bracket(*(select(ended, one, other) for one, other in zip(anew, b, strict=True))),
         )  # fmt: skip
 
-    first = _OneByOne(negated(found), found, False, Q_m, Q_a, Q_m, Q_a, 0, *_begun(Q_m))
+    first = _OneByOne(negated(found), found, False, Q_m, Q_a, Q_m, Q_a, 0, _begun(Q_m))
     last = repeated(one_evaluation, first)
     return last.found, last.Q_m, last.Q_a
 
@@ -130,7 +130,7 @@ class _Bracket(NamedTuple):
 
 
 class _OneByOne(NamedTuple):
-    """Flows, those of the round before, and the bracket of the valve at hand; flat, as a loop's numbers are."""
+    """Flows, those of the round before, and the bracket of the valve at hand."""
 
     going: Number
     found: Number
@@ -140,17 +140,7 @@ class _OneByOne(NamedTuple):
     before_m: Number
     before_a: Number
     rounds: Number
-    stage: Number
-    low: Number
-    high: Number
-    at_low: Number
-    at_high: Number
-    width: Number
-    halvings: Number
-
-    @property
-    def bracket(self) -> _Bracket:
-        return _Bracket(*self[8:])
+    bracket: _Bracket
 
 
 def _begun(Q: Number) -> _Bracket:

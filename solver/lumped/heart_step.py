@@ -38,10 +38,10 @@ class Port:
 class ValveState:
     """Flow [m³/s], the flow of the step before, opening ζ, and pressure difference [Pa]."""
 
-    Q: Number
+    Q: float
     Q_before: float
     opening: float
-    drop: Number
+    drop: float
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class HeartState:
     P_ventricle: float
     P_atrium: float
     P_aorta: float
-    P_venous: Number
+    P_venous: float
     h_before: float
     taken: float
     ejected: float
@@ -99,6 +99,8 @@ class _Trial:
     """The equations of one step h [s] for the flows [m³/s] at its end.
 
     E [Pa/m³] : elastances at the end. c [1/s] : coefficient of the flow difference. P_venous [Pa] : at the end.
+    by_filled, by_ejected, by_ventricle, by_pumped [Pa·s/m³] : how the pressure differences across the valves change
+    with the flows, the mitral one's by Q_m and Q_a, the aortic one's by Q_m and, negative, by Q_a.
     """
 
     def __init__(self, heart: Heart, state: HeartState, h: Number, port: Port, P_venous: Number) -> None:
@@ -115,6 +117,11 @@ class _Trial:
         self.beta = select(ratio > 0.0, heart.aorta.curvature, 0.0)
         self.Q_straight = state.aortic.Q + ratio * (state.aortic.Q - state.aortic.Q_before)
         self.c_now, self.c_before = -(1.0 + ratio) / h, ratio * ratio / (1.0 + ratio) / h
+        half, R_in = 0.5 * h, heart.venous.R
+        self.by_ventricle = half * self.E_ventricle
+        self.by_ejected = self.by_ventricle + heart.left_ventricle.R
+        self.by_filled = -half * self.E_atrium * R_in / (R_in + half * self.E_atrium) - self.by_ventricle
+        self.by_pumped = self.by_ejected + (1.0 + self.beta) * port.Z
 
     def atrium(self, Q_m: Number) -> tuple[Number, Number]:
         """Venous inflow [m³/s] and volume [m³] of the atrium at the end, for Q_m [m³/s] through the mitral valve."""
@@ -185,13 +192,9 @@ class _Trial:
 
     def _correction(self, Q_m: Number, Q_a: Number) -> tuple[Number, Number, Number]:
         """The correction of the flows that Newton's method makes [m³/s], and the sum of the residuals [Pa]."""
-        half, R_in = 0.5 * self.h, self.heart.venous.R
-        by_ventricle = half * self.E_ventricle
-        by_ejected = by_ventricle + self.heart.left_ventricle.R
-        by_atrium = -half * self.E_atrium * R_in / (R_in + half * self.E_atrium)
         F, F_Q, F_drop, G, G_Q, G_drop = self.equations(Q_m, Q_a)
-        a, b = F_Q + F_drop * (by_atrium - by_ventricle), F_drop * by_ejected
-        c, d = G_drop * by_ventricle, G_Q - G_drop * (by_ejected + (1.0 + self.beta) * self.port.Z)
+        a, b = F_Q + F_drop * self.by_filled, F_drop * self.by_ejected
+        c, d = G_drop * self.by_ventricle, G_Q - G_drop * self.by_pumped
         det = a * d - b * c
         return divided(b * G - d * F, det, math.nan), divided(c * F - a * G, det, math.nan), abs(F) + abs(G)
 

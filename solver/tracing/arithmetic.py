@@ -7,8 +7,8 @@ phase 2 what follows it, and so on. What a loop needs but does not change is com
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,11 +91,12 @@ class _Recording(Recorder):
         """A loop: see :func:`solver.lumped.arithmetic.repeated`."""
         k = len(self.loops)
         phase = 1 + 2 * k
-        self.loops.append(len(state))
-        self.out[f"begin_{k}"] = self._stacked(state)
-        before = self.given(f"before_{k}", (len(state),), phase)
-        self.out[f"after_{k}"] = self._stacked(body(_like(state, before)))
-        return _like(state, later(self, before, phase + 1))
+        numbers = _numbers(state)
+        self.loops.append(len(numbers))
+        self.out[f"begin_{k}"] = self._stacked(numbers)
+        before = self.given(f"before_{k}", (len(numbers),), phase)
+        self.out[f"after_{k}"] = self._stacked(_numbers(body(_rebuilt(state, iter(before)))))
+        return _rebuilt(state, iter(later(self, before, phase + 1)))  # type: ignore[no-any-return]
 
     def require_or_say(self, condition: Traced, sentence: str, numbers: Sequence[Number]) -> None:
         """See :func:`solver.lumped.arithmetic.require`."""
@@ -111,27 +112,26 @@ class _Recording(Recorder):
         return of(self, self.constant(numbers), (len(numbers),))
 
 
-def _like(state: State, numbers: Traced) -> State:
-    """A loop's state with other numbers."""
-    return type(state)(*numbers)
+def _parts(x: Any) -> Iterable[Any] | None:
+    """What a dict, a dataclass or a tuple holds; None for a number."""
+    if isinstance(x, dict):
+        return x.values()
+    return x if isinstance(x, tuple) else [getattr(x, f.name) for f in fields(x)] if is_dataclass(x) else None
 
 
-def _numbers(x: Any) -> Iterator[Number]:
-    """The numbers in an attribute: one, or in a dict or a dataclass of such."""
-    if isinstance(x, dict) or is_dataclass(x):
-        for each in x.values() if isinstance(x, dict) else (getattr(x, f.name) for f in fields(x)):
-            yield from _numbers(each)
-    else:
-        yield x
+def _numbers(x: Any) -> list[Number]:
+    """All numbers in it."""
+    parts = _parts(x)
+    return [x] if parts is None else [number for each in parts for number in _numbers(each)]
 
 
 def _rebuilt(x: Any, numbers: Iterator[Number]) -> Any:
-    """The same with other numbers."""
-    if isinstance(x, dict):
-        return {name: _rebuilt(each, numbers) for name, each in x.items()}
-    if is_dataclass(x) and not isinstance(x, type):
-        return replace(x, **{f.name: _rebuilt(getattr(x, f.name), numbers) for f in fields(x)})
-    return next(numbers)
+    """The same of other numbers."""
+    parts = _parts(x)
+    if parts is None:
+        return next(numbers)
+    made = [_rebuilt(each, numbers) for each in parts]
+    return dict(zip(x, made, strict=True)) if isinstance(x, dict) else type(x)(*made)
 
 
 class _Item:
