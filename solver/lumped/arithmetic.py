@@ -89,7 +89,7 @@ def repeated(body: Callable[[State], State], state: State) -> State:
     """The state, a tuple of numbers and such tuples, after ``body`` has been applied to it as long as its first number
     is true."""
     if not _known(state[0]):
-        return state[0].recorder.repeated(body, state)  # type: ignore[no-any-return]
+        return state[0].recorder.repeated(body, state)
     while state[0]:
         state = body(state)
     return state

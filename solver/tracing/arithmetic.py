@@ -96,7 +96,7 @@ class _Recording(Recorder):
         self.out[f"begin_{k}"] = self._stacked(numbers)
         before = self.given(f"before_{k}", (len(numbers),), phase)
         self.out[f"after_{k}"] = self._stacked(_numbers(body(_rebuilt(state, iter(before)))))
-        return _rebuilt(state, iter(later(self, before, phase + 1)))  # type: ignore[no-any-return]
+        return _rebuilt(state, iter(later(self, before, phase + 1)))
 
     def require_or_say(self, condition: Traced, sentence: str, numbers: Sequence[Number]) -> None:
         """See :func:`solver.lumped.arithmetic.require`."""
