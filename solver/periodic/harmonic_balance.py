@@ -94,7 +94,7 @@ class Moments:
     """Many moments of all members, processed as larger batches of a few moments: enough that the call overhead is
     small, and few enough for the cache.
 
-    B : members. model, operators : of that batch; a model of one parameter set takes all moments at once.
+    B : members. model, operators : of that batch; a model of one parameter set takes all times at once.
     """
 
     B: int
@@ -143,7 +143,7 @@ def samples(x: Array) -> Array:
 
 
 def amplitudes(x: Array, like: Array) -> Array:
-    """Amplitudes : (K+1, B, …) of the values of all members, moment after moment; K and B are those of ``like``."""
+    """Amplitudes : (K+1, B, …) of the values of all members, time after time; K and B are those of ``like``."""
     K, B = len(like) - 1, like.shape[1]
     return np.fft.rfft(x.reshape(_SAMPLES * K, B, *x.shape[1:]), axis=0, norm="forward")[: K + 1]
 

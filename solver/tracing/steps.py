@@ -1,4 +1,4 @@
-"""The steps of a model as a program: one pass of the scheme's own code over arrays without numbers.
+"""The steps of a model as a program: one pass of the scheme's own code over arrays without values.
 
 The recording covers :func:`~solver.scheme.stage.operators_about` at rest, :class:`~solver.scheme.stage.Stage` with its
 Jacobian, the tolerances, the guards and the outputs, with the laws, outlets and effects of the network at hand. Models
