@@ -3,8 +3,8 @@
     python benchmarks/native_fmu.py [--json FILE] [--small]
 
 Steps of 1 ms with the inflow set and 40 outputs read, and a cold start from loading the library to the end of the first
-step; beside it the pythonfmu FMU from a host in Python, in the same run. Then steps of heart and body, both kinds of FMU
-alternating in a host in Python. Nothing here is asserted: see the tests.
+step; beside it the pythonfmu FMU from a host in Python, in the same run. Then steps of heart and body, both kinds of
+FMU alternating in a host in Python. Nothing here is asserted: see the tests.
 """
 
 from __future__ import annotations
