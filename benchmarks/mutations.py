@@ -100,7 +100,7 @@ def caught(fault: Fault, tree: Path) -> str:
     if done.returncode not in (0, 1):
         return f"(pytest ended with {done.returncode})"
     failed = [text for text in done.stdout.splitlines() if text.startswith(("FAILED", "ERROR"))]
-    return failed[0].split(" ")[1].removeprefix("tests/") if failed else ""
+    return failed[0].partition(" tests/")[2].partition(" - ")[0] if failed else ""
 
 
 def main() -> None:
