@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from checked import BEATS, COARSE, Array, T, bench_set, recorded
+from fmus import Store
 
 from build_fmu import build
 from fitting.check.fmu_check import check
@@ -26,13 +27,13 @@ def loop_channels(site: str = "AA", n: int = 100) -> dict[str, Array]:
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(bench_network("AA", bench_set()), tmp_path_factory.mktemp("bench"), COARSE)
+def bench(stored: Store) -> Path:
+    return stored(build, bench_network("AA", bench_set()), settings=COARSE)
 
 
-def test_bench(tmp_path: Path) -> None:
+def test_bench(stored: Store, tmp_path: Path) -> None:
     """The radius of an independent integrator, nonlinear viscosity and all: to 7e-5 of its pulse; its loop to 4e-4."""
-    fmu = build(bench_network("AA", bench_set()), tmp_path)
+    fmu = stored(build, bench_network("AA", bench_set()))
     report = check(bench_set(), fmu, recorded(tmp_path, loop_channels()))
     (channel,), (loop,) = report.channels, report.loops
     assert (report.mode, report.driver, channel.name) == ("bench", "AA.P", "AA.R")

@@ -58,8 +58,8 @@ def test_two_faults_at_one_site_are_no_discovery(effects: tuple[tuple[str, str],
 @pytest.mark.parametrize("verdict", ["ambiguous", "partial"])
 @pytest.mark.parametrize("others", [0, 1])
 def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
-    """Beside an error of the model, too, and beside another candidate: that they can imitate much else; of two sites
-    it is not said. The model lacks nothing then."""
+    """Beside an error of the model, too, and beside another candidate: that they can imitate other effects; of two
+    sites it is not said. The model lacks nothing then."""
     gap = Gap((9.0, 9.0), {})
 
     def said(*effects: tuple[str, str]) -> str:
@@ -69,7 +69,7 @@ def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
         return sentence(naming, tuple(NamedEffect(e, (place,), {}, 0.9) for e, place in effects), gap, gap)
 
     one = said(LAG, SLOW)
-    assert "The sensors of one site seem to have two faults, which together can imitate much else: channel lag" in one
+    assert "such a pair can imitate many other effects: channel lag" in one
     assert "with both the gap" in one and "lacks" not in one
     assert ("but more than noise remains" in one) == (verdict == "partial")
     assert ("1 other candidate cannot be ruled out" in one) == (others == 1)

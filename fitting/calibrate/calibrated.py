@@ -21,7 +21,7 @@ from ..results.provenance import engine, software
 Array = np.ndarray
 Interval = tuple[float, float]
 
-_ALL_PRIOR = 0.95  # of a prior's standard deviation: above it, the data add no information
+_ALL_PRIOR = 0.95  # posterior over prior standard deviation: above it, the data add no information
 
 
 @dataclass(frozen=True)
@@ -174,12 +174,12 @@ class Calibration:
         return ParameterSet(name or f"{self.network} calibrated", values, self.laws, provenance)
 
     def _of_all(self, i: int) -> bool:
-        """Whether an unknown affects every recording."""
+        """True if an unknown affects every recording."""
         return all(i in each.which for each in self.recordings)
 
 
 def _over_all(rms: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The root mean square of each channel's over the recordings that have it."""
+    """The root mean square of each channel over the recordings that have it."""
     squares: dict[str, list[float]] = {}
     for each in rms:
         for name, value in each.items():
@@ -203,7 +203,7 @@ def labels_of(sources: Sequence[str]) -> list[str]:
 
 
 def _plain(each: Recording) -> dict[str, Any]:
-    """For the provenance of a parameter set; SI."""
+    """One recording, for the provenance of a parameter set; SI."""
     fit: dict[str, Any] = {
         "chi2_over_dof": each.chi2 / each.dof,
         "rms": dict(each.rms),

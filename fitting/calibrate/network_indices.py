@@ -68,11 +68,11 @@ def indices_at(
     parameters, _ = apart(parameter_values(calibration.unknowns, network, x), network)
     parameters = parameters or unmoved(network, len(x))
     outputs = tuple(f"{site.name}.{kind}" for kind in "PR" for site in network.sites)
-    alone = replace(network, channels=())  # the arteries', as no sensor shows them
+    alone = replace(network, channels=())  # outputs of the arteries, without sensors
     simulator = Simulator(alone, inflow(beats, settings.dt, network), beats.T, outputs, MAX_HARMONICS, settings,
                           tolerance=_TOLERANCE, beyond=HARMONICS_BEYOND)  # fmt: skip
     X = simulator.coefficients(alone, parameters, Runs())
-    if np.isnan(X).any():  # with those of the search there was one
+    if np.isnan(X).any():  # the balance with the K of the search was found
         X = replace(simulator, K=calibration.harmonics).coefficients(alone, parameters, Runs())
     waves = np.fft.irfft(X, _SAMPLES, axis=1, norm="forward").swapaxes(1, 2)
     P, R = np.split(waves, 2, axis=1)

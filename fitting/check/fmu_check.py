@@ -89,7 +89,7 @@ class CheckReport:
         agrees = (loudest.worst_z or 0.0) < _LOUD and all((c.whitened or 0.0) < _WHITE for c in noisy)
         verdict = "agrees to the noise" if agrees else "differs by more than the noise"
         where = "mean" if loudest.worst_harmonic == 0 else f"harmonic {loudest.worst_harmonic}"
-        return f"{verdict}; {said}; furthest from the noise {loudest.name}, {where}: z = {loudest.worst_z:.1f}"
+        return f"{verdict}; {said}; largest deviation {loudest.name}, {where}: z = {loudest.worst_z:.1f}"
 
     def to_json(self) -> str:
         """Everything but the waveforms."""

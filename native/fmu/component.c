@@ -1,4 +1,5 @@
-/* The component: its phases, its values, its communication steps, as fmu_src/slaves/base.py and cosimulation.py have them. */
+/* The component: its phases, its values, its communication steps, as fmu_src/slaves/base.py and cosimulation/arteries.py
+   have them. */
 #include "component.h"
 
 #include <math.h>

@@ -164,7 +164,7 @@ class Network:
     """A network of arteries, checked when it is made.
 
     eta : Poisson's ratio of the walls. P_ref : pressure at which R = R0. P_0 : uniform pressure at the start.
-    elastic_law, viscous_law : names from :mod:`solver.laws.wall`. inlet : the first or only one; further_inlets :
+    elastic_law, viscous_law : names from :mod:`solver.laws.wall_laws`. inlet : the first or only one; further_inlets :
     others.
     sources : tables of what acts beside the equations; they describe and explain nothing.
     Raises ValueError, one sentence that names the quantity, its value, the allowed range and the remedy.
