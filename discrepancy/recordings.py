@@ -202,7 +202,7 @@ def recordings_of(
             warnings.append(not_judged(other.path, error))
     found = Recordings(tuple(records[:n]), (study, *made), tuple(held), asked.varies, tuple(warnings))
     if not found.alone:
-        _ = found.whole  # raises now the error of what cannot be compared
+        _ = found.whole  # raises the error now
     return found
 
 

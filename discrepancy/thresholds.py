@@ -17,7 +17,7 @@ HELD_OUT = 0.25  # fraction of the beats, the last ones, that no fit uses: judge
 FEWEST_BEATS = 8  # judgement: with fewer, two held-out beats leave less than six fitted ones, too few for their scatter
 CHANCE = 0.05  # false discovery rate on the z map (Benjamini-Yekutieli), and one-sided level of a fall of chi2
 
-# --- odds beforehand ---
+# --- prior odds ---
 # prices are -2 ln of prior odds: judgement, not fitted to the tuning records. 6 and 10 are where R. E. Kass and A. E.
 # Raftery (J. Am. Stat. Assoc. 90, 1995, 773) begin strong and very strong evidence: odds of 1 : 20 and 1 : 150
 FIRST = 6.0  # of a first effect, beside those of its name and place
@@ -50,7 +50,7 @@ PART_CLOSED = 0.5
 OUTLIER = 4.0  # stated spreads
 OUTLIER_OF_OTHERS = 5.0  # or root mean squares of the others of its kind, if that is larger
 
-# --- what is said ---
+# --- confidence ---
 # upper limits of the confidence of a name, from a bank of records. Bench: 71 of the 75 most confident names of tuning
 # records were right, and 94 % of those of 588 earlier ones; the others are laws outside the catalogue that it
 # imitates. Network: 300 names without an error give a 95 % bound of 1 %. Partial: judgement, for lack of records
@@ -65,9 +65,9 @@ FALL = float(norm.isf(CHANCE))  # standard deviations by which chi2 must fall
 # (500 data), of d' 15 in 2 %
 NO_GAP = 1.0
 
-# --- how far is searched: effort, which bounds time ---
+# --- effort of the search, which limits time ---
 FEW = 6  # hypotheses refitted at a time
 NEAR = 60.0  # score above the best within which hypotheses are refitted under sharper weights, with fresh derivatives
 AFAR = 0.03  # model error, as a fraction of the pulse, under which laws start from the walls of the map
 BRANCHES = 3  # laws of each of two places that are combined to pairs
-MOST_EFFECTS = 2  # at once
+MOST_EFFECTS = 2  # of a hypothesis

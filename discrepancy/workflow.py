@@ -1,7 +1,6 @@
 """The workflow: find where model and record disagree, name the missing effect, add it, show that the gap shrinks.
 
-The output folder receives its files at the end, the verdict last. Until then ``<out>/.state`` contains the finished
-stages.
+The output folder receives its files at the end, the verdict last. Until then ``<out>/.state`` has the finished stages.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ from .report.learned_text import with_law
 from .report.page import check_folder, holds_study, write_study
 from .show.fmu_validation import Run, agreement, free_run, own_parity, parity
 
-_LEARNING = 0.3  # of the time limit: what the learning of a law may take after its end
+_LEARNING = 0.3  # of the time limit: further time for learning a law
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]

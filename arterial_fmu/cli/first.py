@@ -93,7 +93,7 @@ def plain(model: FirstModel) -> dict[str, Any]:
 
 
 def tables(model: FirstModel) -> tuple[Table, Table]:
-    """The numbers, and each channel of the record beside that of the model."""
+    """Tables of the numbers, and of each channel of the record against the model."""
     found = Table("found", right("value"), right("1 sd"), "how", title="First model", title_justify="left")
     for each in model.found:
         found.add_row(each.name, value(each), error(each), each.how)

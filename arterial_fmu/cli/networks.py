@@ -105,7 +105,7 @@ def _seen_from(folder: Path, sections: written.Sections, old: Path) -> written.S
 def _write(
     sections: written.Sections, source: Path, out: Path | None, force: bool, as_json: bool, folder: Path | None = None
 ) -> None:
-    """folder : that of the files which the sections name; default: beside the source."""
+    """folder : of the files named in the sections; default: that of the source."""
     try:
         network = from_sections(sections, folder or source.parent)
     except InputError as error:

@@ -4,11 +4,10 @@
 
 Each f_j of a wall is odd and nondecreasing in the strain rate, and each of an outlet flows down the pressure, so that a
 law generates energy over no loop (:mod:`solver.laws.learned`). Terms are added one by one (forward selection) while the
-evidence gains more than their price; each hypothesis is refitted in full with all walls. Then terms that became
-dispensable are dropped. The search starts without effects, and from the effects of a partial verdict. The law acts in
-the one wall of a bench, or in walls and outlets where the source map has something, and in all alike. Its FMU must
-confirm it on the held-out beats; if no law is confirmed, tables describe the sources
-(:mod:`discrepancy.add.described`).
+evidence gains more than their price; each hypothesis is refitted in full with all walls. Then dispensable terms are
+dropped. The search starts without effects, and from the effects of a partial verdict. The law acts in the one wall of a
+bench, or in walls and outlets where the source map has something, and in all alike. Its FMU must confirm it on the
+held-out beats; otherwise tables describe the sources (:mod:`discrepancy.add.described`).
 """
 
 from __future__ import annotations
@@ -90,8 +89,7 @@ def law_of(
     """A law of the remaining misfit, if one is found in time and its FMU confirms it (:func:`stands`); otherwise the
     tables that describe the misfit.
 
-    jobs : number of simulating processes. until : deadline in ``time.monotonic`` [s]. stage : stores intermediate
-    results.
+    jobs : number of simulating processes. until : deadline in ``time.monotonic`` [s]. stage : stores the found law.
     """
     with suppress(OutOfTime, RunFailed), Workers(jobs) as workers:
         runs = Runs(deadline=until, clock=monotonic, workers=workers)

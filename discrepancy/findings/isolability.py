@@ -58,8 +58,7 @@ class Isolability:
         return min(self.rivals(label).items(), key=lambda pair: pair[1], default=None)
 
     def confused(self, label: str) -> tuple[str, ...]:
-        """The visible effects that an effect of typical size cannot be distinguished from: at their best size they look
-        like it."""
+        """The visible effects that look, at their best size, like an effect of typical size."""
         return tuple(e for e, d in self.rivals(label).items() if d < INSEPARABLE)
 
 

@@ -53,8 +53,7 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
 
 
 def _spread(fit: Fit, known: dict[str, Quantity]) -> dict[str, tuple[float, float]]:
-    """The stated spread of every quantity between arteries, and the spread that maximises the evidence of the
-    record."""
+    """The stated spread of every quantity between arteries, and the spread that maximises the evidence."""
     sizes = {name.rpartition(".")[2]: q.individual for name, q in known.items()}
     return {group: (sizes[group], width * sizes[group]) for group, width in Linear.of(fit).inferred().of.items()}
 
@@ -83,7 +82,7 @@ def _odd_text(name: str, own: OwnNumber, network: Network) -> str:
 
 Array = np.ndarray
 
-# --- numbers that stand out -------------------------------------------------------------------------------------------
+# --- outliers ---------------------------------------------------------------------------------------------------------
 # With free deviations, one outlier widens the spread that its kind shares, and hides in it: with individual walls, an
 # artery of 2.2 times the modulus, nine stated spreads from the others, left only noise as "this animal's own". So if
 # nothing else is missing, an outlier is bounded to the range of its kind, and effects at its artery must explain the
@@ -220,8 +219,7 @@ def _owner(unknown: Unknown) -> str:
 
 
 def _held(fit: Fit, kinds: Mapping[str, float]) -> Fit:
-    """A fit with the parameters of some kinds bounded to the range of their kind; otherwise another one would become
-    the outlier."""
+    """A fit with some kinds of parameters bounded to their range; otherwise another one would become the outlier."""
     unknowns = tuple(u.within(kinds[u.group]) if u.group in kinds else u for u in fit.unknowns)
     return replace(fit, unknowns=unknowns, x=np.clip(fit.x, *bounds(unknowns)))
 

@@ -1,5 +1,4 @@
-"""The intervals that a study states: conditional on the selection of an effect, and with the walls as nuisance
-parameters."""
+"""The intervals that a study states: conditional on the selection of an effect; walls are nuisance parameters."""
 
 from __future__ import annotations
 
@@ -89,7 +88,8 @@ def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[s
     """Estimates with 95 % intervals, within their ranges, of a term of a hypothesis. The spread of the walls is that
     estimated from the record.
 
-    The intervals are conditional on the effect having been selected: near the limit of detection, the estimate shrinks.
+    Those of a one-parameter effect are conditional on its selection, which makes them smaller near the limit of
+    detection. Intervals of a partial verdict are widened instead (:func:`_wider`).
     """
     half, fit = quantile(naming.problem.dof_of_noise), with_widths(named.fit)
     found = estimates(network, fit, term, half, naming.reaches if named.key == naming.best.key else None)

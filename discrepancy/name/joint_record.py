@@ -53,7 +53,7 @@ class Several(Forward):
     varies: tuple[str, ...] = ()
     beats: tuple[tuple[Beats, Beats], ...] = ()
 
-    # --- what is in common, and what is not --------------------------------------------------------------------------
+    # --- common unknowns and those of one recording ------------------------------------------------------------------
 
     @property
     def first(self) -> Forward:
@@ -90,8 +90,7 @@ class Several(Forward):
 
     @cached_property
     def added(self) -> tuple[Unknown, ...]:
-        """Parameters that vary but are no unknown of a single recording, such as a venous pressure; one unknown for
-        each key.
+        """Parameters that vary but are no unknown of a single recording, as a venous pressure; one unknown per key.
 
         Raises InputError if a pattern of ``varies`` matches no parameter.
         """
@@ -210,8 +209,7 @@ class Several(Forward):
         return [f if f and all(allowed(self.network, self.of(f, i)) for i in each) else None for f in found]
 
     def nearest(self, choices: Sequence[Sequence[Member]], runs: Runs, start: Fit | None = None) -> list[Member]:
-        """Of each choice the point of lowest cost, or of lowest predicted cost after the unknowns of ``start``
-        adapt."""
+        """Of each choice the point of lowest cost, or of lowest predicted cost after ``start``'s unknowns adapt."""
         costs = self.costs([m for some in choices if len(some) > 1 for m in some], runs, start)
         best = list[Member]()
         for some in choices:

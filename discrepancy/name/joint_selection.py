@@ -104,8 +104,7 @@ def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
 
 
 def _of_each(problem: Several, terms: Terms, alone: Sequence[Fit]) -> list[Member]:
-    """Starting points of a hypothesis: the fit to each recording, and their mean. alone : a fit to each recording,
-    which gives the values of its own unknowns."""
+    """Starting points of a hypothesis: the fit to each recording, and their mean. alone : these fits."""
     unknowns, low_high = problem.hypothesis(terms), bounds(problem.hypothesis(terms))
     own = {
         f"{u.name} of {label}": x
@@ -118,8 +117,7 @@ def _of_each(problem: Several, terms: Terms, alone: Sequence[Fit]) -> list[Membe
 
 
 def _far(problem: Several, fit: Fit) -> bool:
-    """True if a fit leaves so much of the pulsation that it may be in a wrong minimum; the limit is that of a
-    calibration."""
+    """True if a fit leaves so much of the pulsation (the limit of a calibration) that its minimum may be wrong."""
     if problem.site is not None or is_noise(fit.chi2, len(fit.z)):
         return False
     left = []
@@ -158,8 +156,7 @@ def _refitted(
     problem: Several, hypotheses: Sequence[Terms], alone: Sequence[Naming], base: Fit, columns: dict[str, Array],
     runs: Runs,
 ) -> list[Fit]:  # fmt: skip
-    """Hypotheses refitted to all recordings, each from the start of lowest cost: beside no effect, or a fit to one
-    recording."""
+    """Hypotheses refitted to all recordings, each from the start of lowest cost: without effect, or a single fit."""
     choices, known = [], base.columns
     for terms in hypotheses:
         own = [{n.key: n.fit for n in naming.ranked}.get(names_of(terms)) for naming in alone]

@@ -113,8 +113,7 @@ def _of_bench(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator
 
 
 def _lower(problem: Forward, none: Fit, fits: Sequence[Fit], runs: Runs) -> Fit:
-    """The fit without effect. It is repeated from the lowest-cost fit if the effect of that one vanished: the first
-    search then ended at a local minimum."""
+    """The fit without effect, refitted from the best fit if the effect of that one vanished: a local minimum."""
     best = min(fits, key=lambda f: f.cost, default=none)
     own = {u.name for term in best.terms for u in term.unknowns}
     sizes = [abs(x) for u, x in zip(best.unknowns, best.x, strict=True) if u.name in own]

@@ -1,8 +1,7 @@
 """The best model without effect if much is missing; every named effect must fit better than this model.
 
 The map of a wrong model distorts the walls, and a search from these may end far from the record. So may the one linear
-step that takes a hypothesis to the last weights. The gap is then that of a bad fit, and any effect seems to close a
-part of it.
+step that takes a hypothesis to the last weights. Any effect then seems to close a part of the gap of a bad fit.
 """
 
 from __future__ import annotations
@@ -23,8 +22,7 @@ from .scoring import Compared, exact, there
 
 def nearest(found: Compared, runs: Runs) -> Fit | None:
     """The network without effect of lowest cost, refitted from its present point and, with a shrinking model error,
-    from the file's values. None if the present fit leaves so little of the pulsation that it is in the right
-    minimum."""
+    from the file's values. None if the present fit leaves so little of the pulsation that its minimum is right."""
     problem, none = found.problem, found.none
     if none.explains or not isinstance(problem, NetworkProblem):
         return None

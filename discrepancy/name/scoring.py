@@ -122,8 +122,7 @@ def price(fit: Fit, terms: Sequence[Term]) -> float:
 def found_from(terms: Sequence[Term], term: Term, named: Named) -> float:
     """The d' from which the evidence of a one-parameter effect of a hypothesis exceeds its price.
 
-    Each effect of a pair counts as the second one: its price is that of the pair less that of the other alone, and it
-    must be detectable.
+    Each effect of a pair counts as the second one, with the pair's price less the other's, and must be detectable.
     """
     beside = len(named.fit.terms) > 1
     cost, d = choice(term, terms) + (at.SECOND if beside else at.FIRST), 4.0
@@ -245,8 +244,7 @@ class Compared:
         return Compared.of(sharp, [again.get(names_of(f.terms), f) for f in old.fits], columns, self.terms)
 
     def at_minimum(self, runs: Runs) -> Compared:
-        """Refit the best hypothesis from its present point if it leaves more than noise: its search may have started
-        far off."""
+        """Refit the best hypothesis if it leaves more than noise: its search may have started far off."""
         return self if self.best.explains else self.joined_by(self.problem.refine([self.best.fit], runs))
 
 

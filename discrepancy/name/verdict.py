@@ -1,4 +1,4 @@
-"""The verdict: which hypotheses remain, exact or with model discrepancy, and what they allow to be concluded."""
+"""The verdict: the hypotheses that remain, exact or with model discrepancy, and the conclusion from them."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class Naming:
 
     verdict : none, effect, ambiguous, several, partial or unknown. problem : with its last weighting. base : without
     effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened.
-    confidence : probability that the verdict is right: that the best name (effect and place) is true, or for none that
-    nothing acts at any place. For unknown, the probability that no named effect acts: small if the best effect acts but
-    leaves most of the gap. reason : for unknown; for partial, the remaining gap. complete : whether the search was
-    completed. reaches : profile intervals of the best by unknown (:func:`discrepancy.name.intervals.profiled`).
-    map : source map of a network. nearest : the best model without effect if even that is far from the record; a name
-    must do better (:mod:`discrepancy.name.nearest`).
+    confidence : probability that the verdict is right: that the best name (effect and place) is true; for none, that
+    nothing acts at any place; for unknown, that the nearest effect does not act, small if it acts but leaves most of
+    the gap. reason : for unknown; for partial, the remaining gap. complete : the search was completed. reaches :
+    profile intervals of the best by unknown (:func:`discrepancy.name.intervals.profiled`). map : source map of a
+    network. nearest : the best model without effect if even that is far from the record; a name must do better
+    (:mod:`discrepancy.name.nearest`).
     """
 
     verdict: str
@@ -123,7 +123,7 @@ def both_show(found: Compared, n: Named) -> bool:
 
 
 def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
-    """True if the map has only numbers that stand out, and a law at the same arteries explains the record, within the
+    """True if the map has only outlying parameters, and a law at the same arteries explains the record, within the
     odds of 1 : 100 of the map and more probable than no effect."""
     if loose.fit.terms or not loose.places or any(p.kind != NUMBER for p in loose.places):
         return False

@@ -92,8 +92,7 @@ def separations(naming: Naming, runs: Runs) -> dict[str, float]:
 
 
 def _anew(whole: Several, fit: Fit) -> Array:
-    """The covariance of the unknowns for a new recording: unknowns that vary between recordings return to their
-    prior."""
+    """The covariance of the unknowns for a new recording: those that vary between recordings have their prior."""
     own, which = whole.own(fit.unknowns, 0)
     C = fit.covariance[np.ix_(which, which)]
     for i, (j, u) in enumerate(zip(which, own, strict=True)):

@@ -159,8 +159,7 @@ def _table(
 
 
 def _separable(table: Isolability, effects: Sequence[str]) -> int:
-    """Number of separable pairs among the visible effects: half of the entries of the (asymmetric) separation
-    matrix."""
+    """Number of separable pairs of visible effects: half of the entries of the asymmetric separation matrix."""
     at = [table.labels.index(e) for e in effects if e in table.visible]
     block = table.separation[np.ix_(at, at)]
     return int((block >= INSEPARABLE).sum() // 2)

@@ -151,7 +151,7 @@ def sensed(study: Study, fit: Fit, X: Array) -> Array:
 
 
 def parity(network: Network, study: Study, wave: Array, run: Run, settings: Settings) -> float:
-    """Largest difference of the FMU's free run (without sensors) from the direct solver, as a fraction of a channel's
+    """Largest difference of the FMU's free run (without sensors) from the direct solver, relative to a channel's
     pulse."""
     T, names = study.fitted.T, study.problem.signals
     N, k = len(wave), np.arange(len(wave) // 2 + 1)
@@ -199,7 +199,7 @@ def own_parity(fmu: Path, network: Network) -> float | None:
     return worst
 
 
-# --- what the runs bear out -------------------------------------------------------------------------------------------
+# --- the test of a name by the runs -----------------------------------------------------------------------------------
 
 
 def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:

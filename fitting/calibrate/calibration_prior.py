@@ -91,8 +91,7 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
 
 
 def _told(found: ParameterSet) -> tuple[list[Coordinate], Array]:
-    """The unknowns of a calibration and their covariance. Raises any of several errors if they are missing or
-    invalid."""
+    """The unknowns of a calibration and their covariance. Raises any of several errors if these are invalid."""
     unknowns: Mapping[str, Any] = found.provenance["unknowns"]
     coordinates = []
     for name, each in unknowns.items():

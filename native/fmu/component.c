@@ -20,6 +20,8 @@ int say(component *c, const char *format, ...)
     return 0;
 }
 
+const char *component_said(const component *c) { return c->said; }
+
 const char *text(const component *c, int32_t at) { return c->r.strings + at; }
 
 double value_of(const component *c, int32_t vr) { return c->numbers[c->values + vr]; }

@@ -17,7 +17,7 @@ from .sensors import Sensor
 
 
 def terms_of(owner: str) -> dict[str, Quantity]:
-    """The terms that an owner of a kind may have, by key, in the order of the catalogue."""
+    """The possible terms of a kind of owner, by key, in the order of the catalogue."""
     return {key: q for e in effects.ALL if e.owner == owner and not e.always for key, q in e.terms.items()}
 
 

@@ -1,4 +1,4 @@
-"""The system of the nodal pressures, solved at a cost that grows with the number of nodes.
+"""The system of the nodal pressures, solved at a cost proportional to the number of nodes.
 
 Nodes i and j are coupled if an element joins them. Arteries branch, so most nodes have one or two neighbours. These are
 eliminated in rounds of nodes that are not neighbours of each other; each elimination couples the neighbours of the

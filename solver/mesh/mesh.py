@@ -153,7 +153,7 @@ class Mesh:
 
     @cached_property
     def _at_ends(self) -> Array:
-        """Indices, among the flows (n_e (N+1)), of those of ``joined``, in its order."""
+        """Indices, among the flows (n_e (N+1)), of the flows at element ends in the order of ``joined``."""
         element, right = np.divmod(self.joined.order, 2)
         return element * (self.element.N + 1) + right * self.element.N
 

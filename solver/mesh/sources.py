@@ -58,7 +58,7 @@ class Source:
         return None
 
     def shown(self, network: Described) -> Mapping[str, float]:
-        """Its direct contribution to outputs, beside its influence through A, Q and H."""
+        """Its direct contribution to outputs, in addition to its influence through A, Q and H."""
         return {}
 
 

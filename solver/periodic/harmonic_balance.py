@@ -94,7 +94,7 @@ class Moments:
     """Many moments of all members, processed as larger batches of a few moments: enough that the call overhead is
     small, and few enough for the cache.
 
-    B : members. model, operators : of that batch; a model of one parameter set takes all moments at once.
+    B : members. model, operators : of that batch; a model of one parameter set takes all times at once.
     """
 
     B: int
@@ -143,7 +143,7 @@ def samples(x: Array) -> Array:
 
 
 def amplitudes(x: Array, like: Array) -> Array:
-    """Amplitudes : (K+1, B, …) of the values of all members, moment after moment; K and B are those of ``like``."""
+    """Amplitudes : (K+1, B, …) of the values of all members, time after time; K and B are those of ``like``."""
     K, B = len(like) - 1, like.shape[1]
     return np.fft.rfft(x.reshape(_SAMPLES * K, B, *x.shape[1:]), axis=0, norm="forward")[: K + 1]
 
@@ -179,7 +179,7 @@ def steady(model: Model, mean: Array) -> State:
 
 def settled_below(model: Model, given: Array) -> tuple[Array, Array]:
     """Convergence limits of flows and nodal pressures in such a step : two (B,)."""
-    c = model.coefficients  # the flow through the inlets, and the one that P_0 drives before
+    c = model.coefficients  # the flow through the inlets, and the transient flow that P_0 drives
     driven = np.abs(model.inlets.flow(given, c.P_0)).sum(axis=1)
     flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
     return flow + model.flow_floor, flow * model.impedance + model.pressure_floor

@@ -28,7 +28,7 @@ Array = np.ndarray
 
 
 class Unsolved(NoEngine):
-    """A member that the engine leaves to NumPy."""
+    """A member that the engine does not solve."""
 
 
 class _Balance(ctypes.Structure):

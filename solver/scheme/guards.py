@@ -37,8 +37,7 @@ def physical(model: Model, A: Array, A_t: Array, Q: Array) -> Array:
 def refuse(
     model: Model, A: Array, A_t: Array, Q: Array, H: Array, changes: Array, venous: Array, done: Array, t: float
 ) -> NoReturn:
-    """Raise NotConverged for a stage that did not converge, with the reason from outlets, else from :func:`check`, else
-    none.
+    """Raise NotConverged for a stage that did not converge; the reason is from outlets or :func:`check`, if any.
 
     A, A_t, Q, H : the last finite iterate. changes : (B, n_e) of Q in it. ``done`` members have converged.
     """
@@ -66,8 +65,8 @@ def refuse(
 
 
 def margins(model: Model, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Array, Callable[[], str], str]]:
-    """Quantities that must stay positive : (B, n_e, N), the sentence if they do not, and the remedy; in the order of
-    the test."""
+    """Quantities that must stay positive : (B, n_e, N), the sentence if not, and the remedy; in the order of the
+    test."""
     wall = model.wall
     if wall.nonlinear:
         # tested first: if it is negative, the iteration diverges, and so does the area

@@ -44,8 +44,7 @@ class Inlets:
 
     def begin(self, y: Array, drive: Array) -> None:
         """Start a step from y : (B, n) with drive : (n_inlets, B or 1). If a given inflow jumps (a held input with a
-        new value), the flow at the inlet takes the new value; if a given pressure jumps, the flow follows by its
-        inertia.
+        new value), so does the flow at the inlet; if a given pressure jumps, the flow follows by its inertia.
 
         Spread over the step, the jump would appear in the inlet pressure as its inertia divided by dt.
         """

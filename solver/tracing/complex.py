@@ -1,7 +1,6 @@
 """Complex arrays without numbers: two arrays of :class:`~solver.tracing.array.Traced`, recorded as real operations.
 
-They arise if the length of a stage is complex, 1/iω: quantities that depend on frequency are complex, all others stay
-real.
+They arise if the length of a stage is complex, 1/iω: quantities that depend on frequency are complex, others real.
 """
 
 from __future__ import annotations

@@ -108,9 +108,8 @@ def available() -> str:
 
 
 class Bound:
-    """A program with the numbers of a model, in the form of the engine. c : the structure. work : workspace.
-    fixed : (B, n_fixed) the numbers of every member, and those computed from them alone. Raises NoEngine if the
-    equations at rest are singular."""
+    """A program with the numbers of a model, in the form of the engine. c : the structure. work : workspace. fixed :
+    (B, n_fixed) numbers of every member and their consequences. Raises NoEngine for singular equations at rest."""
 
     def __init__(self, model: Model, recorded: Recorded, arrays: list[Array]) -> None:
         p, layout, n_H = recorded.program, model.layout, model.mesh.n_nodes

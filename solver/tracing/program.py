@@ -227,8 +227,7 @@ class _Places:
     def _units(self, each: Instruction) -> int:
         """The number of equal parts in which an operation can be grouped with its neighbours; 0 for none.
 
-        It must then write a whole slot, and operands read at other places must be lasting, so that no other slot reuses
-        them.
+        It must then write a whole slot, and operands read at other places must be lasting: no other slot reuses them.
         """
         outside = all(o.slot in self.lasting or o.slot.phase == CONSTANT for o in _apart(each) if not o.single)
         if each.start or not outside or each.name not in (*ELEMENTWISE, "gather", "product"):

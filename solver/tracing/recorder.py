@@ -20,8 +20,7 @@ class Untraceable(TypeError):
 
 
 class Slot:
-    """Numbers of a program: their count, the phase in which they are computed, and the numbers themselves if
-    constant."""
+    """Numbers of a program: their count, the phase in which they are computed, and their values if constant."""
 
     def __init__(self, size: int, phase: int, data: Array | None = None) -> None:
         self.size, self.phase, self.data = size, phase, data

@@ -1,4 +1,4 @@
-"""The steps of a model as a program: one pass of the scheme's own code over arrays without numbers.
+"""The steps of a model as a program: one pass of the scheme's own code over arrays without values.
 
 The recording covers :func:`~solver.scheme.stage.operators_about` at rest, :class:`~solver.scheme.stage.Stage` with its
 Jacobian, the tolerances, the guards and the outputs, with the laws, outlets and effects of the network at hand. Models
@@ -62,8 +62,7 @@ class Leaves:
     """The number arrays in frozen objects, in the order of their fields.
 
     arrays : (B, n) each. kind : other contents of the objects; classes : their classes. Models with equal kind and
-    classes share a program. recorder : if given, :meth:`of` replaces the arrays by traced ones of one member; otherwise
-    it only collects them.
+    classes share a program. recorder : if given, :meth:`of` replaces the arrays by traced ones of one member.
     """
 
     recorder: Recorder | None = None
@@ -241,7 +240,7 @@ class Recording:
         self.out[f"change_Q{fresh}"] = largest((Q_new - Q).reshape(1, -1))
 
     def refresh(self, stage: Stage) -> None:
-        """Whether the last iterate is usable, the Jacobian there, and iterations with it."""
+        """A test whether the last iterate is usable, the Jacobian there, and iterations with it."""
         s, Q = stage.start, self.take("Q", "finite", *self.shapes["Q"])
         self.out["finite"] = (s.area(s.area_rate(Q)) > 0.0).all(axis=(0, 1, 2))
         Q, H = self.take("Q", "refresh", *self.shapes["Q"]), self.take("H", "refresh", self.n_H)

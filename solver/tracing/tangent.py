@@ -99,9 +99,8 @@ class _Forward:
         return self("add", a, b) if a and b else a or b or self.constant(0.0)
 
     def chosen(self, c: Operand, da: Operand, db: Operand) -> Operand:
-        """The derivative of ``where``: that of the branch taken. If the condition is true at a single value only, such
-        as a coefficient of 0, the derivative of the other branch is valid in the neighbourhood, and is taken if
-        finite."""
+        """The derivative of ``where``: that of the branch taken. For a condition at a single value only, such as a
+        coefficient of 0, the derivative of the other branch is valid nearby, and is taken if finite."""
         if c.slot in self.alone:
             c = self("logical_and", c, self("logical_not", self("isfinite", db)))
         return self("where", c, da, db)

@@ -91,7 +91,7 @@ def _chained(h: Array, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Bench(Forward):
-    """A bench record of one site and the network with the wall that it is compared with.
+    """A bench record of one site, and the network whose wall is compared with it.
 
     loop : the mean beats; K : harmonics above the noise; n_beats : averaged ones. error : (N//2 + 1,) [Pa] of the law.
     highest : half the sampling rate [Hz].
@@ -119,8 +119,7 @@ class Bench(Forward):
 
     @cached_property
     def start(self) -> Array:
-        """(N,) [m] the radius up to harmonic K, where searches start: inverting a ringing sensor would amplify
-        noise."""
+        """(N,) [m] the radius up to harmonic K, where searches start: inverting a ringing sensor amplifies noise."""
         X = spectral.coefficients(self.loop.R)
         X[self.K + 1 :] = 0.0
         return np.fft.irfft(X * self.loop.N, self.loop.N)

@@ -1,5 +1,4 @@
-"""Observation model: the measurement chains of a hypothesis applied to the true channels, and their inverse for the
-inflow."""
+"""Observation model: the measurement chains of a hypothesis on the true channels, and the inverse for the inflow."""
 
 from __future__ import annotations
 
@@ -62,8 +61,7 @@ def meter(member: Member, n: int, T: float) -> tuple[Array, float]:
 
 
 def driven(shown: Inflow, members: Sequence[Member]) -> Inflow:
-    """The true inflow of each hypothesis if the flow meter showed ``shown``; unchanged if no hypothesis has a meter
-    fault."""
+    """The true inflow of each hypothesis if the flow meter showed ``shown``; that itself without meter faults."""
     if not any(map(inlet_sensor, members)):
         return shown
     H, offset = zip(*(meter(m, shown.X.shape[-1], shown.T) for m in members), strict=True)

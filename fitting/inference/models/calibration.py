@@ -120,8 +120,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Problem:
-    """Unknowns p of a network, and the recordings that determine them. The memory of a point contains each part's
-    batch."""
+    """Unknowns p of a network, and the recordings that determine them. A point's memory has each part's batch."""
 
     unknowns: tuple[Unknown, ...]
     parts: tuple[Part, ...]

@@ -60,7 +60,7 @@ class Loop:
 
     @property
     def floor(self) -> tuple[float, float]:
-        """Variances of a Fourier coefficient by rounding."""
+        """Variances of a Fourier coefficient that represent rounding."""
         P, R = (float((_FLOOR * np.ptp(x)) ** 2) / self.N for x in (self.P, self.R))
         return P, R
 

@@ -1,5 +1,4 @@
-"""The network problem: inlet flow in, P, Q and R at some sites compared; hypotheses are refitted by batches of the
-solver.
+"""The network problem: inlet flow in, P, Q and R at some sites compared; batches of the solver refit hypotheses.
 
 The residual is that of :mod:`fitting.records.channels.noise`: whitened Fourier coefficients of the mean beats. Their
 covariance includes the noise of the inflow, which all channels share, and the solver's own error. Hypotheses are
@@ -282,8 +281,7 @@ class NetworkProblem(Forward):
     # --- errors of the model --------------------------------------------------------------------------------------
 
     def granted(self, part: float) -> NetworkProblem:
-        """The problem with an independent model error of every harmonic of every channel, of this fraction of its
-        size."""
+        """The problem with an independent model error, this fraction of the size of every harmonic and channel."""
         variance = (part * sizes(self.target.X)) ** 2
         return self.widened(variance[..., None] * np.eye(len(self.signals))) if part else self
 

@@ -163,8 +163,7 @@ def varying(
     parameters: Mapping[str, float] | None = None,
     known: Felt | None = None,
 ) -> Felt | None:
-    """The linearised response of the network to beat-to-beat variation of the inflow; None for beats cut at equal
-    intervals.
+    """The linearised response to beat-to-beat variation of the inflow; None for beats cut at equal intervals.
 
     known : for other parameters; its seam is kept, so that fits under several weights refer to one mean beat.
     """

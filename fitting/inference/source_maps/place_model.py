@@ -257,8 +257,7 @@ class PlaceModel:
                     yield other
 
     def looked(self, normal: Normal, active: tuple[Active, ...], point: Point, closely: int) -> list[Move]:
-        """-2 ln evidence with one more place: of all places for a few priors, then of the best ones inferred in
-        full."""
+        """-2 ln evidence with one more place: all places for a few priors, then the best ones inferred in full."""
         sd = self.sd(active, point.widths)
         reduced = normal.without(self.columns_of(active), self.variance(active))
         there, quick = {a.place.key for a in active}, list[tuple[float, Active]]()
@@ -296,7 +295,7 @@ def with_signals(problem: NetworkProblem, signals: Sequence[tuple[Place, Array]]
 
 
 def slices(active: Sequence[Active]) -> list[Array]:
-    """The columns of every place among those of all."""
+    """The columns of every place, numbered over all active places."""
     ends = np.cumsum([a.place.columns for a in active])
     return [np.arange(end - a.place.columns, end) for a, end in zip(active, ends, strict=True)]
 

@@ -67,8 +67,7 @@ class Normal:
         return cls(adjoint @ sources, adjoint @ own, _gram(own, own))
 
     def without(self, columns: Array, variance: Array) -> Normal:
-        """The same with some sources integrated out. columns : (q,) their indices. variance : (K+1, q) of their
-        harmonics."""
+        """The same with some sources integrated out. columns : (q,) indices. variance : (K+1, q) of their harmonics."""
         if not len(columns):
             return self
         K, log_volume = self._kernel(columns, variance)

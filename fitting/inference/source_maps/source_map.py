@@ -105,8 +105,7 @@ class SourceMap:
 def source_map(problem: NetworkProblem, runs: Runs | None = None) -> SourceMap:
     """The map of a record; after the deadline of ``runs`` the best so far.
 
-    Raises InputError if the model as given has no periodic beat with this record, OutOfTime if the deadline precedes
-    it.
+    Raises InputError if the model as given has no periodic beat with this record, OutOfTime before that is known.
     """
     work = _Search(problem, runs or Runs())
     found = [work.annealed(LEVELS)]
