@@ -8,7 +8,8 @@ Cardiac Output Monitoring Systems" (U.S. Food and Drug Administration, 2024, RST
 [s], flow [mL/s], central and peripheral pressure [mmHg], without a header, named ``NV_step10_COresolution.csv``. Three
 of them, 10 s long, are in examples/data/mock-loop.
 
-Every file is read and cut into beats, gets a first model, and that is calibrated (--network, --free: another one). Then
+Every file is read and cut into beats, gets a first model with the stated low-passes, and that is calibrated (--network,
+--free: another one, with its own). Then
 each calibration of a step of ``--fit`` is driven by the flow of every step of ``--judge``, with no number changed. RMS
 is over the mean beat, model less measured; pulsation: the same without the means. Beside it stands what no model is
 needed for, the ratios P/Q of the harmonics 1 to 16 of the fitted step times the flow of the other. ``--together``: one
@@ -138,7 +139,7 @@ def measured(path: Path, given: Network | None, free: Sequence[str]) -> tuple[Ro
     clock = Clock()
     beats = align(read_record(path, Reading(names=COLUMNS)))
     read = clock.lap()
-    network = with_filters(given or first_model(beats).network, FILTERS)
+    network = given or with_filters(first_model(beats).network, FILTERS)
     first = clock.lap()
     first_rms = left(beats, network)[0]
     clock.lap()
