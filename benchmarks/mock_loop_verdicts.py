@@ -2,9 +2,10 @@
 
     python benchmarks/mock_loop_verdicts.py FOLDER [--network FILE] [--time-limit "1 min"] [--starts 10] [--json FILE]
 
-FOLDER as for benchmarks/mock_loop.py. Each file is studied with its first model, the stated low-passes given, or with --network, in
-a process of its own (``--jobs 1``); then that model's six numbers are calibrated from so many starts. RMS is over the
-mean held-out beat, through the FMU, of the model without and with what was named. Nothing is asserted.
+FOLDER as for benchmarks/mock_loop.py. Each file is studied with its first model, the stated low-passes given, or with
+the network of --network, in a process of its own (``--jobs 1``); then the six numbers of the first model are calibrated
+from so many starts. RMS is over the mean held-out beat, through the FMU, of the model without and with what was named.
+Nothing is asserted.
 """
 
 from __future__ import annotations
