@@ -163,7 +163,7 @@ class Calibration:
             "model_errors": dict(zip(("means", "harmonics"), self.model_errors, strict=True)),
             "channels": self.channels,
             "rms": {name: {"value": rms, "unit": SIGNAL_UNITS[name[-1]]} for name, rms in self.rms.items()},
-            **({"zeros": {n: {"value": v, "ci95": list(ends), "unit": SIGNAL_UNITS[n.removesuffix(".zero")[-1]]}
+            **({"zeros": {n: {"value": v, "ci95": list(ends), "unit": SIGNAL_UNITS[n.rpartition(".")[0][-1]]}
                           for n, (v, ends) in self.zeros.items()}} if self.zeros else {}),
             "undetermined": sorted(self.undetermined),
             **({"recordings": {each.label: _plain(each) for each in self.recordings}} if more else {}),

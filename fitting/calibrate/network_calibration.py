@@ -277,7 +277,7 @@ def _recordings(
 
 def _zero(name: str, value: float, ci95: tuple[float, float]) -> str:
     """A sentence on a sensor's zero that was found, and where it belongs."""
-    channel = name.removesuffix(".zero")
+    channel, _, _ = name.rpartition(".")
     unit, factor = of_signal(channel)
     shown, low, high = (number(factor * each) for each in (value, *ci95))
     known = f'--filter "{channel}=zero {shown} {unit}"'

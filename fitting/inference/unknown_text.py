@@ -21,7 +21,7 @@ from solver.quantities.quantity import Quantity
 
 from .hypothesis import OWN
 from .unknown import Unknown
-from .zeros import zero_quantities, zero_values
+from .zeros import is_zero, zero_quantities, zero_values
 
 
 def parse_unknown(text: str, network: Network) -> Unknown:
@@ -92,7 +92,7 @@ def varied(
             raise InputError(f"--varies {pattern}: it names none of the unknowns {names}; name one, or free it, too.")
     for unknown in unknowns:
         own = len(labels) > 1 and any(named(unknown, pattern) for pattern in varies)
-        if own and unknown.name.endswith(".zero"):
+        if own and is_zero(unknown.name):
             raise InputError(f"--varies {unknown.name}: all recordings have a sensor's zero in common; leave it out.")
         for label, numbers in zip(labels, which, strict=True):
             if own or numbers is which[0]:

@@ -8,14 +8,23 @@ from typing import TypeVar
 
 import numpy as np
 
-from solver.laws.catalogue import zero_of
+from solver.laws.catalogue import ZERO, zero_of
 from solver.network.description import Channel, Network
 from solver.quantities.quantity import Quantity
 
 T = TypeVar("T")
 
-_KEY = "zero"
 _SIZES = {"P": 700.0, "Q": 2e-6, "R": 2e-4}  # the sd of a prior: 5 mmHg, 2 mL/s, 0.2 mm
+
+
+def zero_name(channel: str) -> str:
+    """The name of a channel's zero."""
+    return f"{channel}.{ZERO}"
+
+
+def is_zero(name: str) -> bool:
+    """Whether an unknown is the zero of a channel."""
+    return name.rpartition(".")[2] == ZERO
 
 
 def zero_quantities(network: Network) -> dict[str, Quantity]:
@@ -23,13 +32,13 @@ def zero_quantities(network: Network) -> dict[str, Quantity]:
     found = {}
     for channel in network.output_units():
         size = _SIZES[channel.rpartition(".")[2]]
-        found[f"{channel}.{_KEY}"] = replace(Channel(channel).quantities()[_KEY], nominal=size, spread=1.0)
+        found[zero_name(channel)] = replace(Channel(channel).quantities()[ZERO], nominal=size, spread=1.0)
     return found
 
 
 def zero_values(network: Network) -> dict[str, float]:
     """The known zero of every output [SI], by name."""
-    return {f"{channel}.{_KEY}": zero_of(network, channel) for channel in network.output_units()}
+    return {zero_name(channel): zero_of(network, channel) for channel in network.output_units()}
 
 
 def apart(values: Mapping[str, T], network: Network) -> tuple[dict[str, T], dict[str, T]]:

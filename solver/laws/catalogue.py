@@ -11,7 +11,9 @@ from ..errors import InputError
 from ..quantities.quantity import Quantity, quantities
 from . import effects
 from .effect import Array, Described, check_known
-from .sensors import Sensor
+from .sensors import KnownZero, Sensor
+
+(ZERO,) = KnownZero.terms  # its key
 
 # --- terms of an owner --------------------------------------------------------------------------------------------
 

@@ -41,7 +41,7 @@ from ..intervals.identify import Determined, determined
 from ..model_discrepancy import Block, estimated, settled
 from ..runs import Meter, Runs
 from ..unknown import Unknown, finite_steps, parameter_values
-from ..zeros import apart, unmoved
+from ..zeros import apart, unmoved, zero_name
 from .simulator import HARMONICS_BEYOND, Simulator, linear_response, varying
 
 Array = np.ndarray
@@ -93,7 +93,7 @@ class Part:
         parameters = parameters or unmoved(network, len(x))
         X = self.simulator.coefficients(network, parameters, Runs(self.meter))
         for i, name in enumerate(self.simulator.names):
-            X[:, 0, i] += zeros.get(f"{name}.zero", zero_of(network, name)) - zero_of(network, name)
+            X[:, 0, i] += zeros.get(zero_name(name), zero_of(network, name)) - zero_of(network, name)
         if np.isnan(X).any():
             raise InputError(f"network {network.name}: it has no periodic beat with these values.")
         return X
