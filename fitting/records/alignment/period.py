@@ -3,7 +3,7 @@
 A stretch of one lag L, in all channels, is compared with what follows it one, two and three lags later, where they fit
 best together. Every channel counts in units of itself, none for another: if a single one goes on otherwise after L than
 after 2 L or 3 L, then L is a part of a beat. Stretches may come early or late, so that a heart whose rate varies has a
-period, too; a strict one is refined in :mod:`fitting.records.alignment.harmonic_model`.
+period, too; a strict one is told by the timing of its beats (:mod:`fitting.records.alignment.equal_beats`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from solver.errors import InputError
 
 from .. import thresholds as limit
-from .harmonic_model import refine
 from .upstrokes import usual_range, vertex, without_gaps
 
 Array = np.ndarray
@@ -57,25 +56,11 @@ class _Later:
         return float(np.median(self.shift))
 
 
-def find_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
-    """The period of all channels together, refined if it is strict.
-
-    Where the rate drifts, the refinement counts the beats of one stretch in another, and ends far from all of them.
+def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
+    """The period of all channels together to some thousandths, steady or not.
 
     Raises ValueError if nothing repeats, or not twice.
     """
-    usual = usual_period(channels, dt, source)
-    return replace(usual, T=strict_period(usual.T, channels, dt) or usual.T)
-
-
-def strict_period(T: float, channels: Mapping[str, Array], dt: float) -> float | None:
-    """The strict period [s] of the whole record near T, a usual distance of beats; None if none is near."""
-    strict = dt / refine(list(channels.values()), dt / T)
-    return strict if abs(strict / T - 1.0) <= limit.UNSTEADY else None
-
-
-def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
-    """The period to some thousandths, steady or not. Raises ValueError as :func:`find_period`."""
     span = len(next(iter(channels.values()))) * dt
     if span < 2.0 * limit.SHORTEST:
         raise InputError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,13 +23,37 @@ class Upstrokes:
     at: Array
     likeness: Array
 
+    @cached_property
+    def usual(self) -> float:
+        """The interval [samples] that most others are near to."""
+        intervals = np.diff(self.at)
+        near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= limit.NEAR
+        return float(np.median(intervals[near[:, near.sum(axis=0).argmax()]]))
+
+    @cached_property
+    def passed(self) -> Array:
+        """(n - 1,) beats from each to the next: more than 1 where an upstroke was not seen."""
+        return np.maximum(np.rint(np.diff(self.at) / self.usual), 1.0)
+
+    @property
+    def near(self) -> Array:
+        """(n - 1,) whether an interval is near the usual one."""
+        return np.abs(np.diff(self.at) / self.passed - self.usual) <= limit.NEAR * self.usual
+
+    @cached_property
+    def line(self) -> tuple[float, float]:
+        """Period and wander [samples]: slope of the line t_b = t_0 + b T, and the standard deviation about it."""
+        count = np.concatenate([[0.0], np.cumsum(self.passed)])
+        fitted = np.polyfit(count, self.at, 1)
+        return float(fitted[0]), float(np.std(self.at - np.polyval(fitted, count)))
+
 
 def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | None:
     """The upstrokes, one a beat, of the channel whose upstrokes are most alike; length : samples a beat.
 
-    None if no channel has three.
+    None if no channel has three, or most of them come at other intervals.
     """
-    x = {name: without_gaps(values) for name, values in channels.items()}
+    asked, x = length, {name: without_gaps(values) for name, values in channels.items()}
     ordinary = np.array([np.clip(each, *usual_range(each)) for each in x.values()])  # spikes must not hide the beat
     tried: dict[float, Array] = {}
     while length not in tried and len(tried) < _PASSES:  # until the length is the record's own, whatever was given
@@ -39,11 +64,13 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
     lengths = list(tried)
     length = max(lengths[lengths.index(length) :]) if length in tried else lengths[-1]  # it may be one of two in turn
     found = [_of(name, each, np.isnan(channels[name]), tried[length], length) for name, each in x.items()]
-    return max(
+    best = max(
         (each for each in found if len(each.at) >= limit.UPSTROKES),
         key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)),
         default=None,
     )
+    one = best is not None and best.near.mean() >= limit.MOSTLY and 1.0 / limit.ONE < asked / best.usual < limit.ONE
+    return best if one else None
 
 
 def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstrokes:
