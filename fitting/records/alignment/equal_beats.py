@@ -159,10 +159,10 @@ def _timing(beats: Iterable[Array], N: int) -> tuple[Array, float, Array]:
 
 
 def _spectra(beats: Array) -> Array:
-    """Fourier coefficients 1 … TIMING of each beat : (n_beats, K), gaps filled with the mean beat."""
+    """Fourier coefficients 1 … MAX_HARMONICS of each beat : (n_beats, K), gaps filled with the mean beat."""
     N = beats.shape[1]
     whole = np.where(np.isnan(beats), without_gaps(mean(beats.T)), beats)
-    return np.fft.rfft(whole)[:, 1 : min(limit.TIMING, (N - 1) // 2) + 1] / N
+    return np.fft.rfft(whole)[:, 1 : min(limit.MAX_HARMONICS, (N - 1) // 2) + 1] / N
 
 
 def _inner(a: Array, b: Array, S: Array) -> Array:

@@ -128,13 +128,12 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     next_one, as_many = (_change(one, beats) for beats in (1, count))
     timely = next_one <= max(limit.NEAR * lag, limit.UNTIMELY * as_many)
     if count <= limit.UPSTROKES and (another_part or not timely):
-        nearly = timely and one.alike[which] >= limit.NEARLY_SAME * other.alike[which]
-        why = "is nearly alike" if nearly else "" if sure else "differs in turn, but too few times to be sure"
         said = (
-            f"the period may be {T:.3g} s: what comes every {T:.3g} s {why}; either a beat of {together:.3g} s has "
-            f"{count} upstrokes, or beats alternate. If these are beats, give their period."
+            f"the period may be {T:.3g} s: what comes every {T:.3g} s differs in turn, but too few times to be sure; "
+            f"either a beat of {together:.3g} s has {count} upstrokes, or beats alternate. If these are beats, give "
+            "their period."
         )
-        return Found(together, T, (said,) if why else ())
+        return Found(together, T, () if sure else (said,))
     far = {2: "second", 3: "third", 4: "fourth"}[count]
     said = (
         f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "

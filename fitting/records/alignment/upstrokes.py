@@ -51,9 +51,9 @@ class Upstrokes:
 def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | None:
     """The upstrokes, one a beat, of the channel whose upstrokes are most alike; length : samples a beat.
 
-    None if no channel has three, or most of them come at other intervals.
+    None if no channel has three.
     """
-    asked, x = length, {name: without_gaps(values) for name, values in channels.items()}
+    x = {name: without_gaps(values) for name, values in channels.items()}
     ordinary = np.array([np.clip(each, *usual_range(each)) for each in x.values()])  # spikes must not hide the beat
     tried: dict[float, Array] = {}
     while length not in tried and len(tried) < _PASSES:  # until the length is the record's own, whatever was given
@@ -64,13 +64,11 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
     lengths = list(tried)
     length = max(lengths[lengths.index(length) :]) if length in tried else lengths[-1]  # it may be one of two in turn
     found = [_of(name, each, np.isnan(channels[name]), tried[length], length) for name, each in x.items()]
-    best = max(
+    return max(
         (each for each in found if len(each.at) >= limit.UPSTROKES),
         key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)),
         default=None,
     )
-    one = best is not None and best.near.mean() >= limit.MOSTLY and 1.0 / limit.ONE < asked / best.usual < limit.ONE
-    return best if one else None
 
 
 def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstrokes:
@@ -94,7 +92,7 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
         at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
     lost = np.concatenate([[0], np.cumsum(gaps)])
     around = np.rint(at).astype(int)
-    sure = (likeness >= limit.UPSTROKE * np.median(likeness)) & (lost[around + after] == lost[around - before])
+    sure = (likeness >= limit.HALF * np.median(likeness)) & (lost[around + after] == lost[around - before])
     return Upstrokes(name, at[sure], likeness[sure])
 
 
@@ -116,7 +114,7 @@ def _beats(x: Array, length: float) -> Array:
         windows = padded[:, at[:, None] + np.arange(before + end)]
         alike = np.mean([_alike(each, w.mean(axis=0)) for each, w in zip(padded, windows, strict=True)], axis=0)
         usual = np.median([alike[i : i + block].max() for i in starts])
-        at, _ = find_peaks(alike, height=limit.RESEMBLING * usual, distance=max(1, round(limit.NEAREST * length)))
+        at, _ = find_peaks(alike, height=limit.HALF * usual, distance=max(1, round(limit.NEAREST * length)))
         if not len(at):
             break
     return np.asarray(at)

@@ -83,7 +83,7 @@ def unequal(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> Whole
     """The beats that begin with these upstrokes, if their intervals or pulses differ; else None."""
     x, usual = channels[found.channel], found.usual
     alike = _likeness(x, found.at[:-1][found.near], usual)
-    if alike < limit.ALIKE:
+    if alike < limit.GOES_ON:
         return None
     beats = [x[round(a) : round(b)] for a, b in zip(found.at, found.at[1:], strict=False)]
     whole = [beat for beat in beats if not np.isnan(beat).any()]
@@ -126,7 +126,7 @@ def _odd(channels: Mapping[str, Array], whole: Whole) -> Array:
     for x in channels.values():
         rows = whole.of(x)
         size, pulse = unlikeness(rows), float(np.nanstd(np.nanmedian(rows, axis=0)))
-        far |= size > max(limit.UNLIKE * pulse, limit.USUAL * float(np.nanmedian(size)))
+        far |= size > max(limit.UNLIKE * pulse, limit.ODD * float(np.nanmedian(size)))
     return whole.serving[far]
 
 
