@@ -1,4 +1,4 @@
-"""The outcome of a study: what find, name and show came to, put together for verdict.json and the report."""
+"""Assemble the outcome of a study from its stages, for verdict.json and the report."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ from .findings.shown_map import SourceMapShown, gap_shares, shown_map
 from .name.individual_walls import implausible, odd_ones, walls_of
 from .name.intervals import stated
 from .name.verdict import Naming
-from .report.map_text import acts_as
+from .report.map_text import acts_as, joined
 from .report.verdict_text import late_drive, separating_measurement
 from .show.fmu_validation import Gap, Run, changed, left, met_only_with
 
-_SHOWN = 12  # candidates in the report
-_ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"
+_SHOWN = 12  # candidates listed in the report
+_ONE_SITE = "Two sensor faults at one site explain the record, but such a pair can imitate many other effects:"
 _BENT = (
-    "The walls are as far as the search came, and some may be bent for want of what is missing: do not take them for "
-    "the subject's."
+    "The walls may have absorbed part of the missing physics, and the search did not end with a named effect: do not "
+    "use them as the subject's walls."
 )
-_PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more is warned about
+_PARITY = 1e-3  # of the pulse: a larger difference between FMU and direct solver gives a warning
 
 
 @dataclass(frozen=True)
 class Shown:
-    """Free runs of the FMUs: of the model as given, with its nuisances refitted (``before``), and with what was added
-    (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``), the FMU's difference
-    from the direct solver (``parity``) or why that could not be told (``failure``), and the effects; alone : the gap
-    with the first of two alone. agreement : of the last of these FMUs with what was inferred. gaps : before and after,
-    over all of several recordings. second : which second state would separate the class."""
+    """Free runs of the FMUs: the file ``given``, with refitted nuisances (``before``), and with the added effects
+    (``after``). If effects were added, also the extended ``network``, its FMU (``archive``), the FMU's difference from
+    the direct solver (``parity``) or the reason why it is unknown (``failure``), and the effects. alone : gap with the
+    first effect of a pair only. agreement : of the last of these FMUs with the inferred model. gaps : before and after,
+    over all fitted recordings. second : the second state that would separate the class."""
 
     given: Run
     before: Run
@@ -68,7 +68,7 @@ class Shown:
 def unusable(
     reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | UnusableRecord
 ) -> Outcome:
-    """The outcome for a record that cannot be used."""
+    """The outcome for an unusable record."""
     channels = measured.channels if isinstance(measured, Record) else ()
     of_one_site = bool(channels) and INFLOW not in channels and len({n.rpartition(".")[0] for n in channels}) == 1
     return Outcome(
@@ -86,7 +86,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     """The outcome of all stages."""
     before, after = shown.before, shown.after
     gaps = shown.gaps or (before.gap, after.gap if after else None)
-    # what remains is found by the noise alone, without the errors of the model that a partial answer is weighed with
+    # the remaining misfit is judged by the noise alone, without the model discrepancy that weights a partial verdict
     located, balances = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
     base, columns, terms = naming.base.fit, naming.columns, naming.terms
     final = naming.best.fit if after else base
@@ -138,7 +138,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
             "beats": {"fitted": study.fitted.n_beats, "held_out": study.held_out.n_beats},
             "period": {"value": study.fitted.T, "unit": "s"},
             "gap_as_given": pair_json(shown.given.gap.total),
-            "thresholds": decided(),
+            "thresholds": deciding_numbers(),
             "software": software(),
             "engine": engine(),
         },
@@ -146,7 +146,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
 
 
 def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
-    """The source map, with the share of the gap of every place where it has any."""
+    """The source map, with each place's share of the gap if something acts; None without a map."""
     if naming.map is None:
         return None
     whole = study.problem if naming.map.signals else None
@@ -155,16 +155,16 @@ def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
 
 
 def _bent(walls: Walls, naming: Naming) -> bool:
-    """Whether walls beyond their spreads may be so for want of what is missing, and not in the animal."""
+    """True if walls beyond their spreads may be distorted by missing physics: the verdict is unknown or incomplete."""
     ended = naming.complete and naming.verdict != "unknown"
     return not ended and any(own.beyond for own in walls.arteries.values())
 
 
 def global_p(study: Study, naming: Naming, of_map: float) -> float:
-    """p-value of the global χ² before anything is added; of_map : that of the z map.
+    """p-value of the global χ² before anything is added. of_map : that of the z map.
 
-    The pressure drives a bench, so that its channel has no residual there: that of the wall law, with the errors of
-    both, is judged.
+    On a bench the pressure is the drive and has no residual, so the residual of the wall law is judged, with the errors
+    of both channels.
     """
     if study.site is None:
         return of_map
@@ -173,44 +173,44 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
 
 
 def fmu_warnings(shown: Shown) -> tuple[str, ...]:
-    """What to know of the FMUs that ran, and of the delivered one."""
+    """Warnings about the FMUs that ran, and about the delivered one."""
     found, a = [], shown.agreement
     if a is not None and not a.difference <= _PARITY:
         found.append(
-            f"error of the program: with the same numbers and under the same inflow the FMU leaves a gap of "
-            f"{a.fmu[1]:.3g} times the noise of held-out beats, and the model that effects were sought with "
-            f"{a.inferred[1]:.3g}: {a.channel} differs by {a.difference:.1g} of its pulse at harmonic {a.harmonic} "
-            f"(more than {_PARITY:g}); do not rely on this study; report this."
+            f"error of the program: with the same parameters and inflow, the FMU has a gap to held-out beats of "
+            f"{a.fmu[1]:.3g} times the noise, and the model of the search one of {a.inferred[1]:.3g}: {a.channel} "
+            f"differs by {a.difference:.1g} of its pulse at harmonic {a.harmonic} (more than {_PARITY:g}); do not rely "
+            f"on this study, and report this error."
         )
     if shown.failure is not None:
         found.append(f"model.fmu does not run with its network's own inflow: {shown.failure}")
     elif shown.archive is not None and shown.parity is None:
         found.append(
-            "model.fmu was not compared with the direct solver, because its network's own inflow moves nothing, as "
-            "of one artery on a bench; give the [inlet] of the --model file a Q_max above 0 or a curve."
+            "model.fmu was not compared with the direct solver, because its network's own inflow is 0, as on a bench; "
+            "give the [inlet] of the --model file a Q_max above 0 or a curve."
         )
     elif shown.parity is not None and not shown.parity <= _PARITY:
         found.append(
             f"model.fmu differs from the direct solver by {shown.parity:.1g} of a channel's pulse (more than "
-            f"{_PARITY:g}): do not rely on it; report this as an error."
+            f"{_PARITY:g}): do not rely on it, and report this error."
         )
     return tuple(found)
 
 
-def decided() -> dict[str, Any]:
+def deciding_numbers() -> dict[str, Any]:
     """All thresholds by name."""
     return {name: value for name, value in vars(thresholds).items() if name.isupper()}
 
 
 def weighted(study: Study, naming: Naming) -> Study:
-    """The study with its record, the first of several, weighted as it was in naming at last."""
+    """The study of the first recording with the last weights of the naming stage."""
     return replace(study, problem=naming.problem.first)
 
 
 def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]:
-    """Where the refitted model and the record disagree, by all that is noise: sensors, drive and solver.
+    """Where the refitted model and the record disagree beyond the noise of sensors, drive and solver.
 
-    And the balances: mass, momentum and wall law where the measured channels tell them.
+    Also the balances of mass, momentum and wall law where the measured channels determine them.
     """
     beats, network, signals = study.fitted, study.network, study.problem.signals
     K = len(before.X) - 1
@@ -225,33 +225,33 @@ def sentence(
     naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None,
     acting: SourceMapShown | None = None, late: str = "",
 ) -> str:  # fmt: skip
-    """The verdict in one sentence; a second one where the search was cut short, or no law explains all.
+    """The verdict in one sentence, and a second one if the search was incomplete or no law explains everything.
 
-    acting : the source map, which then says what is missing. late : what drives the model late.
+    acting : the source map, which then describes what is missing. late : the reading as a delay of the drive, or "".
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
-        said = f"The model meets the record: the gap is {left(before)}; nothing is missing."
+        said = f"Nothing is missing: the model fits the record, with a gap to held-out beats of {left(before)}."
     elif naming.verdict in ADDED and after:
         said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}")
         said += f" The simplest reading: {late}." if late else ""
         if acting and somewhere and naming.verdict == "partial":
-            said += f" {acts_as(acting, 'All that is missing')}"
+            said = f"{said} {acts_as(acting, 'All missing physics together')}"
     elif _met(naming):
         met = met_only_with(implausible(naming.base.fit))
-        said = f"{met[0].upper()}{met[1:]}: another subject than the file's, or something that the catalogue lacks."
+        said = f"{met[0].upper()}{met[1:]}: it is another subject, or the catalogue lacks the effect."
     elif acting and somewhere and naming.verdict == "unknown":
-        tried = "No law of the catalogue explains it" if naming.complete else "Nothing that was tried explains it"
+        tried = "No law of the catalogue explains it" if naming.complete else "None of the laws tried explains it"
         gap = f"the gap to held-out beats is {left(before)}"
         said = f"Something is missing: {gap}. {tried}. {acts_as(acting)}"
     else:
-        why = " that the catalogue does not explain" if naming.complete else ", and nothing that was tried explains it"
-        said = f"Something is missing{why}: the gap to held-out beats is {left(before)}."
-    return said if naming.complete else f"{said} Search incomplete: the time limit was over before all was compared."
+        why = "no law of the catalogue explains it" if naming.complete else "none of the laws tried explains it"
+        said = f"Something is missing, and {why}: the gap to held-out beats is {left(before)}."
+    return said if naming.complete else joined(said, "The search is incomplete: the time limit ended it.")
 
 
 def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
-    """What is missing, what adding it does to the gap, and what else it may be."""
+    """The named effects, the change of the gap with them, and the alternatives."""
     labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
     sensors, others = all(of_sensor(e.name) for e in effects), max(len(naming.members) - 1, 0)
     kind = "pair" if naming.verdict == "several" else "candidate"
@@ -273,7 +273,7 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
 
 
 def _met(naming: Naming) -> bool:
-    """Whether the model meets the record, but only with numbers that no animal has."""
+    """True if the model explains the record only with implausible parameters."""
     return naming.verdict == "unknown" and naming.base.explains and bool(implausible(naming.base.fit))
 
 
@@ -286,7 +286,7 @@ def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Chan
 
 
 def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
-    """What all arteries have in common: x times its step, as logarithm of a scale or as a shift."""
+    """Shifts of the common nuisance parameters: x times the step, a logarithm for a scale."""
     own = {u.name for term in fit.terms for u in term.unknowns}
     sd = np.sqrt(np.diag(with_widths(fit).covariance))
     return tuple(
@@ -297,7 +297,7 @@ def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
 
 
 def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
-    """The best hypotheses, each with what it leaves of the held-out beats."""
+    """The best hypotheses with the gap that each leaves on the held-out beats."""
     shown = naming.ranked[:_SHOWN]
     kept = naming.problem.held_out(study.held_out, study.fitted)
     found = []

@@ -1,8 +1,8 @@
-"""What a study has done so far, on disk: an interrupted one goes on where it was, and gives the same answer.
+"""Checkpoints of a study on disk: an interrupted study continues where it stopped, and gives the same answer.
 
-Every stage is one file in ``<folder>/.state``, written whole, bit for bit what was computed: numbers, texts and arrays,
-so that reading a folder from elsewhere runs no code. A stage counts only if it was made from the same inputs (record,
-network, thresholds and software, whose hash is the journal's key) and if the file is whole.
+Every stage is one file in ``<folder>/.state``, written whole and bit for bit as computed. It contains only numbers,
+texts and arrays, so that reading a foreign folder runs no code. A stage is valid only if its file is complete and was
+made from the same inputs (record, network, thresholds and software, whose hash is the journal's key).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from .show.fmu_validation import Gap, Run
 
 Result = TypeVar("Result")
 
-# that stages hold
+# classes that stages contain
 _KINDS = dataclasses(
     Naming, Named, Fit, Term, Unknown, Run, Gap,
     SourceMap, Signal, Law, Rival, Place, Learnt, *sources.ALL,
@@ -43,7 +43,7 @@ _KINDS = dataclasses(
 
 
 class Journal:
-    """The stages of one study in ``folder``; those of another study there do not count."""
+    """The stages of one study in ``folder``; stages of another study there are ignored."""
 
     def __init__(self, folder: Path, inputs: Any) -> None:
         self.folder = folder / ".state"
@@ -51,7 +51,7 @@ class Journal:
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def stage(self, name: str, compute: Callable[[], Result]) -> Result:
-        """The result of a stage: read if it is there, else computed and written."""
+        """The result of a stage: read from its file, or computed and written."""
         path = self.folder / f"{name}.stage"
         with suppress(OSError, InputError):
             found: Result = from_bytes(path.read_bytes(), self.key, _KINDS)
@@ -61,17 +61,17 @@ class Journal:
         return result
 
     def naming(self, problem: Forward, compute: Callable[[], Naming], name: str = "naming") -> Naming:
-        """A stage of naming, which is kept without its problem: that is made anew, weighted as it was."""
+        """A naming stage. It is stored without its problem, which is rebuilt with the stored weights."""
         kept, individual, weights = self.stage(name, lambda: parted(compute()))
         own = problem.individual() if individual else problem
         return replace(kept, problem=own.restored(weights))
 
     def close(self) -> None:
-        """The study is done: its state is no longer needed."""
+        """End the study: delete its state."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def parted(naming: Naming) -> tuple[Naming, bool, Any]:
-    """A naming without its problem; whether that has deviations of every artery; what it was weighted with at last."""
+    """A naming without its problem; whether the problem has individual walls; and the last weights of the problem."""
     problem = naming.problem
     return replace(naming, problem=None), bool(problem.deviations), problem.weights  # type: ignore[arg-type]

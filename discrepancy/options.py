@@ -1,4 +1,4 @@
-"""What is asked of a study beside its record and its model."""
+"""The options of a study, beside its record and its model."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ TIME_LIMIT = 300.0  # s
 
 @dataclass(frozen=True)
 class Asked:
-    """period : of the beat [s], found by default. walls : "common" or "individual", by default as the record is more
-    probable. prior : a calibration's file. time_limit : of naming and of every refit after it [s]. jobs : processes
-    that simulate. filters : known, of channels. further, hold_out : other recordings of the animal, and varies : what
-    each of them has of its own."""
+    """period : of the beat [s], estimated by default. walls : "common" or "individual"; by default the more probable.
+    prior : file of a calibration. time_limit : for naming and every later refit [s]. jobs : number of simulating
+    processes. filters : known ones, by channel. further, hold_out : other recordings of the subject.
+    varies : parameters that each recording has of its own."""
 
     period: float | None = None
     walls: str | None = None
@@ -38,7 +38,7 @@ class Asked:
     hold_out: tuple[str | os.PathLike[str], ...] = ()
 
     def check(self) -> None:
-        """Raise ValueError, one sentence, for what cannot be asked."""
+        """Raise ValueError, one sentence, for invalid options."""
         if self.walls not in (None, COMMON, INDIVIDUAL):
             raise InputError(f"walls {self.walls!r}: must be {COMMON} or {INDIVIDUAL}; or leave it out.")
         if not (math.isfinite(self.time_limit) and self.time_limit > 0.0):
@@ -54,9 +54,9 @@ class Asked:
             )
 
     def known(self, network: Network, record: Record | None) -> Prior | None:
-        """What the calibration says of the network; raises ValueError, one sentence, where it is of no use.
+        """The prior from the calibration. Raises ValueError, one sentence, if it does not apply.
 
-        record : None where it cannot be used.
+        record : None if it cannot be used.
         """
         if self.prior is None:
             return None
@@ -70,14 +70,14 @@ class Asked:
 
     @property
     def chosen(self) -> str | None:
-        """The walls that are looked for; a calibration is of arteries that differ."""
+        """The kind of walls to fit; a calibration implies individual walls."""
         return self.walls if self.prior is None else INDIVIDUAL
 
     @property
     def plain(self) -> dict[str, Any]:
-        """What was asked, as a result says it and as its answer depends on it; a calibration by file and hash.
+        """The options that the answer depends on, as plain data; a calibration by file and hash.
 
-        Not how many processes simulate: to what the solver resolves, their answer is the same.
+        The number of processes is excluded: to the solver's resolution it does not change the answer.
         """
         walls, prior = self.walls or "by evidence", None
         if self.prior is not None:

@@ -1,8 +1,8 @@
-"""Several recordings of one animal in a study: prepared, named together, and each run through the FMUs.
+"""Several recordings of one subject in a study: prepared, named together, and each run through the FMUs.
 
-A name stands only if χ² of held-out beats through the FMU falls over all recordings together and in each that shows the
-effect, and rises by more than chance in none; over the recordings that were held out whole likewise, where only the
-numbers that vary are refitted.
+A name stands only if χ² of held-out beats through the FMU falls over all fitted recordings together and in each that
+shows the effect, and rises by more than chance in none. The same must be true of recordings that were held out whole;
+for these, only the parameters that vary are refitted.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ from .options import Asked
 from .show.fmu_validation import Gap, Run, confirmed, fall
 
 Array = np.ndarray
-_VENOUS = "*.outlet.P_venous"  # what lies behind the arteries is no part of them
-FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of a stage; under a wave, with start values
+_VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
+FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
 
 
 @dataclass(frozen=True)
 class Recordings:
-    """records, studies : of those that are fitted, the first of them the study's own. unseen : of those held out."""
+    """records, studies : the fitted ones; the first is the study's own. unseen : the held-out ones."""
 
     records: tuple[Record, ...]
     studies: tuple[Study, ...]
@@ -59,33 +59,33 @@ class Recordings:
 
     @property
     def alone(self) -> bool:
-        """Whether it is one recording."""
+        """True if there is only one recording."""
         return len(self.records) + len(self.unseen) == 1
 
     @property
     def labels(self) -> list[str]:
-        """Names of the recordings, of those held out last."""
+        """Names of the recordings; the held-out ones last."""
         return labels_of([each.path for each in (*self.records, *(record for record, _ in self.unseen))])
 
     @property
     def whole(self) -> Several:
-        """All that are fitted, as one record. Raises InputError for a number that cannot vary."""
+        """All fitted recordings as one record. Raises InputError for a parameter that cannot vary."""
         parts = tuple(s.problem for s in self.studies)
         beats = tuple((s.fitted, s.held_out) for s in self.studies)
         varies = (*self.varies, *(() if parts[0].site else (_VENOUS,)))
         found = Several(parts, tuple(self.labels[: len(parts)]), varies, beats)
-        _ = found.added  # refuses now what cannot vary
+        _ = found.added  # raises the error now
         return found
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """What the channels of any recording may show."""
+        """Candidates for the channels of all recordings."""
         network, site = self.studies[0].network, self.studies[0].site
         sensors = [channel for s in self.studies for channel in s.problem.signals]
         return candidates(network, [*dict.fromkeys(sensors), *(() if site else (INFLOW,))], site)
 
     def named(self, journal: Journal, asked: Asked, runs: Runs, name: Namer) -> Naming:
-        """Each by itself, in its share of the time, and then all together. name : of one."""
+        """Name each recording by itself, in its share of the time, then all together. name : names one recording."""
         if self.alone:
             (study,) = self.studies
             return journal.naming(study.problem, lambda: name(study.problem, study.terms, runs, asked.chosen))
@@ -101,7 +101,7 @@ class Recordings:
         return replace(journal.naming(whole, together), map=alone[0].map)
 
     def only(self, journal: Journal, name: Namer) -> Naming | None:
-        """That of the first recording by itself, which :meth:`named` has found, where no other one is fitted."""
+        """The naming of the first recording by itself, made by :meth:`named`; None if others are fitted, too."""
         (study, *more) = self.studies
         return None if more else journal.naming(study.problem, partial(_named, name, study, Runs(), None), "naming_0")
 
@@ -110,11 +110,11 @@ class Recordings:
     def judged(
         self, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
     ) -> tuple[Naming, Shown, tuple[Recorded, ...], tuple[str, ...]]:
-        """The naming that the free runs of all recordings bear out, with the gaps over those fitted; each of several,
-        and what to know of them.
+        """The naming if the free runs of all recordings support it, with the gaps over the fitted ones. Also the
+        results of each of several recordings, and warnings.
 
-        base : without what was added. shown : the runs of the first recording. before, after : run the FMU without and
-        with what was added.
+        base : fit without the added effects. shown : runs of the first recording. before, after : run the FMU without
+        and with the added effects.
         """
         found, unjudged = self.each(naming, base, shown, before, after)
         fitted = [(first, last) for each, first, last in found if each.fitted]
@@ -128,7 +128,7 @@ class Recordings:
     def each(
         self, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
     ) -> tuple[list[tuple[Recorded, Gap, Gap | None]], list[str]]:
-        """What the FMUs leave of each recording, and why of some that were held out it is not known."""
+        """The gaps of the FMUs for each recording, and sentences on held-out ones that could not be judged."""
         whole, best = naming.problem, naming.best.fit if shown.after else None
         found, unjudged = [], list[str]()
         for i, (record, study) in enumerate((*zip(self.records, self.studies, strict=True), *self.unseen)):
@@ -142,7 +142,7 @@ class Recordings:
             except (InputError, RunFailed) as error:
                 if fitted:
                     raise
-                unjudged.append(not_judged(record.path, error))  # the verdict stands without it
+                unjudged.append(not_judged(record.path, error))  # the verdict does not depend on it
                 continue
             own = dict[str, object]()
             if isinstance(whole, Several):
@@ -171,10 +171,10 @@ class Recordings:
 def recordings_of(
     records: Sequence[Record], network: Network, asked: Asked, known: Calibrated | None, runs: Runs
 ) -> Recordings:
-    """The recordings of a study: its own, those that are fitted beside it, and those held out.
+    """The recordings of a study: its own, those fitted with it, and held-out ones.
 
-    Raises UnusableRecord for one that cannot be used; of those held out that is a warning. Raises InputError where one
-    is compared with the network and another with one wall, or for a number that cannot vary.
+    Raises UnusableRecord for an unusable recording; for a held-out one this is only a warning. Raises InputError if
+    some are compared with the network and others with one wall, or for a parameter that cannot vary.
     """
 
     def prepared(other: Record) -> Study:
@@ -202,13 +202,13 @@ def recordings_of(
             warnings.append(not_judged(other.path, error))
     found = Recordings(tuple(records[:n]), (study, *made), tuple(held), asked.varies, tuple(warnings))
     if not found.alone:
-        _ = found.whole  # refuses now what cannot be compared
+        _ = found.whole  # raises the error now
     return found
 
 
 def _named(name: Namer, study: Study, runs: Runs, walls: str | None) -> Naming:
-    """The verdict on one recording; where the time was over before anything was known of it, only how far the model as
-    given is from it: the others are not lost."""
+    """The verdict on one recording. If the time limit comes before any result, only the misfit of the model as given,
+    so that the results of the other recordings are not lost."""
     try:
         return name(study.problem, study.terms, runs, walls)
     except OutOfTime:
@@ -221,7 +221,7 @@ def _named(name: Namer, study: Study, runs: Runs, walls: str | None) -> Naming:
 
 
 def _check_alike(record: Record, other: Record) -> None:
-    """Raise InputError where one recording has an inflow and the other none."""
+    """Raise InputError if only one of two recordings has an inflow."""
     if (INFLOW in record.channels) != (INFLOW in other.channels):
         has, lacks = (record, other) if INFLOW in record.channels else (other, record)
         raise InputError(
@@ -231,7 +231,7 @@ def _check_alike(record: Record, other: Record) -> None:
 
 
 def joined(gaps: Sequence[Gap]) -> Gap:
-    """The gap over several recordings: root mean squares over all, of a channel over those that have it."""
+    """The gap over several recordings: root mean squares over all, for a channel over those that have it."""
 
     def mean(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
         fitted, held_out = np.sqrt(np.mean(np.square(pairs), axis=0))
@@ -245,21 +245,22 @@ def joined(gaps: Sequence[Gap]) -> Gap:
 
 
 def _own(whole: Several, study: Study, fit: Fit) -> dict[str, float]:
-    """The numbers of a recording that vary, as a fit to it has them."""
+    """The fitted values of the parameters that vary, for one recording."""
     mine = (u for u in whole.hypothesis(fit.terms) if u.name.endswith(f" of {whole.labels[0]}"))
     vary = {v for u in mine for v in u.variables}
     return {v: x for v, x in moved(study.network, fit).items() if v in vary}
 
 
 def moved(network: Network, fit: Fit) -> dict[str, float]:
-    """The parameters of the network that a fit moves."""
+    """The parameters of the network that a fit changes."""
     return {n: float(x) for n, x in parameter_values(fit.unknowns, rewired(network, fit.terms), fit.x).items()}
 
 
 def free_runs(
     stage: str, study: Study, base: Fit, best: Fit | None, before: FreeRun, after: FreeRun
 ) -> tuple[Run, Run | None]:
-    """The free runs of a recording, under its most probable drive; a flow meter that lies drove the model before."""
+    """The free runs of a recording under its most probable drive. If a fault of the flow meter is named, the run
+    without effects uses the measured inflow."""
     problem, measured = study.problem, study.problem.measured_wave(study.fitted)
     wave = problem.wave(study.fitted, best or base)
     lies = best is not None and any(t.is_sensor and t.place == INFLOW for t in best.terms)
@@ -270,8 +271,8 @@ def free_runs(
 
 
 def _there(problem: Forward, study: Study, fit: Fit, i: int, fitted: bool) -> Fit:
-    """A fit to some recordings as one to the i-th; to one that was not fitted, what is in common as it is, and what
-    varies fitted there alone."""
+    """A joint fit as a fit to the i-th recording. If that was held out, the common unknowns are fixed and those that
+    vary are fitted to it."""
     if not isinstance(problem, Several):
         return fit
     if fitted:

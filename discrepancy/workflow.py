@@ -1,6 +1,6 @@
-"""The loop: find where model and record disagree, name the missing effect, add it, show that the gap shrinks.
+"""The workflow: find where model and record disagree, name the missing effect, add it, show that the gap shrinks.
 
-The folder gets its files when all of them are made, the verdict last; ``<out>/.state`` has what is done till then.
+The output folder receives its files at the end, the verdict last. Until then ``<out>/.state`` has the finished stages.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from solver.quantities.units import INFLOW
 
 from .add.described import NOTHING
 from .add.learning import law_of, learns
-from .assemble import Shown, decided, summary, unusable, weighted
+from .assemble import Shown, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
 from .find.model_source import build_fmu, first_of, read_model
 from .find.plausibility import check_record, check_waves
@@ -62,7 +62,7 @@ from .report.learned_text import with_law
 from .report.page import check_folder, holds_study, write_study
 from .show.fmu_validation import Run, agreement, free_run, own_parity, parity
 
-_LEARNING = 0.3  # of the time limit, which learning a law may take although it is over
+_LEARNING = 0.3  # of the time limit: further time for learning a law
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -87,25 +87,26 @@ def discover(
     as_measured: bool = False,
     progress: Progress = lambda fraction, label: None,
 ) -> Outcome:
-    """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and where an effect was
-    added model.toml and model.fmu.
+    """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and model.toml and model.fmu
+    if an effect was added.
 
-    record : a file, and ``reading`` which of its columns is what. filters : of its channels, "inlet.Q=lowpass 10 Hz",
-    beside those of the model. as_measured : values that no artery has are taken as they are.
-    further : other recordings of the same animal; walls, geometry, sensors and effects are in common, and ``varies``,
-    "*.outlet.R2", each recording's own. hold_out : recordings that no fit uses, to judge by.
-    model : a network file, the name of a bundled network, or an FMU; None: a first one is made of the record and
-    written as ``<out>/first.toml``. period : of the beat [s], found by default. walls : "common" or "individual", by
-    default as the record is more probable. prior : the result of ``arterial-fmu calibrate``, whose values and
-    covariance stand for the network file's and its spreads.
-    time_limit : of naming and of every refit after it [s]; then the best answer so far is given. Learning a law of what
-    remains may take three tenths of it more. What is simulated once to set up or to show it (FMUs, candidates on
-    held-out beats) comes on top. jobs : processes that simulate, this one among them; the others import this package
-    and nothing of the calling script, which needs no ``if __name__ == "__main__"``. progress : told the fraction done
-    and the stage. An interrupted study goes on where it was.
+    record : a file; ``reading`` assigns its columns. filters : of its channels, "inlet.Q=lowpass 10 Hz", beside those
+    of the model. as_measured : accept values that are implausible for an artery.
+    further : other recordings of the same subject. Walls, geometry, sensors and effects are common; ``varies``,
+    "*.outlet.R2", names parameters that each recording has of its own. hold_out : recordings that no fit uses, for
+    validation.
+    model : a network file, the name of a bundled network, or an FMU; None: a first model is made from the record and
+    written as ``<out>/first.toml``. period : of the beat [s], estimated by default. walls : "common" or "individual";
+    by default the more probable. prior : the result of ``arterial-fmu calibrate``; its values and covariance replace
+    those of the network file and the stated spreads.
+    time_limit : for naming and every later refit [s]; after it the best answer so far is given. Learning a law of the
+    remaining misfit may take three tenths of it more. Single simulations for set-up and validation (FMUs, candidates on
+    held-out beats) are not included. jobs : number of simulating processes, this one included. The others import this
+    package and nothing of the calling script, which needs no ``if __name__ == "__main__"``. progress : called with the
+    fraction done and the stage. An interrupted study continues where it stopped.
     Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
-    record that can be read and not be used is a verdict, which replaces no study of another record; without a model it
-    is refused.
+    readable record that cannot be used gives the verdict "unusable", which does not overwrite the study of a usable
+    record; without a model it is refused.
     """
     started, folder = time.perf_counter(), Path(out)
     asked = Asked(
@@ -123,7 +124,7 @@ def discover(
         model, *said = first_of(measured, folder, period, as_measured)
     network = with_filters(described or read_model(model), asked.filters)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
-    told = asked.plain  # the calibration as it is now: at the end its file may be another, or gone
+    told = asked.plain  # the calibration as it is now: its file may change or vanish during the study
     progress = _rising(progress)
     check_folder(folder, [record, *(reading.beside if reading else ()), model, prior, *others])
     journal = None
@@ -139,7 +140,7 @@ def discover(
         measured = records[0]
         check_record(measured)
         given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model), [r.sha256 for r in records]]
-        journal = Journal(folder, [*given, told, decided(), software()])
+        journal = Journal(folder, [*given, told, deciding_numbers(), software()])
         outcome, fmu = _Work(records, network, Path(model), journal, asked, known, progress).run()
     except UnusableRecord as error:
         outcome, fmu = unusable(str(error), record, model, measured), None
@@ -161,7 +162,7 @@ def discover(
 
 
 def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | UnusableRecord:
-    """The record, or why its content cannot be used. Raises ValueError for a file that cannot be read."""
+    """The record, or the reason why its content cannot be used. Raises ValueError for a file that cannot be read."""
     try:
         return read_record(record, reading)
     except UnusableRecord as error:
@@ -169,7 +170,7 @@ def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | U
 
 
 def _usable(read: Record | UnusableRecord, network: Network, as_measured: bool) -> Record:
-    """A record that may be used with a network. Raises UnusableRecord for one that may not."""
+    """A record that passes the checks for a network. Raises UnusableRecord otherwise."""
     if isinstance(read, UnusableRecord):
         raise read
     if not as_measured:
@@ -178,7 +179,7 @@ def _usable(read: Record | UnusableRecord, network: Network, as_measured: bool) 
 
 
 def _rising(progress: Progress) -> Progress:
-    """The same progress, which never goes back."""
+    """The same progress, but never decreasing."""
     reached = 0.0
 
     def tell(fraction: float, label: str) -> None:
@@ -190,7 +191,7 @@ def _rising(progress: Progress) -> Progress:
 
 
 class _Work:
-    """One study from its records to its outcome. extended_fmu : that with what was added."""
+    """One study from its records to its outcome. extended_fmu : the FMU with the added effects."""
 
     extended_fmu = Path()
 
@@ -207,7 +208,7 @@ class _Work:
         self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
     def run(self) -> tuple[Outcome, bytes | None]:
-        """All stages: the outcome, and the FMU of the extended network where an effect was added."""
+        """All stages: the outcome, and the FMU of the extended network if an effect was added."""
         try:
             return self._run()
         finally:
@@ -215,7 +216,7 @@ class _Work:
 
     def _run(self) -> tuple[Outcome, bytes | None]:
         fmu = self._fmu(self.network, "given")
-        # a record may be of another network, or its channels of two clocks: seen before the long search
+        # before the long search: the record may be of another network, or its channels of two clocks
         self.progress(0.1, "running the file as it is")
         as_given = []
         for i, each in enumerate(self.recordings.studies):
@@ -232,7 +233,7 @@ class _Work:
         if base is None and added:
             base = animal_without(study.problem, best, naming.base.fit)
         base = naming.base.fit if base is None else base
-        # a flow meter that is found to lie drove the model before
+        # if a fault of the flow meter is named, the measured inflow drove the model before
         drove = study.problem.measured_wave(study.fitted) if _has_sensor(best, INFLOW) else wave
         before = self._free(fmu, "before", base, drove, moved(self.network, base), study)
         without = agreement(study, base, drove, before)
@@ -252,7 +253,7 @@ class _Work:
         return replace(outcome, recordings=recordings, warnings=(*outcome.warnings, *unjudged)), shown.archive
 
     def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
-        """A law of what remains, where one recording is fitted."""
+        """A law of the remaining misfit, if only one recording is fitted."""
         alone = naming if self.recordings.alone else self.recordings.only(self.journal, name)
         if alone is None or not learns(naming):
             return None
@@ -297,7 +298,7 @@ class _Work:
         return build_fmu(file, self.place / stage)
 
     def _free(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
-        """The free run of a stage, without which there is no study."""
+        """The free run of a stage; a failure makes the study unusable."""
         try:
             return self._kept(fmu, stage, fit, wave, starts, study)
         except RunFailed as error:
@@ -307,7 +308,7 @@ class _Work:
         return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study, fit, wave, starts))
 
     def _add(self, study: Study, naming: Naming, wave: Array, shown: Shown) -> Shown:
-        """With the extended network, its FMU and its free run."""
+        """Adds the extended network, its FMU and its free run."""
         self.progress(0.82, "rebuilding the FMU")
         best = naming.best.fit
         network = extended(self.network, best)
@@ -336,7 +337,7 @@ class _Work:
         )
 
     def _with_law(self, own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
-        """The free run of a learned law's FMU, and the FMU that is delivered."""
+        """The free run of a learned law's FMU, and the FMU to deliver."""
         stage = "described" if network.sources else "learned"
         fmu = self._fmu(network, stage)
         run = self._kept(fmu, stage, fit, own.problem.wave(own.fitted, fit), {}, own)
@@ -344,14 +345,14 @@ class _Work:
         return run, (fmu if whole else self._built(network, f"{stage}_model")).read_bytes()
 
     def _named(self, naming: Naming) -> tuple[NamedEffect, ...]:
-        """The effects of the best hypothesis with their numbers."""
+        """The effects of the best hypothesis with their estimates."""
         best, sure = naming.best, naming.confidence
         each = ((t, stated(self.network, naming, best, t)) for t in best.fit.terms)
         return tuple(NamedEffect(t.effect, t.where, found, sure, entry(t.effect).equation) for t, found in each)
 
     def _alone(self, study: Study, naming: Naming) -> Pair | None:
-        """The gap that the first of two effects leaves by itself, refitted in what is left of the time limit; None
-        where that is over, or the FMU does not run so."""
+        """The gap with only the first effect of a pair, refitted within the rest of the time limit; None if time runs
+        out or the FMU fails."""
         alone, best = None, naming.best.fit
         with suppress(OutOfTime):
             runs = Runs(deadline=self.deadline, clock=monotonic)
@@ -364,5 +365,5 @@ class _Work:
 
 
 def _has_sensor(fit: Fit, place: str | None = None) -> bool:
-    """Whether a sensor is one of its terms, at a place or anywhere."""
+    """True if a term of the fit is a sensor fault, at the given place or anywhere."""
     return any(term.is_sensor and place in (None, term.place) for term in fit.terms)

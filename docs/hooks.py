@@ -10,11 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import live
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).resolve().parents[1]
 # pages of the site that lie beside docs/, and where they stand in it
 BESIDE = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+_LIVE = "<!-- live -->"  # where a page has the live beat
 _LINK = re.compile(r"(\[(?:[^\[\]]|\[[^\]]*\])*\])\(([^)\s#:]+)(#[^)\s]*)?\)")
 
 
@@ -25,6 +27,7 @@ def on_files(files: Any, config: Any) -> Any:
     for notebook in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
         for file, content in _pages(notebook):
             files.append(File.generated(config, file, content=content))
+    files.append(File.generated(config, "live-data.js", content=live.script()))
     texts = [path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")]
     targets = {target for text in texts for target in _targets(text, "docs")}
     for name in BESIDE:
@@ -39,6 +42,7 @@ def on_files(files: Any, config: Any) -> Any:
 def on_page_markdown(markdown: str, page: Any, **others: Any) -> str:
     """Turn the links of a page in docs/ to where the site has what they lead to."""
     beside = page.file.src_uri in BESIDE.values()
+    markdown = markdown.replace(_LIVE, live.block())
     return markdown if beside else _within(markdown, "docs")
 
 

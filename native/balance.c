@@ -24,6 +24,14 @@ int arterial_balance_fits(int32_t places, int32_t balance, int32_t period)
 
 /* --- the steady state, and small waves about it ----------------------------------------------------------------------- */
 
+/* Whether the last step moved no area by more than one per cent: a network that lets nothing out fills for ever. */
+static int same_areas(const double *before, const double *after, int32_t n)
+{
+    for (int32_t i = 0; i < n; i++)
+        if (!(fabs(after[i] - before[i]) <= 1e-2 * after[i])) return 0;
+    return 1;
+}
+
 int arterial_steady(const arterial_balance *b, const double *fixed, double *work, const double *given,
                     const double *lengths, int32_t n, double *y, double *H, double *guess)
 {
@@ -38,6 +46,7 @@ int arterial_steady(const arterial_balance *b, const double *fixed, double *work
         put(p, &m, IN_Q, more(b, &m, OUT_GUESS), p->n_Q);
         put(p, &m, IN_H, H, p->n_H);
         if (!solve(p, &m, guess) || !run(p, &m, END)) return 0;
+        if (i == n - 1 && !same_areas(y, place(p, &m, OUT_END), p->n_A)) return 0;
         copy(y, place(p, &m, OUT_END), p->n_y);
         copy(H, place(p, &m, IN_H), p->n_H);
     }

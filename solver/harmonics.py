@@ -1,4 +1,4 @@
-"""The beat that repeats, as the harmonics of its outputs: for fits, which compare these and need thousands of beats."""
+"""The periodic beat as harmonics of its outputs, for fits, which compare harmonics and need thousands of beats."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ from .tracing.native import NoEngine, refuse_without
 Array = np.ndarray
 
 _CORRECTIONS = 40
-_FEW = 3  # harmonics of the beat that is compared
-_EQUAL = 1e-8  # to which a balance of the engine must be that of NumPy, in parts of the largest of its kind
+_FEW = 3  # harmonics of the beat for the comparison
+_EQUAL = 1e-8  # maximum difference between engine and NumPy, relative to the largest harmonic of its kind
 
 
 def beat_harmonics(
@@ -44,21 +44,20 @@ def beat_harmonics(
     sources: Sequence[Source] = (), amplitudes: Array | None = None, progress: Callable[[], None] | None = None,
     backend: str = "auto",
 ) -> Array:  # fmt: skip
-    """X : (B, K+1, m) complex harmonics of outputs of the beat that repeats: x(t) = X_0 + 2 Re Σ X_k e^{2πikt/T}.
+    """X : (B, K+1, m) complex harmonics of outputs of the periodic beat: x(t) = X_0 + 2 Re Σ X_k e^{2πikt/T}.
 
-    By harmonic balance (:mod:`~solver.periodic.harmonic_balance`): as the beat of :func:`~solver.simulate_periodic`
-    with steps that vanish, in the time of a few dozen of them. names : of the outputs. tolerance : of the last
-    correction of the flows that pulsate, relative to them; what is left is a part of it. more : harmonics that are kept
-    beyond K, whose products with others count below it. settings.dt plays no role. sources : terms that are added to
-    the equations (:mod:`~solver.mesh.sources`), with the harmonics ``amplitudes`` : (n, n_sources), the same for all
-    members.
-    progress : called after every correction; what it raises ends the search. backend : "numpy"; "native", the compiled
-    engine (:mod:`~solver.periodic.native_balance`), whose answer is the same to 1e-9 of the largest of its kind;
-    "auto", the engine where it is built and can run the network. Other arguments as there.
+    By harmonic balance (:mod:`~solver.periodic.harmonic_balance`): the limit of :func:`~solver.simulate_periodic` for
+    small steps, in the time of a few dozen of them. names : of the outputs. tolerance : of the last correction of the
+    pulsatile flows, relative to them; the error is a fraction of it. more : harmonics beyond K in the balance, whose
+    products with others contribute below K. settings.dt has no effect. sources : terms added to the equations
+    (:mod:`~solver.mesh.sources`), with the harmonics ``amplitudes`` : (n, n_sources), the same for all members.
+    progress : called after every correction; an exception from it ends the search. backend : "numpy"; "native", the
+    compiled engine (:mod:`~solver.periodic.native_balance`), which agrees to 1e-9 of the largest harmonic of its kind;
+    "auto", the engine if it is available and supports the network. Other arguments as there.
 
-    Members of a batch whose balance is not found, or has no room, are NaN; a simulation in time may find their beat.
-    Raises ValueError as simulate_periodic, for names that are no outputs, and where a member has no steady state with
-    the mean of the drive.
+    Members of a batch without a converged balance, or too large for one, are NaN; a simulation in time may find their
+    beat. Raises ValueError as simulate_periodic, for names that are no outputs, and if a member has no steady state
+    under the mean of the drive.
     """
     _check(network, names, K, more, tolerance)
     T = network.inlet.T if period is None else period
@@ -90,7 +89,7 @@ def beat_harmonics(
 
 
 def has_room(network: Network, harmonics: int, settings: Settings | None = None) -> bool:
-    """Whether a balance of so many harmonics of one member has room."""
+    """True if a balance with this number of harmonics fits into memory for one member."""
     return storable(build(network, None, settings)) >= harmonics
 
 
@@ -107,7 +106,7 @@ def _check(network: Network, names: Sequence[str], K: int, more: int, tolerance:
 
 
 class _Asked(NamedTuple):
-    """Of which outputs how many harmonics are wanted, of what period, and how near; progress : called on the way."""
+    """The request: outputs, number of harmonics, period and tolerance; progress : called after every correction."""
 
     names: tuple[str, ...]
     K: int
@@ -117,7 +116,7 @@ class _Asked(NamedTuple):
 
 
 def _beats(model: Model, drive: Array, forcing: Forcing, asked: _Asked, backend: str) -> Array:
-    """X : (B, K+1, m) under drives and sources with these harmonics; the engine's where it solves them all."""
+    """X : (B, K+1, m) under drives and sources with these harmonics; by the engine if it solves all members."""
     engine = engine_for(model, backend)
     try:
         return _by_numpy(model, drive, forcing, asked) if engine is None else _by_engine(engine, drive, forcing, asked)
@@ -130,7 +129,7 @@ def _beats(model: Model, drive: Array, forcing: Forcing, asked: _Asked, backend:
 
 
 def _by_engine(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _Asked) -> Array:
-    """Raises NoEngine where it is not that of NumPy, Unsolved."""
+    """The engine's result. Raises NoEngine if it differs from NumPy's, Unsolved."""
     model = engine.model
     if not engine.recorded.checked:
         _compare(engine, drive, forcing, asked)
@@ -145,7 +144,7 @@ def _by_engine(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _As
 
 
 def _compare(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _Asked) -> None:
-    """Compare a beat of few harmonics, of the first member, with NumPy's. Raises NoEngine where it is another."""
+    """Compare a beat of few harmonics of the first member with NumPy's. Raises NoEngine if they differ."""
     few, one, model = slice(_FEW + 1), slice(1), engine.model
     own = {name: np.broadcast_to(value, model.coefficients.B)[one] for name, value in model.parameters.items()}
     alone, part = model.with_parameters(own), asked._replace(K=min(asked.K, _FEW), progress=None)
@@ -170,7 +169,7 @@ def _by_numpy(model: Model, drive: Array, forcing: Forcing, asked: _Asked) -> Ar
         rest = steady(model, drive[0].real)
         try:
             waves, last = balanced(model, rest, drive, asked.T, asked.tolerance, _CORRECTIONS, asked.progress, forcing)
-        except np.linalg.LinAlgError:  # waves of some frequency that nothing determines
+        except np.linalg.LinAlgError:  # undetermined waves at some frequency
             return np.full((model.coefficients.B, asked.K + 1, len(asked.names)), np.nan, complex)
         X, good = _observed(model, waves, rest, asked.names)
     X[~(good & (last < asked.tolerance))] = np.nan
@@ -178,7 +177,7 @@ def _by_numpy(model: Model, drive: Array, forcing: Forcing, asked: _Asked) -> Ar
 
 
 def _observed(model: Model, waves: Waves, rest: State, names: Sequence[str]) -> tuple[Array, Array]:
-    """Harmonics (B, K+1, m) of outputs, and whether every moment of a member is physical : (B,)."""
+    """Harmonics (B, K+1, m) of outputs, and whether a member is physical at all times : (B,)."""
     moments, values, good = moments_of(model, len(waves.y)), list[Array](), list[Array]()
     report = reporter(moments.model, tables=False)
     for y, H, rate in moments.of_each(*map(samples, (waves.y, waves.H, waves.rates))):

@@ -58,7 +58,7 @@ def simulate(
     scheme: str = "staggered",
     start: str = "rest",
     progress: Progress | None = None,
-    backend: str = "numpy",
+    backend: str = "auto",
 ) -> Waveforms:
     """Run from rest under P_0 for ``duration`` [s] (default one period of the inlet).
 
@@ -69,8 +69,8 @@ def simulate(
     (:mod:`~solver.periodic.start`).
     A batch shares one mesh, made for the longest of each segment, and stops at the first member that fails.
     scheme : "staggered", or "muscl", the paper's finite volumes (:mod:`~solver.muscl`), with its settings.
-    backend : "numpy"; "native", the compiled engine (:mod:`~solver.tracing.native`), which computes the same steps;
-    "auto", the engine if it is available and supports this run.
+    backend : "auto", the compiled engine (:mod:`~solver.tracing.native`) if it is available and supports this run, else
+    NumPy, which computes the same steps; "numpy"; "native", which refuses to run without the engine.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution fails.
     """
     check_network(network)
@@ -102,7 +102,7 @@ def simulate_periodic(
     start: Waveforms | str | None = None,
     accelerate: bool = True,
     progress: Progress | None = None,
-    backend: str = "numpy",
+    backend: str = "auto",
 ) -> Waveforms:
     """Run beats until every output repeats: relative L2 change from one beat to the next <= ``tolerance``.
 
@@ -126,7 +126,7 @@ def repeating_beat(
     network: Network, inflow: Inflows | None = None, period: float | None = None, *,
     parameters: Parameters | None = None, settings: Settings | None = None,
     tolerance: float = 1e-5, resolved: float = 0.0, max_beats: int = 100, progress: Progress | None = None,
-    backend: str = "numpy",
+    backend: str = "auto",
 ) -> Waveforms:  # fmt: skip
     """The beat of :func:`simulate_periodic` in a third of its time, for studies with thousands of beats.
 
@@ -199,7 +199,7 @@ def _until_repeated(
 
 def _periodic_run(
     network: Network, inflow: Inflows | None, period: float | None, parameters: Parameters | None,
-    settings: AnySettings | None, tolerance: float, max_beats: int, scheme: str = "staggered", backend: str = "numpy",
+    settings: AnySettings | None, tolerance: float, max_beats: int, scheme: str = "staggered", backend: str = "auto",
 ) -> tuple[_Run, int]:  # fmt: skip
     """The run for the periodic beats, and the number of steps per beat."""
     check_network(network)

@@ -19,10 +19,10 @@ import hypothesis
 import pytest
 from c_host import CHost, compiled
 from commands import in_process
-from fmus import COARSE, TIGHT, Instance, mixed
+from fmus import COARSE, TIGHT, Instance, Store, mixed
 
-from build_fmu import build
-from solver import Network, load
+from build_fmu import build, build_native
+from solver import InputError, Network, Settings, load
 
 # a slow machine is no fault
 hypothesis.settings.register_profile("no deadline", deadline=None)
@@ -67,18 +67,49 @@ def one_process() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """FMUs by name; three of them are called sheep.fmu."""
-    folder = tmp_path_factory.mktemp("fmus")
-    sheep = load("sheep")
-    return {
-        "sheep": build(sheep, folder),
-        "sheep_nonlinear": build(load("sheep_nonlinear"), folder),
-        "tight": build(load("sheep_nonlinear"), folder / "tight", TIGHT),
-        "mixed": build(mixed(), folder),
-        "coarse sheep": build(sheep, folder / "coarse", COARSE),
-        "stiff sheep": build(sheep.with_parameters({"CA.E": 8e6}), folder / "stiff"),
-    }
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """Builds each FMU once for all processes of a run: ``stored(build, network)``; nobody may write to it."""
+    folder = tmp_path_factory.getbasetemp()
+    return Store((folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "stored")
+
+
+class _Built(dict[str, Path]):
+    """FMUs by name; three of them are called sheep.fmu. Each is built when it is first asked for."""
+
+    def __init__(self, stored: Store) -> None:
+        sheep = load("sheep")
+        self._stored = stored
+        self._made: dict[str, tuple[Network, Settings | None]] = {
+            "sheep": (sheep, None),
+            "sheep_nonlinear": (load("sheep_nonlinear"), None),
+            "tight": (load("sheep_nonlinear"), TIGHT),
+            "mixed": (mixed(), None),
+            "coarse sheep": (sheep, COARSE),
+            "stiff sheep": (sheep.with_parameters({"CA.E": 8e6}), None),
+        }
+
+    def __missing__(self, name: str) -> Path:
+        network, settings = self._made[name]
+        return self.setdefault(name, self._stored(build, network, settings=settings))
+
+
+@pytest.fixture(scope="session")
+def fmus(stored: Store) -> dict[str, Path]:
+    return _Built(stored)
+
+
+@pytest.fixture(scope="session")
+def fast_fmu(stored: Store) -> Callable[..., Path]:
+    """Builds the native FMU of a network, which gives the numbers of the other one (test_native_fmu.py) in a tenth of
+    the time; the other one where nothing compiles it."""
+
+    def make(network: Network, settings: Settings) -> Path:
+        try:
+            return stored(build_native, network, settings=settings)
+        except InputError:
+            return stored(build, network, settings=settings)
+
+    return make
 
 
 @pytest.fixture

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
+import pickle
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +32,27 @@ def mixed() -> Network:
         "VA3": Windkessel("VA3", R1=5e7, C=3e-9, R2=6e8),
     }
     return replace(load("sheep"), name="mixed", outlets=tuple(outlets.values()), P_ref=10e3, P_0=10e3)
+
+
+class Store:
+    """FMUs in a folder that all processes of a run share, by what they were built from."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._found: dict[str, Path] = {}
+
+    def __call__(self, build: Callable[..., Path], *given: Any, **options: Any) -> Path:
+        """The file that ``build(*given, out=..., **options)`` makes, of the first process that asks for it."""
+        key = hashlib.sha256(pickle.dumps((build.__name__, given, options))).hexdigest()[:20]
+        if key not in self._found:
+            place = self._folder / key
+            if not place.is_dir():
+                aside = self._folder / f"{key}.{os.getpid()}"
+                build(*given, out=aside, **options)
+                with contextlib.suppress(OSError):  # another process was faster
+                    aside.rename(place)
+            (self._found[key],) = place.iterdir()
+        return self._found[key]
 
 
 class Instance:

@@ -81,7 +81,7 @@ def acting() -> SourceMapShown:
     time = np.arange(N) * T / N
     pressure = 900.0 * np.exp(-(((time - 0.12) / 0.05) ** 2)) - 150.0
     drop = Place("drop", "CA", at=0.3)
-    wall = Acting(Place("wall", "CA"), "Pa", pressure, np.full(N, 60.0), 3, "even along CA", "CA.P",
+    wall = Acting(Place("wall", "CA"), "Pa", pressure, np.full(N, 60.0), 3, "uniform along CA", "CA.P",
                   6000.0, rivals=(Rival((drop,), 4.2),))  # fmt: skip
     return SourceMapShown((wall,), time, T, True, 1.02)
 

@@ -9,19 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmus import MS, Instance
+from fmus import MS, Instance, Store
 
 from build_fmu import build, build_native
-from solver import Network, Settings
+from solver import Network
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="needs a C compiler (cc)")
 
 
-def pair(network: Network, folder: Path, settings: Settings | None = None) -> tuple[Instance, Instance]:
+def pair(stored: Store, network: Network, folder: Path) -> tuple[Instance, Instance]:
     """Instances of both FMUs of a network: pythonfmu's and the native one."""
-    made = build(network, folder / "python", settings), build_native(network, folder / "native", settings)
-    return Instance(made[0], folder / "a"), Instance(made[1], folder / "b")
+    return Instance(stored(build, network), folder / "a"), Instance(stored(build_native, network), folder / "b")
 
 
 def half_sine(t: float) -> float:

@@ -32,8 +32,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 @pytest.fixture(scope="module")
-def fmu(sheep: Network, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(sheep, tmp_path_factory.mktemp("build"))
+def fmu(fmus: dict[str, Path]) -> Path:
+    return fmus["sheep"]
 
 
 def read(fmu: Path, file: str) -> str:

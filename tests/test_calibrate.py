@@ -120,7 +120,7 @@ def test_bounds_are_kept_and_reported() -> None:
     noisy = record(exact(1.0, closed), 15, 0.01, seed=3)
     found = calibrate(noisy, START, ["C.outlet.R_t:none", "all.E", "all.phi0"], settings=SETTINGS)
     assert found.values["C.outlet.R_t"] == pytest.approx(1.0, abs=1e-12) and found.at_bound == ("C.outlet.R_t",)
-    assert found.report == ("C.outlet.R_t stopped at the end of its allowed range",)
+    assert found.report == ("C.outlet.R_t reached a bound of its allowed range",)
     assert found.converged and found.x[1:] == pytest.approx(TRUTH[:2], abs=4e-3)
 
 
@@ -134,8 +134,8 @@ def test_a_wrong_mean_moves_nothing_else() -> None:
     ratio = found.chi2 / found.dof
     assert ratio > 10.0 and right.report == ()
     assert "the network does not explain the record to its noise" in found.report[0] and "B.R" in found.report[0]
-    assert "weighed as if harmonics were off by" in found.report[0]
-    assert "of each channel's pulsation (rms)" in found.report[0]
+    assert "the intervals allow a model error of" in found.report[0]
+    assert "of each channel's pulsation in the harmonics (rms)" in found.report[0]
     assert right.sd[0] < found.sd[0] < 3.0 * right.sd[0] and abs(found.x[0]) < 2.0 * found.sd[0]
 
 

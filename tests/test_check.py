@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from checked import COARSE, Array, N, T, bench_set, recorded
+from fmus import Store
 
 from build_fmu import build
 from fitting.check import fmu_run
@@ -47,13 +48,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def fmu(folder: Path, sheep: Network) -> Path:
-    return build(sheep, folder, COARSE)
+def fmu(sheep: Network, fast_fmu: Callable[..., Path]) -> Path:
+    return fast_fmu(sheep, COARSE)
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(bench_network("AA", bench_set()), tmp_path_factory.mktemp("bench"), COARSE)
+def bench(stored: Store) -> Path:
+    return stored(build, bench_network("AA", bench_set()), settings=COARSE)
 
 
 @pytest.fixture(scope="module")
@@ -84,12 +85,14 @@ def quiet(tmp_path_factory: pytest.TempPathFactory, truth: dict[str, Array]) -> 
 # --- networks -----------------------------------------------------------------------------------------------------
 
 
-def test_agrees_without_noise(fmu: Path, table1: ParameterSet, truth: dict[str, Array], quiet: Record) -> None:
+def test_agrees_without_noise(
+    fmus: dict[str, Path], table1: ParameterSet, truth: dict[str, Array], quiet: Record
+) -> None:
     """The solver's own beat: 3e-4 of the pulse at the sites, 1.5e-3 at the inlet; no noise, so nothing is whitened.
 
     What is left is the FMU's inflow, linear between its steps of 2 ms; the solver takes the true one at its stages.
     """
-    report = check(table1, fmu, quiet)
+    report = check(table1, fmus["coarse sheep"], quiet)
     assert [c.name for c in report.channels] == [name for name in truth if name != "inlet.Q"]
     assert all(c.largest <= (1.7e-3 if c.name == "inlet.P" else 3.5e-4) for c in report.channels)
     assert max(abs(loop.simulated / loop.measured - 1.0) for loop in report.loops) <= 5e-4
@@ -168,7 +171,7 @@ def slow_network() -> Network:
     return Network("slow", (tube,), Inlet("AA"), outlets=(end,), sites=(Site("AA", "AA"),))
 
 
-def test_runs_until_periodic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_until_periodic(stored: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A Windkessel of 1.2 s, of whose transient two thirds are left after a beat: three runs of five beats, the second
     and third from a corrected start; from rest it would be 75 beats in runs of 5, 10, 20 and 40.
 
@@ -185,7 +188,7 @@ def test_runs_until_periodic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         return real(fmu, driver, beat, h, n, beats, starts)
 
     monkeypatch.setattr(fmu_run, "_run", counted)
-    fmu = build(network, tmp_path, settings)
+    fmu = stored(build, network, settings=settings)
     report = check(ParameterSet("none", {}), fmu, recorded(tmp_path, channels), as_measured=True)  # of 14 mmHg
     assert report.run["beats_run"] == 5
     assert report.run["change"] <= 1e-4
@@ -359,7 +362,7 @@ def test_value_that_the_fmu_refuses(fmu: Path, noisy: Record) -> None:
 )
 def test_run_must_reach_its_stop_time(
     monkeypatch: pytest.MonkeyPatch,
-    fmu: Path,
+    fmus: dict[str, Path],
     table1: ParameterSet,
     noisy: Record,
     spoil: Callable[[str], str] | None,
@@ -379,7 +382,7 @@ def test_run_must_reach_its_stop_time(
 
     monkeypatch.setattr(fmu_run.subprocess, "run", run)
     with pytest.raises(HostDied if spoil is None else RunFailed, match=sentence):
-        check(table1, fmu, noisy, period=T)
+        check(table1, fmus["coarse sheep"], noisy, period=T)
 
 
 # --- pieces -------------------------------------------------------------------------------------------------------

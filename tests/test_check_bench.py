@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,14 +10,13 @@ import numpy as np
 import pytest
 from checked import BEATS, COARSE, Array, T, bench_set, recorded
 
-from build_fmu import build
 from fitting.check.fmu_check import check
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.models.bench_network import LENGTH, bench_network
 from fitting.records.read.record import read_record, write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from fitting.results.parameter_set import ParameterSet, Value, read_set
-from solver import load
+from solver import Settings, load
 
 
 def loop_channels(site: str = "AA", n: int = 100) -> dict[str, Array]:
@@ -26,13 +26,13 @@ def loop_channels(site: str = "AA", n: int = 100) -> dict[str, Array]:
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(bench_network("AA", bench_set()), tmp_path_factory.mktemp("bench"), COARSE)
+def bench(fast_fmu: Callable[..., Path]) -> Path:
+    return fast_fmu(bench_network("AA", bench_set()), COARSE)
 
 
-def test_bench(tmp_path: Path) -> None:
+def test_bench(fast_fmu: Callable[..., Path], tmp_path: Path) -> None:
     """The radius of an independent integrator, nonlinear viscosity and all: to 7e-5 of its pulse; its loop to 4e-4."""
-    fmu = build(bench_network("AA", bench_set()), tmp_path)
+    fmu = fast_fmu(bench_network("AA", bench_set()), Settings())
     report = check(bench_set(), fmu, recorded(tmp_path, loop_channels()))
     (channel,), (loop,) = report.channels, report.loops
     assert (report.mode, report.driver, channel.name) == ("bench", "AA.P", "AA.R")

@@ -23,6 +23,7 @@ import fmpy
 import numpy as np
 import pytest
 from c_host import CHost, unpack
+from fmus import Store
 
 from build_fmu import build, build_model
 from fmu_src.contents.models import body_model, heart_model
@@ -99,10 +100,9 @@ def skip_unless_installed(name: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def built(sheep: Network, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def built(sheep: Network, stored: Store) -> dict[str, Path]:
     """The sheep FMU by its start value of inlet.interpolation."""
-    folder = tmp_path_factory.mktemp("built")
-    return {kind: build(sheep, folder / kind, starts={"inlet.interpolation": kind}) for kind in INTERPOLATIONS}
+    return {kind: stored(build, sheep, starts={"inlet.interpolation": kind}) for kind in INTERPOLATIONS}
 
 
 @pytest.fixture(scope="module")

@@ -167,7 +167,7 @@ def test_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is full")
-@pytest.mark.parametrize("line", ["list", "list --json", "solve sheep --duration 0.1s"])
+@pytest.mark.parametrize("line", ["list --json", "solve sheep --duration 10ms"])
 def test_output_that_cannot_be_written(line: str) -> None:
     """A disk without room is a sentence; a reader that has enough, the code of SIGPIPE; none at all is fine."""
     command = [sys.executable, "-m", "arterial_fmu", *line.split()]

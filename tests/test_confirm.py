@@ -158,10 +158,8 @@ def test_a_record_that_an_improbable_animal_meets() -> None:
     far = replace(named("none"), base=replace(base, fit=replace(base.fit, x=x), misfit=0.0))
     found = confirmed(s, far, run, None)
     assert (found.verdict, found.members) == ("unknown", ()) and found.confidence <= 0.5
-    assert found.reason == "the model meets the record only with all.E 5.4 stated spreads above the file's"
-    assert sentence(found, (), run.gap, None).startswith(
-        "The model meets the record only with all.E 5.4 stated spreads"
-    )
+    assert found.reason == "the model fits the record only with all.E 5.4 stated spreads above the file's"
+    assert sentence(found, (), run.gap, None).startswith("The model fits the record only with all.E 5.4 stated spreads")
     near = replace(far, base=replace(base, fit=replace(base.fit, x=0.7 * x)))
     assert confirmed(s, near, run, None) is near
 

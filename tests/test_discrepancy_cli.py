@@ -132,8 +132,8 @@ def test_an_ambiguous_outcome(found: Callable[[Any], None]) -> None:
         "77.0 kPa·s",
         "71.0 … 83.0",
         "62 %",
-        "gap (1 = noise): 9.10 -> 1.01 on the fitted beats, 9.30 -> 1.04 on the held-out ones",
-        "cannot be told apart: wall viscosity at CA; channel lag at CA.P",
+        "gap (1 = noise): 9.10 -> 1.01 on the fitted beats, 9.30 -> 1.04 on the held-out beats",
+        "not distinguishable: wall viscosity at CA; channel lag at CA.P",
         "Calibrate CA.P.",
         "Note: few beats",
     ):
@@ -149,11 +149,11 @@ def test_a_class_with_a_pair(found: Callable[[Any], None], verdict: str) -> None
     gain = ("channel_gain", ("FA.P",))
     found(outcome(verdict=verdict, members=((VISCOSITY, gain), (LAG,))))
     done = run(*STUDY)
-    assert "cannot be told apart: wall viscosity at CA with channel gain at FA.P; channel lag at CA.P" in done.stdout
+    assert "not distinguishable: wall viscosity at CA with channel gain at FA.P; channel lag at CA.P" in done.stdout
     assert ("best of the class" in done.stdout) == (verdict == "ambiguous")
     found(outcome(verdict=verdict, members=((VISCOSITY, LAG),)))
     done = run(*STUDY)
-    assert "told apart" not in done.stdout and "of the class" not in done.stdout
+    assert "distinguishable" not in done.stdout and "of the class" not in done.stdout
 
 
 def test_tables_fit_eighty_columns() -> None:
@@ -172,7 +172,7 @@ def test_walls_are_said(found: Callable[[Any], None]) -> None:
     """Common; individual with the spreads that were found; a partial answer's table, and what is odd as a note."""
     found(outcome(walls=Walls()))
     assert (
-        "walls: common, all arteries differ from the file together (the record gives no reason for more)"
+        "walls: common, one change for all arteries (the record gives no evidence for individual walls)"
         in run(*STUDY).stdout
     )
     own = {"CA.E": OwnNumber(4e6, Estimate(5e6, "Pa", (4.5e6, 5.5e6)), 2.5)}
@@ -180,10 +180,10 @@ def test_walls_are_said(found: Callable[[Any], None]) -> None:
     found(outcome(verdict="partial", walls=walls, notes=("CA.E: 25 % above the file's.",)))
     said = run(*STUDY).stdout
     assert (
-        "walls: individual, every artery by itself (the record is more probable so). Standard deviations between "
-        "arteries, as parts of the number: E 0.11 (stated 0.08)."
+        "walls: individual, one change for each artery (the record is more probable with individual walls). Standard "
+        "deviations between arteries, relative: E 0.11 (stated 0.08)."
     ) in said
-    assert "a part of what was missing" in said and "Note: CA.E: 25 % above the file's." in said
+    assert "explains a part" in said and "Note: CA.E: 25 % above the file's." in said
 
 
 def test_options_reach_the_workflow(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -204,10 +204,10 @@ def test_none_adds_nothing(found: Callable[[Any], None]) -> None:
     found(outcome(verdict="none", effects=(), members=(), gap_after=None, separating_measurement=None))
     done = run(*STUDY)
     assert done.exit_code == 0
-    assert "gap (1 = noise): 9.10 on the fitted beats, 9.30 on the held-out ones\n  A gap is the RMS" in done.stdout
+    assert "gap (1 = noise): 9.10 on the fitted beats, 9.30 on the held-out beats\n  A gap is the RMS" in done.stdout
     found(outcome(provenance={"beats": {"fitted": 18, "held_out": 2}}))
-    assert "The mean of 2 held-out beats is noisier than that of 18 fitted ones" in run(*STUDY).stdout
-    assert "a gap 3 times smaller there" in run(*STUDY).stdout
+    assert "The mean of 2 held-out beats is noisier than that of 18 fitted beats" in run(*STUDY).stdout
+    assert "gives a gap 3 times smaller there" in run(*STUDY).stdout
     assert "effect" not in done.stdout
 
 
@@ -218,14 +218,14 @@ def test_how_sure_and_what_remains(found: Callable[[Any], None]) -> None:
     assert "probability that nothing is missing: > 99 %" in run(*STUDY).stdout
     found(outcome(verdict="unknown", reason="whitened RMS 1.3", **changes))
     said = run(*STUDY).stdout
-    assert "what remains: whitened RMS 1.3 (of all data that were fitted; 1 is noise)" in said and "99 %" not in said
+    assert "residual: whitened RMS 1.3 (over all fitted data; 1 is noise)" in said and "99 %" not in said
 
 
 def test_a_search_that_was_cut_short(found: Callable[[Any], None]) -> None:
     """What the limit was, in seconds as a bare number is read, and the option; not where all was compared."""
     asked = {"asked": {"time_limit": {"value": 5.0, "unit": "s"}}}
     found(outcome(complete=False, provenance=asked))
-    assert "again with a longer --time-limit (it was 5 s): not all candidates were compared." in run(*STUDY).stdout
+    assert "again with a longer --time-limit than 5 s: not all candidates were compared." in run(*STUDY).stdout
     found(outcome(provenance=asked))
     assert "--time-limit" not in run(*STUDY).stdout
 
@@ -246,7 +246,7 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
     done = run(*STUDY)
     assert done.exit_code == 130
     assert done.stderr.strip() == (
-        "Interrupted: finished stages are kept, the one under way begins anew; run again to go on."
+        "Interrupted: finished stages are kept; run the same command to continue from the stage that was interrupted."
     )
 
 
@@ -323,8 +323,8 @@ def test_isolability_is_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     assert "wall viscosity" in done.stdout and "36.4" in done.stdout
     assert "Invisible (d′ below 3): side branch." in done.stdout
     both = "wall viscosity from channel lag; channel lag from wall viscosity"
-    assert f"Cannot be told apart (separation below 6): {both}." in done.stdout
-    assert "Add AA.R (shows side branch; separates 1 more pair)." in done.stdout
+    assert f"Not distinguishable (separation below 6): {both}." in done.stdout
+    assert "Add AA.R (reveals side branch; separates 1 more pair)." in done.stdout
     data = json.loads(out.read_text(encoding="utf-8"))
     assert data == plan_json(plan())
     assert data["effects"][0] == {

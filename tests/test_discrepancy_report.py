@@ -103,10 +103,10 @@ def reports(tmp_path_factory: pytest.TempPathFactory, sheep: Network) -> Callabl
 SAID = {
     "none": (
         "No effect is missing",
-        "Nothing acts beyond noise",
+        "No place shows a residual beyond noise",
         "Smallest detectable sizes",
         "±2.1 kPa·s",
-        "Invisible to them",
+        "Invisible:",
     ),
     "effect": (
         "One effect is missing",
@@ -119,7 +119,13 @@ SAID = {
         "rms before",
         "rms after",
     ),  # fmt: skip
-    "ambiguous": ("leaves several", "The best of the class", "channel lag at CA.P", "Measure CA.R", "3.10 ms"),
+    "ambiguous": (
+        "leaves several candidates",
+        "The best of the class",
+        "channel lag at CA.P",
+        "Measure CA.R",
+        "3.10 ms",
+    ),
     "several": (
         "Several effects are missing",
         "Rounds",
@@ -130,8 +136,8 @@ SAID = {
         "wall viscosity at CA with channel lag at CA.P",
     ),
     "partial": (
-        "and more than that",
-        "What remains: Whitened RMS 3.1",
+        "explains part of the disagreement",
+        "Residual: Whitened RMS 3.1",
         "87 %",
         "89 %",
         "of the gap to held-out beats closed",
@@ -148,17 +154,16 @@ SAID = {
         "(calibration)",
         "again with a longer --time-limit",
         "individual",
-        "They count as this subject’s, not as effects",
+        "They count as properties of this subject, not as effects",
     ),  # fmt: skip
     "unknown": (
-        "catalogue does not have",
-        "acts as a pressure in the wall of CA of",
-        "even along CA (the strongest of 3",
-        "What remains",
+        "is not in the catalogue",
+        "acts as a pressure in the wall of CA:",
+        "Residual",
         "harmonics 5 to 9",
         "largest at CA.Q",
     ),
-    "unusable": ("cannot be used", "Why: CA.P <dead>: it does not change", "Put right", "Line 7 is empty."),
+    "unusable": ("cannot be used", "Why: CA.P <dead>: it does not change", "Correct the cause", "Line 7 is empty."),
 }
 
 
@@ -174,7 +179,7 @@ def test_unusable_is_short(reports: Callable[[str], Path]) -> None:
     folder = reports("unusable")
     assert not (folder / "figures").exists()
     headings = re.findall("<h2.*?>(.*?)</h2>", (folder / "report.html").read_text(encoding="utf-8"))
-    assert headings == ["What this means", "Where this comes from"]
+    assert headings == ["What this means", "Provenance"]
 
 
 def test_figures_are_those_on_the_page(reports: Callable[[str], Path]) -> None:
@@ -228,7 +233,12 @@ def test_a_sensor_is_said_to_be_one(tmp_path: Path, sheep: Network) -> None:
         tmp_path,
     )
     text = read(tmp_path / "report.html").text
-    for words in ("A sensor explains the disagreement", "not to the arteries", "Calibrate that sensor", "3.10 ms"):
+    for words in (
+        "A sensor explains the disagreement",
+        "not to the arteries",
+        "Calibrate or replace that sensor",
+        "3.10 ms",
+    ):
         assert words in text, words
 
 
@@ -250,7 +260,7 @@ def next_steps(outcome: Outcome) -> list[str]:
     return re.findall("<li>(.*?)</li>", steps)
 
 
-CLASS = "The class: this record does not tell these apart"
+CLASS = "The class: this record does not distinguish these"
 
 
 @pytest.mark.parametrize("verdict", ["ambiguous", "several", "partial"])
@@ -266,26 +276,26 @@ def test_the_class_is_shown_where_it_leaves_a_choice(sheep: Network, verdict: st
         "wall viscosity at CA",
         "stenosis at MD with channel gain at CA.P",
     ]
-    assert "cannot be told apart: wall viscosity at CA; stenosis at MD with channel gain" in outcome._repr_html_()
+    assert "not distinguishable: wall viscosity at CA; stenosis at MD with channel gain" in outcome._repr_html_()
     assert verdict_json(outcome)["class"] == [
         [{"name": "wall_viscosity", "where": ["CA"]}],
         [{"name": "stenosis", "where": ["MD"]}, {"name": "channel_gain", "where": ["CA.P"]}],
     ]
     alone = replace(outcome, members=(pair,))
-    assert CLASS not in page(alone, {}) and "told apart" not in alone._repr_html_()
+    assert CLASS not in page(alone, {}) and "distinguishable" not in alone._repr_html_()
 
 
 def test_the_class_is_only_spoken_of_where_it_is(sheep: Network) -> None:
     """A partial answer alone in its class has no other; two faults of one site's sensors are no class of two."""
     partial = synthetic("partial", sheep)
-    assert "class" not in meaning(partial) and "as well" not in meaning(partial)
+    assert "class" not in meaning(partial) and "Another effect" not in meaning(partial)
     several = replace(partial, members=(*partial.members, ((LAG.name, LAG.where),)))
     assert "does not rule out the other candidates of the class below" in meaning(several)
-    assert "as well" not in meaning(several)
+    assert "Another effect" not in meaning(several)
     faults = ((LAG.name, LAG.where), ("catheter_resonance", ("CA.R",)))
     html = page(replace(synthetic("ambiguous", sheep), members=(faults,), separating_measurement=None), {})
-    assert "<h1>The sensors of one site seem to have two faults</h1>" in html
-    assert "can imitate much else" in html and "Calibrate the sensors of that site" in html
+    assert "<h1>Two sensor faults at one site explain the record</h1>" in html
+    assert "can imitate many other effects" in html and "Calibrate or replace the sensors of that site" in html
     assert "of the class" not in html and CLASS not in html
 
 
@@ -362,7 +372,7 @@ def test_page_runs_in_a_browser(reports: Callable[[str], Path], tmp_path: Path) 
     """A link to a channel draws its curves, without a word on the console."""
     dom = browse(reports("effect"), tmp_path, "--dump-dom", hash_="#channel=CA.Q&view=difference").stdout
     assert re.findall('data-curve="([a-z]+)"', dom) == ["before", "after"]
-    assert 'aria-label="CA.Q, model less measured: before, after"' in dom
+    assert 'aria-label="CA.Q, model minus measured: before, after"' in dom
     assert dom.count("<option") == 21
 
 
@@ -414,7 +424,7 @@ def test_candidates_are_named_for_what_they_are(sheep: Network) -> None:
     """Of none they are folded away as not needed, of unknown they explain nothing; neither has a class."""
     none, unknown, effect = (page(synthetic(verdict, sheep), {}) for verdict in ("none", "unknown", "effect"))
     assert "<h2>Effects that were tried and are not needed</h2>\n<details>" in none and "<h2>Candidates" not in none
-    assert "These do not explain the record." in unknown and "These do not" not in none + effect
+    assert "No candidate explains the record." in unknown and "No candidate" not in none + effect
     assert ["in the<br>class" in html for html in (none, unknown, effect)] == [False, False, True]
     assert none.count("<details>") == none.count("</details>") and "<details>\n<summary>3 that" not in unknown + effect
 
@@ -424,7 +434,7 @@ def test_a_search_that_did_not_end_says_nothing_of_the_catalogue(sheep: Network)
     outcome = replace(synthetic("unknown", sheep), complete=False, provenance={"asked": {"time_limit": LIMIT}})
     assert outcome.isolability is not None
     whole = page(replace(outcome, complete=True), {})
-    for false in ("Something is missing that the catalogue does not have", "No effect of the catalogue explains it"):
+    for false in ("Something is missing that is not in the catalogue", "No effect of the catalogue explains it"):
         assert false in whole and false not in page(outcome, {})
     table = replace(outcome.isolability, labels=(), separation=np.zeros((0, 0)), visibility=np.zeros(0), invisible=())
     nothing = replace(outcome, candidates=(), isolability=replace(table, not_judged=("taper", "stenosis")))
@@ -434,10 +444,10 @@ def test_a_search_that_did_not_end_says_nothing_of_the_catalogue(sheep: Network)
         (outlets, "1 of the 14 effects of the catalogue was not compared"),  # a taper breaks the model
         (replace(nothing, candidates=outcome.candidates), "not all candidates were compared"),
     ):
-        assert heading(each) == "Something is missing, and the search for it did not end"
+        assert heading(each) == "Something is missing, and the search is incomplete"
         assert f"The search ended at its time limit: {left}." in meaning(each)
         first, second, *_ = next_steps(each)
-        assert first == f"Run the study again with a longer --time-limit (it was 5 s): {left}."
+        assert first == f"Run the study again with a longer --time-limit than 5 s: {left}."
         assert "second, independent sensor" in second
 
 
@@ -446,7 +456,7 @@ def test_only_a_whole_search_rules_out(sheep: Network) -> None:
     outcome = synthetic("effect", sheep)
     assert "Every other candidate was ruled out" in meaning(outcome)
     cut = meaning(replace(outcome, complete=False))
-    assert "ruled out" not in cut and "Another effect may explain it as well." in cut
+    assert "ruled out" not in cut and "Another effect may also explain it." in cut
 
 
 def test_unknown_has_no_name_to_be_sure_of(sheep: Network) -> None:
@@ -462,7 +472,7 @@ def test_what_remains_says_what_it_is_counted_over(sheep: Network) -> None:
     """An RMS of the fit is no gap; a reason without one says nothing of it."""
     outcome = synthetic("unknown", sheep)
     rms = replace(outcome, reason="whitened RMS 1.3 (1.8 up to the third harmonic)")
-    said = "whitened RMS 1.3 (1.8 up to the third harmonic) (of all data that were fitted; 1 is noise)</p>"
+    said = "whitened RMS 1.3 (1.8 up to the third harmonic) (over all fitted data; 1 is noise)</p>"
     assert said in page(rms, {}) and "all data that were fitted" not in page(outcome, {})
 
 
@@ -470,7 +480,7 @@ def test_the_file_and_this_animal_have_gaps_of_two_names(sheep: Network) -> None
     """The gap of the file as it is, in the provenance; the one before has this animal's walls."""
     outcome = replace(synthetic("effect", sheep), provenance={"gap_as_given": {"fit": 9.9, "held_out": 8.8}})
     html = page(outcome, {})
-    assert "<dt>gap of the file as it is</dt>" in html and "gap before: with this subject’s walls, nothing" in html
+    assert "<dt>gap of the file as it is</dt>" in html and "gap before: this subject’s walls, no effect" in html
     assert "model as given" not in html
 
 
@@ -490,11 +500,11 @@ def test_walls_without_differences(sheep: Network) -> None:
     assert outcome.walls is not None
     both = replace(outcome, walls=replace(outcome.walls, spread={"E": (0.08, 0.06), "R_t": (0.03, 0.01)}))
     assert spread_text(both) == (
-        "Standard deviations between arteries, as parts of the number, of R_t absolute: E 0.06 (stated 0.08); R_t 0.01 "
+        "Standard deviations between arteries, relative, absolute for R_t: E 0.06 (stated 0.08); R_t 0.01 "
         "(stated 0.03)."
     )
     same = replace(outcome, walls=replace(outcome.walls, spread={"E": (0.08, 0.0)}))
-    assert spread_text(same) == "No differences between arteries were found beyond what all have in common."
+    assert spread_text(same) == "Beyond the common changes, the arteries do not differ."
 
 
 def test_walls_are_told_to_what_they_are_known_to(sheep: Network) -> None:
@@ -514,12 +524,12 @@ def test_why_walls_are_as_they_are(sheep: Network) -> None:
     cut, common = synthetic("partial", sheep), synthetic("none", sheep)
     individual = replace(cut, complete=True)
     for outcome, asked, said in (
-        (individual, {"walls": "by evidence"}, "the record is more probable so"),
-        (cut, {"walls": "by evidence"}, "as far as the search came"),
-        (individual, {"walls": "individual"}, "asked for by --walls individual"),
-        (individual, {"walls": "individual", "prior": {"file": "monday.json"}}, "as calibrated in monday.json"),
-        (common, {"walls": "by evidence"}, "the record gives no reason for more"),
-        (common, {"walls": "common"}, "asked for by --walls common"),
+        (individual, {"walls": "by evidence"}, "the record is more probable with individual walls"),
+        (cut, {"walls": "by evidence"}, "the search is incomplete"),
+        (individual, {"walls": "individual"}, "set by --walls individual"),
+        (individual, {"walls": "individual", "prior": {"file": "monday.json"}}, "calibrated in monday.json"),
+        (common, {"walls": "by evidence"}, "the record gives no evidence for individual walls"),
+        (common, {"walls": "common"}, "set by --walls common"),
     ):
         assert f": {said}." in page(replace(outcome, provenance={"asked": asked}), {})
 
@@ -536,7 +546,7 @@ def test_long_odds_are_not_counted(sheep: Network) -> None:
 def test_what_all_have_in_common_is_a_factor(sheep: Network) -> None:
     """ln 1.2 = 0.182 of a scale is a factor of 1.2; a shift is none."""
     absorbed = (Absorbed("ln all.E", 0.18232, 0.01, 0.2), Absorbed("all.outlet.R_t", 0.1, 0.01, 0.2))
-    shown = rows(replace(synthetic("none", sheep), absorbed=absorbed), "What all have in common")
+    shown = rows(replace(synthetic("none", sheep), absorbed=absorbed), "Changes common to all arteries")
     assert [row[-1] for row in shown] == ["× 1.2", "–"]
 
 
@@ -590,7 +600,7 @@ def test_rivals_are_marked_as_they_are_told(sheep: Network) -> None:
     separation = np.array([[0, 2, 50, 1], [20, 0, 40, 1], [50, 40, 0, 1], [1, 1, 1, 0]], float)
     table = Isolability(("a", "b", "c", "d"), separation, np.array([20.0, 30.0, 60.0, 1.0]), ("d",))
     outcome = replace(synthetic("none", sheep), isolability=table)
-    assert [row[2:] for row in rows(outcome, "What these sensors can tell apart")] == [
+    assert [row[2:] for row in rows(outcome, "Effects that these sensors can distinguish")] == [
         ["b", "2", "b"],
         ["a", "20", "–"],
         ["b", "40", "–"],
@@ -606,14 +616,14 @@ def test_why_effects_were_not_judged(sheep: Network) -> None:
     assert outcome.isolability is not None and outcome.walls is not None
     table = replace(outcome.isolability, not_judged=("wall_viscosity", "terminal_compliance", "stenosis"))
     animal, outlet, broken = not_judged(replace(outcome, complete=True, isolability=table)).items()
-    assert animal[1] == "wall viscosity" and "it is this subject" in animal[0]
+    assert animal[1] == "wall viscosity" and "a property of this subject" in animal[0]
     assert outlet[1] == "terminal compliance" and "another kind of outlet" in outlet[0]
-    assert broken == ("the model cannot be simulated with it", "stenosis")
+    assert broken == ("the simulation fails with it", "stenosis")
     common = replace(outcome, walls=Walls(), isolability=table)
-    assert not_judged(common)["the model cannot be simulated with it"] == "wall viscosity, stenosis"
+    assert not_judged(common)["the simulation fails with it"] == "wall viscosity, stenosis"
     none = replace(table, labels=(), separation=np.zeros((0, 0)), visibility=np.zeros(0), invisible=())
     assert not_judged(replace(common, isolability=none))[
-        "the time limit was over before it was simulated"] == "wall viscosity, stenosis"  # fmt: skip
+        "not simulated within the time limit"] == "wall viscosity, stenosis"  # fmt: skip
 
 
 def test_what_was_named_was_judged(sheep: Network) -> None:

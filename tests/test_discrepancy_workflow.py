@@ -334,7 +334,7 @@ def test_an_incomplete_search_is_said(healthy: tuple[Record, Prepared, Naming]) 
     for complete in (True, False):
         outcome = summary(record, "base.toml", study, replace(naming, complete=complete), Shown(run, run))
         said = verdict_json(outcome)
-        incomplete = "Search incomplete: the time limit was over before all was compared."
+        incomplete = "The search is incomplete: the time limit ended it."
         for text in (outcome.sentence, said["sentence"], report.page(outcome, {})):
             assert (incomplete in text) != complete
         assert outcome.complete == said["complete"] == complete
@@ -348,8 +348,8 @@ def test_unknown_is_said_as_far_as_the_search_went(healthy: tuple[Record, Prepar
         for c in (True, False)
     )
     said = "the gap to held-out beats is 1.89 times the noise."
-    assert whole == f"Something is missing that the catalogue does not explain: {said}"
-    assert cut.startswith(f"Something is missing, and nothing that was tried explains it: {said} Search incomplete")
+    assert whole == f"Something is missing, and no law of the catalogue explains it: {said}"
+    assert cut.startswith(f"Something is missing, and none of the laws tried explains it: {said} The search is ")
 
 
 def test_a_bench_is_of_one_site() -> None:

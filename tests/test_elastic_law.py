@@ -59,7 +59,7 @@ def test_a_stiff_wall_does_not_and_the_intervals_say_so(law: str) -> None:
     wall = replace(STIFF, elastic=law)
     fitted = fit(recording(wall, 30.0, 2), "S", wall.h)
     assert fitted.evidence is not None and not fitted.evidence.decided
-    assert "the data cannot tell the elastic laws apart" in fitted.law
+    assert "the data cannot distinguish the elastic laws" in fitted.law
     assert any("E_inc hardly depends on the law" in text for text in fitted.warnings)
     low, high = fitted.ci95("E")
     assert low <= wall.E <= high

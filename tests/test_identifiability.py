@@ -67,4 +67,4 @@ def test_correlated_but_determined() -> None:
     """Columns at 0.1 rad, both known well: a word of warning (correlation -cos 0.1, less what the prior takes)."""
     J = 1e3 * np.array([[1.0, np.cos(0.1)], [0.0, np.sin(0.1)]])
     known = determined(J, np.ones(2), np.ones(2), 1.0, 1e-4)
-    assert sentences(["a", "b"], [1.0, 1.0], known) == ["a and b are hard to tell apart (correlation -0.995)"]
+    assert sentences(["a", "b"], [1.0, 1.0], known) == ["a and b are hard to distinguish (correlation -0.995)"]

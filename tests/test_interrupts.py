@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from build_fmu import build
 from fitting.cohort.virtual import virtual_cohort, write_cohort
 from fitting.records.read.record import write_record
 from solver import load, simulate_periodic
@@ -30,10 +29,10 @@ MARK = "TEST_OF_INTERRUPTS"  # in the environment of all processes of a command
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """sheep.fmu, a record of the network (ten beats, some noise), and those of a cohort."""
     folder = tmp_path_factory.mktemp("work")
-    build(load("sheep"), folder)
+    shutil.copy(fmus["sheep"], folder)
     beat = simulate_periodic(load("sheep"))
     time = 1e-3 * np.arange(5001)
     rng = np.random.default_rng(1)

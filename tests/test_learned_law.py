@@ -198,7 +198,7 @@ def test_a_law_is_said_with_range_and_source() -> None:
     assert law_json(outlet)["seen"] == {"C": {"pressure": [8e3, 12e3], "rate": 1e5}}
     assert "for the wall of B closes 87 % of the gap to held-out beats (from 8 to 1.04 times the noise): σ = …" in text
     assert "B.learned_cubic = 55000 (50000 to 60000) Pa·s³" in text
-    assert "at strains from 0.02 to 0.081 and rates up to 1.2/s, and is held beyond; no other record" in text
+    assert "covers strains from 0.02 to 0.081 and rates up to 1.2/s; no other record" in text
     assert " in place of stenosis at B closes" in law_text(replace(LAW, instead=("stenosis at B",)))
     assert ", beside stenosis at B, closes" in law_text(replace(LAW, beside=("stenosis at B",)))
     content = json.loads(json.dumps(law_json(LAW)))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmus import MS, Instance
+from fmus import MS, Instance, Store
 from native_fmus import half_sine, needs_compiler
 from test_clients import HOSTS, check_by_fmutool, check_client, check_container, job, run_client
 
@@ -19,10 +19,9 @@ pytestmark = needs_compiler
 
 
 @pytest.fixture(scope="module")
-def built(sheep: Network, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def built(sheep: Network, stored: Store) -> dict[str, Path]:
     """The native FMU by its start value of inlet.interpolation."""
-    folder = tmp_path_factory.mktemp("built")
-    return {kind: build_native(sheep, folder / kind, starts={"inlet.interpolation": kind}) for kind in INTERPOLATIONS}
+    return {kind: stored(build_native, sheep, starts={"inlet.interpolation": kind}) for kind in INTERPOLATIONS}
 
 
 @pytest.fixture(scope="module")

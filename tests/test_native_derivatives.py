@@ -12,7 +12,7 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
-from fmus import MS, Instance, mixed
+from fmus import MS, Instance, Store, mixed
 from native_fmus import elastic, half_sine, needs_compiler
 from test_several_inlets import fork
 from test_table_source import table
@@ -74,19 +74,19 @@ SHEEP = ({"inlet.Q": 1e-6}, {"CA.E": 1e4}, {"CA.phi0": 500.0}, {"CA.outlet.R_t":
 
 
 @pytest.mark.parametrize("way", ["hold", "linear", "smooth"])
-def test_inputs_and_parameters(tmp_path: Path, way: str) -> None:
+def test_inputs_and_parameters(stored: Store, tmp_path: Path, way: str) -> None:
     """Viscoelastic sheep: by the inflow, walls, an outlet and P_venous, two at once; nonlinear walls about none."""
-    made = Differences(build_native(load("sheep"), tmp_path, TIGHT), tmp_path / "fmu", {"inlet.interpolation": way}, MS)
+    file = stored(build_native, load("sheep"), settings=TIGHT)
+    made = Differences(file, tmp_path / "fmu", {"inlet.interpolation": way}, MS)
     for direction in SHEEP:
         assert made.off(direction) <= EQUAL, direction
 
 
-def test_volumes(tmp_path: Path) -> None:
+def test_volumes(stored: Store, tmp_path: Path) -> None:
     """Those of the arteries, of what has left, and the flow that leaves, by the inflow: 1e-6 of the first two, and of
     the inflow."""
-    made = Differences(
-        build_native(load("sheep"), tmp_path, TIGHT), tmp_path / "fmu", {"inlet.interpolation": "hold"}, MS
-    )
+    file = stored(build_native, load("sheep"), settings=TIGHT)
+    made = Differences(file, tmp_path / "fmu", {"inlet.interpolation": "hold"}, MS)
     made.step({})
     found, expected = made.by({"inlet.Q": 1e-6}), made.expected({"inlet.Q": 1e-6})
     at = {name: i for i, name in enumerate(made.names)}
@@ -114,10 +114,10 @@ ELSE: Mapping[str, tuple[Callable[[], Network], float, tuple[Mapping[str, float]
 
 
 @pytest.mark.parametrize("name", ELSE)
-def test_networks(tmp_path: Path, name: str) -> None:
+def test_networks(stored: Store, tmp_path: Path, name: str) -> None:
     """Every outlet, effects with memory and without, damping, tables of sources, an inlet whose pressure is given."""
     make, h, directions = ELSE[name]
-    file = build_native(make(), tmp_path, TIGHT)
+    file = stored(build_native, make(), settings=TIGHT)
     made = Differences(file, tmp_path / "fmu", {"inlet.interpolation": "smooth"}, h)
     for direction in directions:
         assert made.off(direction) <= EQUAL, direction
@@ -134,18 +134,18 @@ def test_a_halved_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert made.off({"inlet.Q": 1e-7}) <= EQUAL
 
 
-def test_the_networks_own_inflow(tmp_path: Path) -> None:
+def test_the_networks_own_inflow(stored: Store, tmp_path: Path) -> None:
     """What is set at the inlet then has no effect, and parameters have theirs."""
-    file = build_native(load("sheep"), tmp_path, TIGHT)
+    file = stored(build_native, load("sheep"), settings=TIGHT)
     made = Differences(file, tmp_path / "fmu", {"inlet.drive": "network"}, MS)
     assert made.off({"CA.E": 1e4}) <= EQUAL
     made.step({})
     assert not made.by({"inlet.Q": 1.0}).any()
 
 
-def test_fmi_3_and_what_it_leaves(tmp_path: Path) -> None:
+def test_fmi_3_and_what_it_leaves(stored: Store, tmp_path: Path) -> None:
     """Both versions declare and give the same bits; asking changes nothing: the next steps are the same."""
-    files = [build_native(load("sheep"), tmp_path / str(fmi), fmi=fmi) for fmi in (2, 3)]
+    files = [stored(build_native, load("sheep"), fmi=fmi) for fmi in (2, 3)]
     two = Instance(files[0], tmp_path / "two")
     two.initialize({"inlet.interpolation": "smooth"})
     description = fmpy.read_model_description(os.fspath(files[1]))
@@ -170,9 +170,9 @@ def test_fmi_3_and_what_it_leaves(tmp_path: Path) -> None:
     three.freeInstance()
 
 
-def test_refused(tmp_path: Path) -> None:
+def test_refused(stored: Store, tmp_path: Path) -> None:
     """Before a step and after a restored state; of ports, by fixed parameters and outputs."""
-    instance = Instance(build_native(load("sheep"), tmp_path), tmp_path / "fmu")
+    instance = Instance(stored(build_native, load("sheep"), fmi=2), tmp_path / "fmu")
     instance.initialize()
     references = instance.references
 

@@ -17,8 +17,9 @@ import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
-from fmus import COARSE, MS, Instance
+from fmus import COARSE, MS, Instance, Store
 from native_fmus import apart, elastic, half_sine, needs_compiler, pair, rows
+from test_command import run as command
 from test_table_source import table as source
 from test_toy import TissueSupport
 
@@ -40,13 +41,13 @@ TUNED = {30: {"CA.phi0": 3e4, "AA.E": 1.5e6}, 60: {"CA.outlet.R_t": 0.5, "VA1.ou
 
 
 @pytest.fixture(scope="module")
-def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Instance, Instance]:
-    return pair(load("sheep"), tmp_path_factory.mktemp("both"))
+def both(stored: Store, tmp_path_factory: pytest.TempPathFactory) -> tuple[Instance, Instance]:
+    return pair(stored, load("sheep"), tmp_path_factory.mktemp("both"))
 
 
 @pytest.fixture(scope="module")
-def native(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build_native(load("sheep"), tmp_path_factory.mktemp("native"), COARSE)
+def native(stored: Store) -> Path:
+    return stored(build_native, load("sheep"), settings=COARSE)
 
 
 def same(one: Instance, two: Instance, *run: object, equal: float = EQUAL, **more: object) -> None:
@@ -117,11 +118,11 @@ def test_another_mesh_is_refused(native: Path, tmp_path: Path) -> None:
             assert f"{name} = " in refusal({**given, "MD.L": 0.1, name: end * (1.0 + 1e-2 * outward)})
 
 
-def test_halved_steps(tmp_path: Path) -> None:
+def test_halved_steps(stored: Store, tmp_path: Path) -> None:
     """Steps that do not converge: both FMUs cut the same ones, and outputs stay equal (measured 3e-14)."""
     told, outputs = list[list[int]](), list[np.ndarray]()
     for which, make in (("python", build), ("native", build_native)):
-        file = make(elastic(load("human")), tmp_path / which, Settings(dt=5e-3))
+        file = stored(make, elastic(load("human")), settings=Settings(dt=5e-3))
         instance = Instance(file, tmp_path / f"{which}_fmu")
         instance.initialize({"inlet.interpolation": "smooth"})
         halved = []
@@ -136,10 +137,10 @@ def test_halved_steps(tmp_path: Path) -> None:
     np.testing.assert_allclose(outputs[1], outputs[0], rtol=1e-13)
 
 
-def test_elastic_walls(tmp_path: Path) -> None:
+def test_elastic_walls(stored: Store, tmp_path: Path) -> None:
     """Elastic sheep, and walls that are made viscous in mid-run: 1.4e-12 apart; a density that is 1e-14 larger moves
     beats of the elastic sheep by 1.2e-12 in NumPy alone."""
-    one, two = pair(elastic(load("sheep")), tmp_path)
+    one, two = pair(stored, elastic(load("sheep")), tmp_path)
     same(one, two, {"inlet.interpolation": "linear"}, 100, tuned={50: {"CA.phi0": 3e4}}, equal=2e-12)
 
 
@@ -157,21 +158,21 @@ HELD = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HELD)
-def test_networks_and_effects(tmp_path: Path, name: str) -> None:
+def test_networks_and_effects(stored: Store, tmp_path: Path, name: str) -> None:
     """Two beats of the human network, a part of one of what sheep may hold beside."""
     network = HELD[name]()
     steps = 1800 if name == "human" else 150
-    same(*pair(network, tmp_path), {"inlet.drive": "network"}, steps)
+    same(*pair(stored, network, tmp_path), {"inlet.drive": "network"}, steps)
 
 
 @pytest.mark.parametrize("way", ["hold", "smooth"])
-def test_tables_of_sources(tmp_path: Path, way: str) -> None:
+def test_tables_of_sources(stored: Store, tmp_path: Path, way: str) -> None:
     """They act at every stage, in outputs and in ports; they move the pressures by much more."""
     T, plain = load("sheep").inlet.T, load("sheep")
     acting = replace(plain, sources=tuple(source(kind, "CA", T) for kind in KINDS))
-    one, two = pair(acting, tmp_path)
+    one, two = pair(stored, acting, tmp_path)
     same(one, two, {"inlet.interpolation": way}, 60)
-    other = Instance(build_native(plain, tmp_path / "plain"), tmp_path / "fmu")
+    other = Instance(stored(build_native, plain), tmp_path / "fmu")
     run = ({"inlet.interpolation": way}, 60)
     assert apart(one, rows(other, *run), rows(one, *run))[0] > 1e-2
 
@@ -184,7 +185,7 @@ def test_toy_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     network = toy.add(load("sheep"), "CA", {"k_near": 2e6, "k_far": 3e7})
     instance = Instance(build_native(network, tmp_path), tmp_path / "toy")
     found = rows(instance, {"inlet.drive": "network"}, 100)[:, : len(instance.outputs)]
-    run = simulate(network, duration=0.1)
+    run = simulate(network, duration=0.1, backend="numpy")
     expected = np.column_stack([run[name] for name in instance.outputs])
     assert np.abs(found - expected).max(axis=0) == pytest.approx(0.0, abs=1e-11 * np.abs(expected).max())
     plain = simulate(load("sheep"), duration=0.1)
@@ -208,19 +209,18 @@ def table(file: Path) -> list[tuple[object, ...]]:
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_the_same_variables(tmp_path: Path, fmi: int) -> None:
+def test_the_same_variables(stored: Store, fmi: int) -> None:
     """Names, references, causalities, units, ranges and start values are those of the other; FMPy finds no fault."""
-    one = build(load("sheep"), tmp_path / "one")
-    two = build_native(load("sheep"), tmp_path / "two", fmi=fmi)
+    one, two = stored(build, load("sheep")), stored(build_native, load("sheep"), fmi=fmi)
     assert validate_fmu(os.fspath(two)) == []
     description = fmpy.read_model_description(os.fspath(two))
     assert (description.fmiVersion, description.coSimulation.needsExecutionTool) == (f"{fmi}.0", False)
     assert table(two) == table(one)
 
 
-def test_fmi_3(tmp_path: Path) -> None:
+def test_fmi_3(native: Path, stored: Store) -> None:
     """FMI 3.0 gives the numbers of 2.0, bit by bit, and time."""
-    files = [build_native(load("sheep"), tmp_path / str(fmi), COARSE, fmi=fmi) for fmi in (2, 3)]
+    files = native, stored(build_native, load("sheep"), settings=COARSE, fmi=3)
     names = ["CA.P", "MD.Q", "inlet.Z", "venous.V"]
     two, three = (
         fmpy.simulate_fmu(
@@ -240,9 +240,9 @@ def test_fmi_3(tmp_path: Path) -> None:
         run_fmu(files[1], None, 0.1, start_values={"CA.E": -1.0})
 
 
-def test_fewer_values_than_variables(tmp_path: Path) -> None:
+def test_fewer_values_than_variables(stored: Store, tmp_path: Path) -> None:
     """FMI 3.0 tells how many values there are: other ones than variables are refused, and nothing is written."""
-    file = build_native(load("sheep"), tmp_path, COARSE, fmi=3)
+    file = stored(build_native, load("sheep"), settings=COARSE, fmi=3)
     description, told = fmpy.read_model_description(os.fspath(file)), list[bytes]()
     slave = FMU3Slave(
         unzipDirectory=fmpy.extract(os.fspath(file), os.fspath(tmp_path / "fmu")), instanceName="fewer",
@@ -293,9 +293,9 @@ def test_a_fat_library() -> None:
     assert int.from_bytes(made[16:20], "big") == 1 << 14 and int.from_bytes(made[36:40], "big") == 2 << 14
 
 
-def test_doctor(native: Path, tmp_path: Path) -> None:
+def test_doctor(native: Path, stored: Store, tmp_path: Path) -> None:
     """Whole, without Python, and one step made, FMI 3.0, too; a change is found by the GUID."""
-    for fmu in (native, build_native(load("sheep"), tmp_path, COARSE, fmi=3)):
+    for fmu in (native, stored(build_native, load("sheep"), settings=COARSE, fmi=3)):
         found = {finding.what: finding for finding in doctor.examine(fmu)}
         assert {finding.state for finding in found.values()} == {doctor.OK}
         assert found["Python"].found == "not needed by the host"
@@ -309,12 +309,12 @@ def test_doctor(native: Path, tmp_path: Path) -> None:
 
 def test_command(tmp_path: Path) -> None:
     """build --native; the options of it alone are refused without it."""
-    line = [sys.executable, "-m", "arterial_fmu", "build", "sheep", "--out", os.fspath(tmp_path), "--fmi", "3"]
-    refused = subprocess.run(line, capture_output=True, text=True)
-    assert refused.returncode == 2
+    line = ["build", "sheep", "--out", tmp_path, "--fmi", "3"]
+    refused = command(*line)
+    assert refused.exit_code == 2
     assert "--fmi and --platforms: for FMUs that need no Python; add --native." in refused.stderr
-    done = subprocess.run([*line, "--native", "--set", "CA.E=2 MPa"], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    done = command(*line, "--native", "--set", "CA.E=2 MPa")
+    assert done.exit_code == 0, done.stderr
     description = fmpy.read_model_description(os.fspath(tmp_path / "sheep.fmu"))
     starts = {v.name: v.start for v in description.modelVariables}
     assert (description.fmiVersion, float(starts["CA.E"])) == ("3.0", 2e6)

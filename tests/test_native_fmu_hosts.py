@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from c_host import CHost, Unpacked, unpack
 from fmpy.fmi2 import fmi2Discard, fmi2Error
-from fmus import COARSE
+from fmus import COARSE, Store
 from native_fmus import COMPILER, needs_compiler
 from test_fmu_bad_input import BAD, HOST, sentence_of_the_solver
 
@@ -25,14 +25,13 @@ BARE = {"PATH": "/nonexistent", "LD_PRELOAD": ""}  # no Python anywhere
 
 
 @pytest.fixture(scope="module")
-def native(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build_native(load("sheep"), tmp_path_factory.mktemp("native"))
+def native(stored: Store) -> Path:
+    return stored(build_native, load("sheep"), fmi=2)
 
 
 @pytest.fixture(scope="module")
-def coarse(tmp_path_factory: pytest.TempPathFactory) -> Unpacked:
-    file = build_native(load("sheep"), tmp_path_factory.mktemp("built"), COARSE)
-    return unpack(file, tmp_path_factory.mktemp("coarse"))
+def coarse(stored: Store, tmp_path_factory: pytest.TempPathFactory) -> Unpacked:
+    return unpack(stored(build_native, load("sheep"), settings=COARSE), tmp_path_factory.mktemp("coarse"))
 
 
 def run(fmu: Unpacked, uri: str | None = None, h: float = 2e-3) -> list[str]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from solver import Network, Settings, simulate, simulate_periodic
+from solver.laws import outlets
 from solver.laws.outlets import (
     OUTLETS,
     Array,
@@ -23,6 +25,7 @@ from solver.laws.outlets import (
 from solver.laws.wall import Wall
 from solver.linear import waveforms
 from solver.network.coefficients import coefficients
+from solver.network.files import dumps, loads
 from solver.quantities.quantity import quantity
 
 NUMBERS = {
@@ -113,3 +116,23 @@ def test_a_new_kind_is_one_class(sheep: Network) -> None:
     batch = {f"{first.segment}.outlet.a": np.array([2e9, 3e9])}
     both = simulate_periodic(bent, parameters=batch, settings=Settings(dt=5e-3, element_length=0.1))
     assert both[f"{first.segment}.outlet.Q"][1].max() < both[f"{first.segment}.outlet.Q"][0].max()
+
+
+@dataclass(frozen=True)
+class Inertial(Windkessel):
+    """A Windkessel with an inertance L, of whose keys three are the Windkessel's; here L has no effect."""
+
+    L: float = quantity(None, "Pa.s^2/m^3", "inertance L", 0.0, 1e15, nominal=1e6)
+
+
+def test_kinds_that_share_keys(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kind of all keys of a table, the smallest of several; what stores follows from its capacity."""
+    monkeypatch.setattr(outlets, "OUTLETS", (Inertial, *OUTLETS))
+    text = dumps(sheep)
+    given = "R1 = 2e8\nC = 4e-10\nR2 = 2e9"
+    for more, kind in (("", Windkessel), ("\nL = 1e6", Inertial)):
+        (end,) = {type(o) for o in loads(re.sub("R_t = .*", given + more, text), "sheep").outlets}
+        assert end is kind
+    with pytest.raises(ValueError, match="two conditions \\(Inertial and Resistance: L, R\\); keep one of"):
+        loads(re.sub("R_t = .*", "L = 1e6\nR = 1e9", text), "sheep")
+    assert [kind.stores for kind in (Inertial, *OUTLETS)] == [True, False, True, False, False]

@@ -18,10 +18,9 @@ from fmpy.ssp.ssd import read_ssv
 from hypothesis import given
 from hypothesis import strategies as st
 
-from build_fmu import build
 from fitting.results.parameter_set import ParameterSet, Value, read_set, unit_of, write_set
 from fmu_src.importer.run import run_fmu
-from solver import Network, Settings, load
+from solver import Network, load
 
 E = Value(1.539e6, "Pa", (1.52e6, 1.56e6))
 LAWS = {"network.elastic_law": "regression", "network.viscous_law": "monotone"}
@@ -36,9 +35,9 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @pytest.fixture(scope="module")
-def fmu(sheep: Network, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fmu(fmus: dict[str, Path]) -> Path:
     """The sheep network, coarse."""
-    return build(sheep, tmp_path_factory.mktemp("fmu"), Settings(dt=2e-3, element_length=0.1))
+    return fmus["coarse sheep"]
 
 
 # --- there and back -----------------------------------------------------------------------------------------------

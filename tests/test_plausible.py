@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,6 @@ import pytest
 from refused import refused
 from test_command import run
 
-from build_fmu import build
 from fitting.check.fmu_run import RunFailed
 from fitting.cohort.virtual import virtual_cohort, write_cohort
 from fitting.records.plausible import Artery, arteries, check_plausible
@@ -114,14 +114,14 @@ def test_published_networks_are_plausible() -> None:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """wrong.csv: AA of a virtual animal whose pressure has [kPa] for [mmHg] in its title; a cohort of it; an FMU."""
     folder = tmp_path_factory.mktemp("doors")
     write_cohort(virtual_cohort(1, animals=1), folder)
     right = next(folder.glob("*_AA.csv"))
     (folder / "wrong.csv").write_text(right.read_text().replace("[mmHg]", "[kPa]", 1))
     (folder / "wrong_cohort.csv").write_text("animal,site,record,h [mm],R0 [mm]\n1,AA,wrong.csv,0.38,\n")
-    build(load("sheep"), folder)
+    shutil.copy(fmus["sheep"], folder)
     network = read_record(folder / "wrong.csv")
     flow = {"inlet.Q": 50e-6 * np.sin(2.0 * np.pi * network.time / 0.5) ** 2, "AA.P": network.channels["AA.P"]}
     write_record(folder / "wrong_network.csv", network.time, flow, {"AA.P": "kPa"})

@@ -265,7 +265,7 @@ def monolithic(aorta: Network) -> Array:
         excess = partial(_excess, after, V, Q, i * h, h)
         a, b = Q, Q + 0.1 * ML
         at_a, at_b = excess(a), excess(b)
-        while abs(at_b) > 1e-12 and at_a != at_b:
+        while abs(at_b) > 1e-9 and at_a != at_b:  # of 5e-4 m³/s
             a, at_a, b = b, at_b, max(0.0, b - at_b * (b - a) / (at_b - at_a))
             at_b = excess(b)
         component, V, Q = after(b), V - 0.5 * h * (Q + b), b

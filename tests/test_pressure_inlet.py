@@ -182,6 +182,17 @@ def component(network: Network, **starts: float | str) -> tuple[CoSimulation, di
     return made, values
 
 
+def test_a_host_that_sets_nothing_has_arteries_at_rest() -> None:
+    """inlet.P starts at network.P_0: nothing flows where the pressures behind the outlets are that, too."""
+    sheep = load("sheep")
+    venous = {f"{outlet.segment}.outlet.P_venous": 5e3 for outlet in sheep.outlets}
+    made, values = component(driven_by_pressure(sheep.with_parameters({"network.P_0": 5e3, **venous})))
+    assert values["inlet.P"] == 5e3
+    made.step(0.0, 0.01, values)
+    flows = [value for name, value in zip(sheep.output_units(), made.outputs(), strict=False) if name.endswith(".Q")]
+    assert np.abs(flows).max() <= 1e-16
+
+
 def test_component() -> None:
     """The FMU's component gives the solver's answer to straight lines between 21 pressures, to 1e-9 of each pulse."""
     network, t = driven_by_pressure(load("sheep")), np.linspace(0.0, 0.2, 21)

@@ -12,6 +12,7 @@ from solver import Fluid, Inlet, Junction, Network, Reflection, Segment, Setting
 
 RHO = 1060.0
 WIDTH = 0.05  # duration of the pulse [s]
+LONG = 1.5  # [m], five pulses
 FINE = Settings(dt=5e-4, element_length=0.05, degree=4, tolerance=1e-8)
 
 
@@ -43,24 +44,24 @@ def _peak(time: np.ndarray, P: np.ndarray, around: Callable[[np.ndarray], np.nda
 @pytest.mark.parametrize(("R_1", "R_2"), [(5e-3, 4e-3), (9e-3, 3e-3), (2e-3, 2e-3)])
 def test_junction(R_1: float, R_2: float) -> None:
     """Γ = (Y0 - Y1 - Y2)/(Y0 + Y1 + Y2), transmission 1 + Γ into both: to 2e-3, elastic and inviscid."""
-    parent = Segment("parent", 3.0, 8e-3, 1e-3, 5e5)
-    one, two = Segment("one", 3.0, R_1, 8e-4, 6e5), Segment("two", 3.0, R_2, 7e-4, 7e5)
+    parent = Segment("parent", LONG, 8e-3, 1e-3, 5e5)
+    one, two = Segment("one", LONG, R_1, 8e-4, 6e5), Segment("two", LONG, R_2, 7e-4, 7e5)
     network = _network((parent, one, two), (Junction(("parent",), ("one", "two")),), {"one": 0.0, "two": 0.0})
     Y = [admittance(s) for s in (parent, one, two)]
     expected = (Y[0] - Y[1] - Y[2]) / sum(Y)
-    half = 1.5 / speed(parent)
+    half = LONG / 2.0 / speed(parent)
     result = simulate(network, pulse, 3.6 * half, settings=FINE)
     P_in = 1e-9 / Y[0]
     back = _peak(result.time, result["parent_mid.P"], lambda t: pulse(t - 3.0 * half) / 1e-9)
-    forth = _peak(result.time, result["one_mid.P"], lambda t: pulse(t - 2.0 * half - 1.5 / speed(one)) / 1e-9)
+    forth = _peak(result.time, result["one_mid.P"], lambda t: pulse(t - 2.0 * half - LONG / 2.0 / speed(one)) / 1e-9)
     assert back / P_in == pytest.approx(expected, abs=2e-3)
     assert forth / P_in == pytest.approx(1.0 + expected, abs=2e-3)
 
 
 def test_outlet() -> None:
     """An elastic pulse comes back from the outlet with R_t times its pressure: to 2e-3, for four R_t in a batch."""
-    tube = Segment("tube", 3.0, 8e-3, 1e-3, 5e5)
-    half, R_t = 1.5 / speed(tube), np.array([-0.5, 0.0, 0.3, 0.9])
+    tube = Segment("tube", LONG, 8e-3, 1e-3, 5e5)
+    half, R_t = LONG / 2.0 / speed(tube), np.array([-0.5, 0.0, 0.3, 0.9])
     network = _network((tube,), (), {"tube": 0.0})
     result = simulate(network, pulse, 3.6 * half, parameters={"tube.outlet.R_t": R_t}, settings=FINE)
     for P, ratio in zip(result["tube_mid.P"], R_t, strict=True):

@@ -195,7 +195,11 @@ def test_accuracy_and_coverage_at_40_dB(site: str, targets: dict[str, float]) ->
 
 @pytest.mark.parametrize(
     ("drift", "bits", "most"),
-    [(0.0, None, 0.98), (0.02, 12, 1.0), pytest.param(0.05, None, 1.0, marks=pytest.mark.slow)],
+    [
+        pytest.param(0.0, None, 0.98, marks=pytest.mark.slow),
+        (0.02, 12, 1.0),
+        pytest.param(0.05, None, 1.0, marks=pytest.mark.slow),
+    ],
 )
 def test_coverage_of_whole_records(drift: float, bits: int | None, most: float) -> None:
     """AA, 40 dB, 150 records through ``align``, T no whole number of samples, with drift and quantisation.

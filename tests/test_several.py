@@ -115,7 +115,7 @@ def test_starts_that_end_elsewhere() -> None:
     lowest = calibrate([recording("a", 0.01), recording("b", 0.01)], START, UNKNOWNS, varies=VARIES, settings=SETTINGS)
     other = replace(lowest, x=lowest.x + 100.0 * lowest.sd, history=(lowest.history[0], (lowest.cost + 50.0,)))
     tried = Starts(2, 1, (Minimum(lowest, (0,), True), Minimum(other, (1,), True)), {})
-    said = next(sentence for sentence in tried.report if "settled elsewhere" in sentence)
+    said = next(sentence for sentence in tried.report if "ended in another minimum" in sentence)
     assert "C.outlet.R_t of a 0." in said and "C.outlet.R_t of b 0." in said and "A.E " in said
     assert set(tried.plain()["minima"][1]["recordings"]) == {"a", "b"}
 

@@ -307,6 +307,9 @@ def test_what_takes_one_inlet_only(tmp_path: Path) -> None:
         ValueError, match="inflow: C.inlet.Q does not drive an inlet of network fork; use inlet.Q, B.inl"
     ):
         simulate(fork(), {"C.inlet.Q": np.sin})
+    for wrong, what in ((0.5, "0.5"), (np.zeros(3), "a ndarray"), (0.0, "0.0")):
+        with pytest.raises(ValueError, match=f"inflow inlet.Q: {what} is no function of time; give one that takes"):
+            simulate(fork(), wrong)
     with pytest.raises(ValueError, match="network fork: nothing drives B.inlet.P; give it as inflow"):
         simulate(fork(B="pressure"))
     with pytest.raises(ValueError, match="network fork has 2 inlets; give inlet.Q, B.inlet.Q by name"):

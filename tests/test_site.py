@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 import arterial_fmu
+from docs import live
+from fmu_src import compiler
 
 pytest.importorskip("material", reason="mkdocs-material is not installed")
 
@@ -80,3 +82,10 @@ def test_notebooks(site: Path) -> None:
     """Each notebook is a page with its figures."""
     for path in (ROOT / "examples" / "notebooks").glob("*.ipynb"):
         assert f'src="notebook-{path.stem}-' in (site / f"notebook-{path.stem}.html").read_text(encoding="utf-8")
+
+
+def test_the_live_beat_without_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page says what is missing, and has neither data nor scripts; tests/test_live.py is about the rest."""
+    monkeypatch.setattr(compiler, "ziglang", lambda target="": None)
+    assert "pip install ziglang" in live.block() and "<" not in live.block()
+    assert live.script() == ""

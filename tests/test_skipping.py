@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fmus import Store
 from native_build import build
 from native_fmus import apart, needs_compiler, pair, rows
 
@@ -79,11 +80,11 @@ def test_skipped_where_all_are_zero() -> None:
 
 
 @needs_compiler
-def test_walls_that_stop_damping_in_mid_run(tmp_path: Path) -> None:
+def test_walls_that_stop_damping_in_mid_run(stored: Store, tmp_path: Path) -> None:
     """The native FMU takes up the damping when all walls become elastic, and leaves it: as the other FMU (2e-12)."""
     network = load("sheep")
     own = {f"{s.name}.phi0": network.parameters()[f"{s.name}.phi0"] for s in network.segments}
-    one, two = pair(network, tmp_path)
+    one, two = pair(stored, network, tmp_path)
     tuned = {20: dict.fromkeys(own, 0.0), 60: own}
     run = ({"inlet.interpolation": "linear"}, 100)
     found, expected = rows(two, *run, tuned=tuned), rows(one, *run, tuned=tuned)

@@ -131,8 +131,8 @@ def test_a_number_is_told_beside_the_others_and_the_file() -> None:
     assert (E.number.beyond, E.number.value) == (pytest.approx(1.5), pytest.approx(1.5 * 1.1 * 9e5))
     assert (R.number.factor, R.number.beyond, R.number.value) == (False, pytest.approx(0.2), pytest.approx(0.4))
     text = acts_as(shown_map(replace(made, x=at), NETWORK, record(clean())))
-    assert "B.E stands out from its kind: 1.49 MPa, 1.5 times what goes with the others (the file: 0.9 MPa)." in text
-    assert "C.outlet.R_t stands out from its kind: 0.4, 0.2 above what goes with the others (the file: 0.2)." in text
+    assert "B.E is an outlier: 1.49 MPa, 1.5 times the value expected from the others (the file has 0.9 MPa)." in text
+    assert "C.outlet.R_t is an outlier: 0.4, 0.2 above the value expected from the others (the file has 0.2)." in text
 
 
 # --- words --------------------------------------------------------------------------------------------------------
@@ -141,14 +141,14 @@ def test_a_number_is_told_beside_the_others_and_the_file() -> None:
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (LEAK, "a loss of flow along B of 1.4 mL/s (rms, "),
-        (signal(place("drop", "A", 0.3), 2.0 * MMHG), "a drop of pressure in A at x/L = 0.3 of 1.4 mmHg (rms, "),
-        (signal(place("outlet", "C"), 1.0 * ML), "a further flow through the outlet of C of 0.71 mL/s (rms, "),
-        (signal(place("junction", "A"), MMHG, 0, 0), "a drop of pressure at junction A of 0.71 mmHg (rms, "),
-        (signal(place("channel", "C.R"), 1e-5), "a further signal of the sensor of C.R of 0.0071 mm (rms, "),
-        (signal(place("channel", "inlet.Q"), ML), "a further signal of the sensor of inlet.Q of 0.71 mL/s (rms, "),
-        (SQUEEZED, "a pressure in the wall of C of 2.1 mmHg (rms, "),
-        (signal(place("wall", "all"), *[MMHG] * 9), "a pressure in all walls of 0.71 mmHg (rms), even along A (the"),
+        (LEAK, "a loss of flow along B: 1.4 mL/s rms ("),
+        (signal(place("drop", "A", 0.3), 2.0 * MMHG), "a drop of pressure in A at x/L = 0.3: 1.4 mmHg rms ("),
+        (signal(place("outlet", "C"), 1.0 * ML), "an additional flow through the outlet of C: 0.71 mL/s rms ("),
+        (signal(place("junction", "A"), MMHG, 0, 0), "a drop of pressure at junction A: 0.71 mmHg rms ("),
+        (signal(place("channel", "C.R"), 1e-5), "an additional signal of the sensor of C.R: 0.0071 mm rms ("),
+        (signal(place("channel", "inlet.Q"), ML), "an additional signal of the sensor of inlet.Q: 0.71 mL/s rms ("),
+        (SQUEEZED, "a pressure in the wall of C: 2.1 mmHg rms ("),
+        (signal(place("wall", "all"), *[MMHG] * 9), "a pressure in all walls: 0.71 mmHg rms, uniform along A ("),
     ],
 )  # fmt: skip
 def test_what_acts_is_said_with_its_size(made: Signal, said: str) -> None:
@@ -161,10 +161,10 @@ def test_size_as_a_part_of_the_pulse_and_time() -> None:
     (leak,) = shown(LEAK).acting
     assert (leak.channel, leak.pulse) == ("B.Q", pytest.approx(np.ptp(clean()["B.Q"])))
     part = 100.0 * math.sqrt(2.0) * ML / np.ptp(clean()["B.Q"])
-    assert f"1.4 mL/s (rms, {part:.2g} % of the pulse of B.Q), largest at 0 s, " in acts_as(shown(LEAK))
-    assert " % of the gap (of its χ²), largest at 0 s, " in acts_as(shown(LEAK, shares=(0.4,)))
+    assert f"1.4 mL/s rms ({part:.2g} % of the pulse of B.Q), largest at 0 s, " in acts_as(shown(LEAK))
+    assert "diastole; 40 % of the gap (χ²)." in acts_as(shown(LEAK, shares=(0.4,)))
     steady = replace(LEAK, g=np.where(np.arange(K + 1)[:, None] == 0, 3.0 * ML, 0.1 * LEAK.g))
-    assert acts_as(shown(steady)).endswith("nearly the same throughout the beat.")
+    assert acts_as(shown(steady)).endswith("nearly constant over the beat.")
 
 
 def test_rivals_are_what_stands_in_the_place_of_one() -> None:
@@ -180,8 +180,8 @@ def test_rivals_are_what_stands_in_the_place_of_one() -> None:
     assert [(tuple(p.label for p in r.places), r.above) for r in leaking.rivals] == [(("the outlet of B",), 3.0)]
     assert [(tuple(p.label for p in r.places), r.above) for r in squeezed.rivals] == [((), 9.0)]
     text = acts_as(shown(SQUEEZED, LEAK, rivals=rivals))
-    assert "cannot tell a loss of flow along B from a further flow through the outlet of B." in text
-    assert "It is nearly as probable without a pressure in the wall of C." in text
+    assert "cannot distinguish a loss of flow along B from an additional flow through the outlet of B." in text
+    assert "The record is nearly as probable without a pressure in the wall of C." in text
     many = [Rival((p,), 1.0) for p in PLACES if p.kind == "drop"][:6]
     assert "x/L = 0.5 or 3 other places." in acts_as(shown(LEAK, rivals=many))
 
@@ -189,16 +189,16 @@ def test_rivals_are_what_stands_in_the_place_of_one() -> None:
 @pytest.mark.parametrize(
     ("signals", "chi2", "said"),
     [
-        ((), 142.0, "Nothing acts beyond noise"),
-        ((), 143.0, "No place was found where something acts, and yet more than noise is left: χ² is 1.43 per datum."),
-        ((LEAK,), 90.0, "With that, only noise is left: χ² is 0.9 per datum."),
-        ((LEAK,), 300.0, "With that, more than noise is left: χ² is 3 per datum."),
+        ((), 142.0, "No place shows a residual beyond noise"),
+        ((), 143.0, "The residual exceeds the noise, but no place explains it: χ² is 1.43 per datum."),
+        ((LEAK,), 90.0, "With these terms, only noise remains: χ² is 0.9 per datum."),
+        ((LEAK,), 300.0, "With these terms, more than noise remains: χ² is 3 per datum."),
     ],
 )
 def test_what_is_left_is_said(signals: tuple[Signal, ...], chi2: float, said: str) -> None:
     """100 data: noise stays below 100 + 3 √200 = 142.4."""
     text = " ".join(map_sentences(shown(*signals, chi2=chi2)))
-    assert said in text and text.startswith("What the model lacks acts" if signals else "No")
+    assert said in text and text.startswith("The missing physics acts" if signals else ("No place", "The residual"))
 
 
 def nothing() -> Named:
@@ -212,12 +212,12 @@ def test_an_unknown_law_is_told_by_place_and_shape(complete: bool) -> None:
     naming = Naming("unknown", PROBLEM, nothing(), (), (), {}, (), 0.5, "RMS 3", complete)
     gap = Gap((9.0, 9.3), {})
     said = sentence(naming, (), gap, None, shown(LEAK))
-    tried = "No law of the catalogue explains it." if complete else "Nothing that was tried explains it."
+    tried = "No law of the catalogue explains it." if complete else "None of the laws tried explains it."
     begun = f"Something is missing: the gap to held-out beats is 9.3 times the noise. {tried} It acts as a loss of flow"
-    assert said.startswith(begun) and ("Search incomplete" in said) != complete
+    assert said.startswith(begun) and ("The search is incomplete" in said) != complete
     assert sentence(naming, (), gap, None, shown()) == sentence(naming, (), gap, None)
     partial = sentence(replace(naming, verdict="partial"), (), gap, gap, shown(LEAK))
-    assert "but more than noise remains. All that is missing acts as a loss of flow along B" in partial
+    assert "but more than noise remains. All missing physics together acts as a loss of flow along B" in partial
 
 
 def test_the_outcome_has_the_map_of_its_naming() -> None:
@@ -228,10 +228,8 @@ def test_the_outcome_has_the_map_of_its_naming() -> None:
     naming = replace(named("unknown"), map=found(LEAK), base=replace(named().base, misfit=9.0), complete=True)
     outcome = summary(made, "fork.toml", s, naming, Shown(run, run))  # type: ignore[arg-type]
     assert outcome.map is not None and outcome.map.T == T
-    assert (
-        "No law of the catalogue explains it. It acts as a loss of flow along B of 1.4 mL/s (rms, " in outcome.sentence
-    )
-    assert verdict_json(outcome)["map"][0]["where"] == "B" and "Where something acts" in page(outcome, {})
+    assert "No law of the catalogue explains it. It acts as a loss of flow along B: 1.4 mL/s rms (" in outcome.sentence
+    assert verdict_json(outcome)["map"][0]["where"] == "B" and "Where the missing physics acts" in page(outcome, {})
     assert summary(made, "", s, replace(naming, map=None), Shown(run, run)).map is None  # type: ignore[arg-type]
 
 
@@ -290,7 +288,7 @@ def test_the_figure_has_a_panel_for_each_signal() -> None:
     assert panels(shown(LEAK, SQUEEZED, lengthened)) == [
         ("A loss of flow along B", "g [mL/s]"),
         ("A pressure in the wall of C\nlinear along C", "g [mmHg]"),
-        ("A further signal of the sensor of C.R", "g [mm]"),
+        ("An additional signal of the sensor of C.R", "g [mm]"),
     ]
     assert panels(shown(signal(place("number", "B.E")))) == []
 
@@ -300,11 +298,15 @@ def test_the_page_begins_with_the_map() -> None:
     outcome = replace(MADE, map=shown(LEAK, SQUEEZED, rivals=[Rival((place("outlet", "B"), SQUEEZED.place), 3.0)]))
     drawings = {name: drawn for name, drawn in figures(outcome).items() if name == "map"}
     html = page(outcome, drawings)
-    assert html.index("<h2>What this means") < html.index("<h2>Where something acts") < html.index("<h2>Where model")
-    assert "What the model lacks acts as a loss of flow along B" in html and drawings["map"].source in html
+    assert (
+        html.index("<h2>What this means")
+        < html.index("<h2>Where the missing physics acts")
+        < html.index("<h2>Where model")
+    )
+    assert "The missing physics acts as:\n- a loss of flow along B" in html and drawings["map"].source in html
     nothing = replace(MADE, map=shown())
-    assert "map" not in figures(nothing) and "Nothing acts beyond noise" in page(nothing, {})
-    assert "Where something acts" not in page(MADE, {}) and "map" not in figures(MADE)
+    assert "map" not in figures(nothing) and "No place shows a residual beyond noise" in page(nothing, {})
+    assert "Where the missing physics acts" not in page(MADE, {}) and "map" not in figures(MADE)
 
 
 # --- the journal --------------------------------------------------------------------------------------------------

@@ -15,15 +15,18 @@ from fmus import COARSE, mixed
 from fmu_src.cosimulation.arteries import CoSimulation
 from fmu_src.variables.arteries_variables import variable_table
 from solver import (
+    Fluid,
     Inlet,
     Junction,
     Network,
     Reflection,
+    Resistance,
     Segment,
     Settings,
     Site,
     Waveforms,
     Windkessel,
+    beat_harmonics,
     linear,
     load,
     simulate,
@@ -220,3 +223,19 @@ def test_few_harmonics(monkeypatch: pytest.MonkeyPatch) -> None:
     run = simulate(sheep, duration=T, settings=COARSE, start="periodic")
     first = error(run, exact, 0)
     assert 0.006 <= first <= 0.03
+
+
+@pytest.mark.parametrize("R", [0.1, 0.3, 0.6])
+def test_a_narrow_valve_before_a_low_resistance_has_a_steady_state(R: float) -> None:
+    """At rest P_0 drives a flow that the quadratic loss of the valve does not yet hinder, ten times the one that passes
+    once it does. The mean pressure for 81 mL/s is R Q + K (ρ/2) (Q/A)² to 1 %, for the kinetic pressure."""
+    Q = 81e-6
+    wide = Segment("end", L=0.1, R0=20e-3, h=2e-3, E=2.5e5)
+    valve = Segment("valve", L=0.05, R0=8e-3, h=2e-3, E=2e7, terms={"K": 110.0})
+    network = Network(
+        "clamp", (wide, valve), Inlet("end"), outlets=(Resistance("valve", R * MMHG / 1e-6),), P_ref=83.6 * MMHG,
+        P_0=83.6 * MMHG, junctions=(Junction(("end",), ("valve",)),), sites=(Site("x", "end"),), fluid=Fluid(nu=0.0),
+    )  # fmt: skip
+    mean = beat_harmonics(network, ("x.P",), 2, lambda t: Q + 0.0 * t, 0.8)[0, 0].real
+    expected = R * MMHG / 1e-6 * Q + 110.0 * 0.5 * 1060.0 * (Q / (np.pi * 8e-3**2)) ** 2
+    assert mean == pytest.approx(expected, rel=0.01)

@@ -75,7 +75,7 @@ def test_truth_and_mirror_image() -> None:
     assert best.found.x.tolist() == alone.x.tolist() and tried.best.report[: len(alone.report)] == alone.report
     first, second = tried.best.report[-2:]
     assert first == "2 of 4 starts ended in this minimum, within 0.1 standard deviations of every unknown"
-    assert second.startswith(f"2 of 4 starts settled elsewhere, with cost {other.found.cost:.4g} instead of ")
+    assert second.startswith(f"2 of 4 starts ended in another minimum, with cost {other.found.cost:.4g} instead of ")
     assert second.endswith("(SI)") and f"B.E {other.found.values['B.E']:.4g}" in second
     assert tried.best.parameter_set().provenance["report"][-1] == second
     same(tried, found(4, jobs=2))

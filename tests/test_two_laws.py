@@ -9,7 +9,7 @@ import numpy as np
 from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term
 
-from discrepancy.name.rivals import with_rivals
+from discrepancy.name.moves import with_moves
 from discrepancy.name.scoring import Compared
 from discrepancy.thresholds import RULED_OUT
 from fitting.inference.hypothesis import candidates
@@ -41,7 +41,7 @@ def test_a_law_that_made_up_for_the_other_effect_is_replaced() -> None:
     found = Compared.of(problem, fits, {}, (narrow, slow, late))
     (first, *_) = sorted(found.every, key=lambda n: n.score)
     assert [t.effect for t in first.fit.terms] == ["catheter_resonance", "stenosis"] and not first.shown
-    better = with_rivals(found, Runs()).best
+    better = with_moves(found, Runs()).best
     assert {t.label for t in better.fit.terms} == {narrow.label, late.label} and better.score < first.score
     (x,) = (x * u.size for u, x in zip(better.fit.unknowns, better.fit.x, strict=True) if u.name == f"{CHANNEL}.lag")
     np.testing.assert_allclose(x, LAG, rtol=0.01)
@@ -49,7 +49,7 @@ def test_a_law_that_made_up_for_the_other_effect_is_replaced() -> None:
     assert same is not None
     both = Compared.of(problem, [*fits[:3], same], {}, (slow, late))
     leads = replace(both, ranked=tuple(replace(n, score=-math.inf) if n.fit is same else n for n in both.ranked))
-    assert len(with_rivals(leads, Runs()).ranked) == len(both.ranked)
+    assert len(with_moves(leads, Runs()).ranked) == len(both.ranked)
 
 
 def test_a_law_of_another_place_is_compared_with_the_best() -> None:
@@ -62,7 +62,7 @@ def test_a_law_of_another_place_is_compared_with_the_best() -> None:
     (none,) = problem.refit([()])
     (asked,) = problem.refit([(term("terminal_reflection", "C"),)], none)
     assert none is not None and asked is not None
-    found = with_rivals(Compared.of(problem, [none, asked], {}, terms), Runs())
+    found = with_moves(Compared.of(problem, [none, asked], {}, terms), Runs())
     assert found.best.label == "stenosis at C" and found.best.explains
     (K,) = (x * u.size for u, x in zip(found.best.fit.unknowns, found.best.fit.x, strict=True) if u.name == "C.K")
     np.testing.assert_allclose(K, 3.0, rtol=0.1)

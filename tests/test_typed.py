@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 from refused import refused
 from test_command import run
 
-from build_fmu import build, build_model
+from build_fmu import build_model
 from fitting.results.parameter_set import ParameterSet, Value, write_set
 from fmu_src.contents.models import heart_model
 from solver import load
@@ -21,10 +22,10 @@ from solver.quantities.text import assignments, typed_quantity
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """sheep.fmu and human_heart.fmu."""
     folder = tmp_path_factory.mktemp("typed")
-    build(load("sheep"), folder)
+    shutil.copy(fmus["sheep"], folder)
     build_model(heart_model("human"), folder)
     return folder
 

@@ -16,7 +16,6 @@ from test_study import sheep, varied
 
 from arterial_fmu.study.plan import plan_of
 from arterial_fmu.study.store import Store
-from build_fmu import build
 from discrepancy.workflow import discover
 from fitting.cohort.virtual import virtual_cohort, write_cohort
 from fitting.inference.models.bench_network import bench_network
@@ -129,12 +128,12 @@ OUT = {  # a place below a file
 
 
 @pytest.fixture(scope="module")
-def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def inputs(fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("inputs")
     (folder / "file").write_text("")
     write_cohort(virtual_cohort(1, animals=1), folder)
     next(folder.glob("*_AA.csv")).rename(folder / "AA.csv")
-    build(load("sheep"), folder)
+    shutil.copy(fmus["sheep"], folder)
     assert run("export", "sheep", "--out", folder / "table.csv").exit_code == 0
     return folder
 

@@ -31,18 +31,18 @@ app = typer.Typer(
     cls=DefaultGroup,
     add_completion=False,
     rich_markup_mode=None,
-    help="Build FMUs of arteries and of what they are coupled to.",
+    help="Build FMUs of arteries, hearts, bodies and whole systems.",
 )
 
 
 _SPECIES = "|".join(SPECIES)
 
 
-SpeciesName = Annotated[str, typer.Option("--species", metavar=_SPECIES, help="Whose heart or body.")]
+SpeciesName = Annotated[str, typer.Option("--species", metavar=_SPECIES, help="Species of the heart or body.")]
 
 
 Changes = Annotated[
-    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='Another start value: "heart.rate=1.3 Hz".')
+    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='A start value: "heart.rate=1.3 Hz".')
 ]
 
 
@@ -59,22 +59,24 @@ def main(
     execution_tool: ExecutionTool = True,
     inlet: Annotated[
         str | None,
-        typer.Option(metavar="flow|pressure", help="What drives the inlet; default as in the network file."),
+        typer.Option(metavar="flow|pressure", help="Drive of the inlet; default: as in the network file."),
     ] = None,
     change: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help='Another start value, such as "CA.phi0=0 kPa*s".'),
+        typer.Option("--set", metavar="NAME=VALUE", help='A start value, such as "CA.phi0=0 kPa*s".'),
     ] = None,
-    native: Annotated[bool, typer.Option("--native", help="An FMU that needs no Python on its host.")] = False,
-    fmi: Annotated[int, typer.Option(metavar="2|3", help="With --native: version of the standard.")] = 2,
+    native: Annotated[bool, typer.Option("--native", help="Build an FMU that needs no Python on its host.")] = False,
+    fmi: Annotated[int, typer.Option(metavar="2|3", help="With --native: version of FMI.")] = 2,
     platforms: Annotated[
         str,
-        typer.Option(metavar="|".join(PLATFORMS), help="With --native: for which, by commas; default this machine."),
+        typer.Option(
+            metavar="|".join(PLATFORMS), help="With --native: platforms, separated by commas; default: this machine."
+        ),
     ] = "",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Build the FMU of a network of arteries; the default: the word network may be left out."""
+    """Build the FMU of a network of arteries. This is the default: the word network is optional."""
     with sentences(), bar(quiet, "building"):
         if inlet not in (None, "flow", "pressure"):
             raise InputError(f"--inlet {inlet}: must be flow or pressure.")
@@ -132,14 +134,14 @@ def system_command(
     network: NetworkName = "human",
     species: Annotated[
         str | None,
-        typer.Option(metavar=_SPECIES, help="Whose heart and body; default as the network is called."),
+        typer.Option(metavar=_SPECIES, help="Species of heart and body; default: from the network's name."),
     ] = None,
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Build heart, arteries and body as one system in SSP."""
+    """Build heart, arteries and body as one SSP."""
     with sentences(), bar(quiet, "building heart, arteries and body"):
         arteries = read_network(find_network(network))
         check_destinations(out / f"{arteries.name}.ssp", folders=True)

@@ -51,7 +51,7 @@ Varies = Annotated[
 
 def calibrate_command(
     record: Annotated[
-        Path, typer.Argument(is_eager=True, help="File with `time [s]`, `inlet.Q` and P, Q or R at some sites.")
+        Path, typer.Argument(is_eager=True, help="Record with `time [s]`, `inlet.Q` and P, Q or R at some sites.")
     ],
     network: NetworkName,
     free: Annotated[
@@ -62,7 +62,7 @@ def calibrate_command(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(help="Write the parameter set, and one for each of several recordings: .json or .ssv."),
+        typer.Option(help="Write the parameter set (.json or .ssv); with several recordings, also one for each."),
     ] = None,
     further: Further = None,
     varies: Varies = None,
@@ -71,11 +71,12 @@ def calibrate_command(
         Path | None, typer.Option(help="Parameter set to start from; default: the network's values.")
     ] = None,
     starts: Annotated[
-        int, typer.Option(help="Searches: the first from the network's values, others from its priors, twice as wide.")
+        int,
+        typer.Option(help="Number of searches: one from the network's values, the others from priors of double width."),
     ] = 1,
-    seed: Annotated[int, typer.Option(help="Same seed, same starts.")] = 1,
-    jobs: Annotated[int, typer.Option(help="Processes that search at the same time.")] = 1,
-    scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that searches, tcp://…:8786.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 1,
+    jobs: Annotated[int, typer.Option(help="Parallel processes.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a dask cluster: tcp://host:8786.")] = None,
     mapped: Mapped = None,
     beside: Beside = None,
     decimal: Decimal = None,
@@ -86,7 +87,7 @@ def calibrate_command(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find parameters of a network from a record of it, or from several of one animal."""
+    """Fit parameters of a network to one record, or to several records of one animal."""
     from fitting.calibrate.calibrated import labels_of
     from fitting.calibrate.held_out import judge
     from fitting.calibrate.multistart import calibrate_from

@@ -36,7 +36,7 @@ COMMANDS: Mapping[str, Command] = {
         "fmu_src", "arterial_fmu.cli.doctor:main", "Check whether an FMU runs here, and list what is missing."
     ),
     "virtual": Command(
-        "fitting", "arterial_fmu.cli.fit:virtual_command", "Make a cohort of virtual animals: synthetic records."
+        "fitting", "arterial_fmu.cli.fit:virtual_command", "Make synthetic records of a cohort of virtual animals."
     ),
     "fit": Command(
         "fitting", "arterial_fmu.cli.fit:fit_command", "Fit the wall of one site from its pressure and radius."
@@ -46,10 +46,10 @@ COMMANDS: Mapping[str, Command] = {
     ),
     "first": Command("fitting", "arterial_fmu.cli.first:first_command", "Make a first model from a recording."),
     "calibrate": Command(
-        "fitting", "arterial_fmu.cli.calibrate:calibrate_command", "Fit parameters of a network to records of it."
+        "fitting", "arterial_fmu.cli.calibrate:calibrate_command", "Fit parameters of a network to recordings."
     ),
     "check": Command(
-        "fitting", "arterial_fmu.cli.fit:check_command", "Compare an FMU, run with a parameter set, with a record."
+        "fitting", "arterial_fmu.cli.fit:check_command", "Compare an FMU with a record, for a parameter set."
     ),
     "discover": Command(
         "discrepancy",
@@ -60,7 +60,7 @@ COMMANDS: Mapping[str, Command] = {
         "discrepancy", "arterial_fmu.cli.discover:isolability_command", "Predict which effects sensors can distinguish."
     ),
     "study": Command(
-        "arterial_fmu", "arterial_fmu.study.command:main", "Vary parameters, and show which of them matter where."
+        "arterial_fmu", "arterial_fmu.study.command:main", "Vary parameters, and report which of them matter where."
     ),
 }
 

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from discrepancy.findings.outcome import Outcome
     from discrepancy.plan.sensor_plan import SensorPlan
 
-_ERRORS = (NonPhysicalState, NotPeriodic, HostDied)  # what a user can put right, too
-_PACE = 600.0  # s over which the time left is judged: stages differ in pace
+_ERRORS = (NonPhysicalState, NotPeriodic, HostDied)  # errors that a user can correct, like input errors
+_PACE = 600.0  # s over which the remaining time is estimated: stages differ in pace
 
 
 app = typer.Typer(
@@ -49,35 +49,37 @@ app = typer.Typer(
 def discover_command(
     record: Annotated[
         Path,
-        typer.Argument(is_eager=True, help="File with `time [s]`, then `inlet.Q` and P, Q, R, or P and R of one site."),
+        typer.Argument(
+            is_eager=True, help="Record with `time [s]` and either `inlet.Q` with P, Q or R, or P and R of one site."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the report, the verdict and the extended model.")],
     model: Annotated[
         str | None,
         typer.Option(
-            help="A network file (TOML), a bundled network, or an FMU; default: a first model, made of the record.",
+            help="A network file (TOML), a bundled network, or an FMU; default: a first model from the record.",
             autocompletion=networks_for,
         ),
     ] = None,
     further: Further = None,
     varies: Annotated[
         list[str] | None,
-        typer.Option(help='Numbers that each recording has of its own, repeatable: "*.outlet.R2", "*.E".'),
+        typer.Option(help='Parameters with a separate value for each recording, repeatable: "*.outlet.R2", "*.E".'),
     ] = None,
     hold_out: HeldOutFiles = None,
-    period: Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')] = None,
+    period: Annotated[
+        str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: from the record.')
+    ] = None,
     walls: Annotated[
         str | None,
-        typer.Option(help="common (all arteries differ from the file together) or individual; default: by evidence."),
+        typer.Option(help="common (one change for all arteries) or individual (one for each); default: by evidence."),
     ] = None,
-    prior: Annotated[
-        Path | None, typer.Option(help="Result of `calibrate`: values, and how uncertain they are.")
-    ] = None,
+    prior: Annotated[Path | None, typer.Option(help="Result of `calibrate`: values with their uncertainty.")] = None,
     time_limit: Annotated[
         str,
         typer.Option(
-            help='Of naming, e.g. "10 min"; a bare number is seconds. Then the best answer so far is given; '
-            "the runs of the FMUs after it come on top."
+            help='Limit of the search, e.g. "10 min"; a bare number is seconds. At the limit the best result so far '
+            "is reported. The runs of the FMUs take additional time."
         ),
     ] = "5 min",
     filters: Filters = None,
@@ -86,16 +88,13 @@ def discover_command(
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
-    jobs: Annotated[
-        int | None, typer.Option(help="Processes that simulate; default: one for each core that may be used.")
-    ] = None,
+    jobs: Annotated[int | None, typer.Option(help="Parallel processes; default: one per available core.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find, name and add what a model lacks.
+    """Find, name and add the physics that a model lacks.
 
-    Exit code 0 with a verdict, 3 if the record is unusable, 2 if something given is wrong, 130 if interrupted: the same
-    command goes on where it was.
+    Exit codes: 0 verdict, 3 unusable record, 2 wrong input, 130 interrupted; the same command then continues the study.
     """
     from discrepancy.findings.outcome import verdict_json
     from discrepancy.report.learned_text import FILES
@@ -103,7 +102,7 @@ def discover_command(
     from fitting.parallel.workers import cores
     from fitting.results.result_files import json_text
 
-    kept = "finished stages are kept, the one under way begins anew; run again to go on."
+    kept = "finished stages are kept; run the same command to continue from the stage that was interrupted."
     with sentences(*_ERRORS, interrupted=kept), bar(quiet, pace=_PACE) as progress:
         seconds = None if period is None else parse_quantity(period, "s", "--period")
         limit = parse_quantity(time_limit, "s", "--time-limit")
@@ -137,14 +136,14 @@ def isolability_command(
             help="A network file (TOML), the name of a bundled network, or an FMU.", autocompletion=networks_for
         ),
     ],
-    channels: Annotated[str, typer.Option(help="The sensors beside inlet.Q, e.g. AA.P,CA.P,FA.P.")],
+    channels: Annotated[str, typer.Option(help="The sensors in addition to inlet.Q, e.g. AA.P,CA.P,FA.P.")],
     dB: Annotated[float, typer.Option("--dB", help="Noise: 40 dB is 1 % of the pulsatile standard deviation.")] = 40.0,
-    beats: Annotated[int, typer.Option(help="Beats of the experiment.")] = 15,
-    out: Annotated[Path | None, typer.Option(help="Write the plan as .json.")] = None,
+    beats: Annotated[int, typer.Option(help="Number of beats of the experiment.")] = 15,
+    out: Annotated[Path | None, typer.Option(help="Write the plan to this .json file.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Before any experiment: what these sensors could tell apart, what they cannot see, which sensor to add."""
+    """Predict, before any experiment, the effects that sensors distinguish, those they cannot see, and which to add."""
     from discrepancy.find.model_source import read_model
     from discrepancy.plan.sensor_plan import plan_json, plan_sensors
     from fitting.results.result_files import json_text
@@ -164,7 +163,7 @@ def isolability_command(
         say_written(out, aside=as_json)
 
 
-# --- what is shown ------------------------------------------------------------------------------------------------
+# --- output -------------------------------------------------------------------------------------------------------
 
 
 def _show(outcome: Outcome) -> None:

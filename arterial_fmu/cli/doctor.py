@@ -21,8 +21,8 @@ def main(
     python: Annotated[str, typer.Option(help="The Python that will run it.")] = sys.executable,
     as_json: Json = False,
 ) -> None:
-    """Check whether an FMU runs here, and list what is missing: exit code 0 runs, 1 does not, 2 no FMU of this
-    project."""
+    """Check whether an FMU runs here, and list what is missing. Exit codes: 0 it runs, 1 it does not, 2 it is not an
+    FMU of this project."""
     with sentences(), bar(False, f"{fmu.name}: one step of it"):
         findings = examine(fmu, python)
     if as_json:

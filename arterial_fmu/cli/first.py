@@ -29,16 +29,17 @@ from .terminal.record_options import RECORD_HELP, AsMeasured, Beside, Columns, D
 
 def first_command(
     record: Annotated[Path, typer.Argument(is_eager=True, help=f"{RECORD_HELP}, with `inlet.Q` and P at the root.")],
-    out: Annotated[Path | None, typer.Option(help="Write the network file.")] = None,
-    like: Annotated[str, typer.Option(help=f"Whose typical aorta: {', '.join(NAMES)}.")] = "human",
-    mass: Annotated[str | None, typer.Option(help='Body mass, "35 kg"; default: the usual one.')] = None,
-    venous: Annotated[str, typer.Option(help="P_venous, behind all resistances.")] = "5 mmHg",
+    out: Annotated[Path | None, typer.Option(help="Network file to write.")] = None,
+    like: Annotated[str, typer.Option(help=f"Species of the typical aorta: {', '.join(NAMES)}.")] = "human",
+    mass: Annotated[str | None, typer.Option(help='Body mass, "35 kg"; default: typical of the species.')] = None,
+    venous: Annotated[str, typer.Option(help="Venous pressure at the end of all resistances.")] = "5 mmHg",
     distance: Annotated[
-        list[str] | None, typer.Option(help='Of a site from the root, along the vessels, repeatable: "FA=45 cm".')
+        list[str] | None,
+        typer.Option(help='Distance of a site from the root along the vessels, repeatable: "FA=45 cm".'),
     ] = None,
     path: Annotated[
         list[str] | None,
-        typer.Option(help='Sites behind one another, repeatable: "Ao,CA"; default: all, in the order of their delays.'),
+        typer.Option(help='Sites along one path, repeatable: "Ao,CA"; default: one path, in the order of the delays.'),
     ] = None,
     period: Period = None,
     beside: Beside = None,
@@ -50,7 +51,7 @@ def first_command(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make a first model from a recording: resistance, compliance, impedance, delays, and the network they give."""
+    """Make a first model from a recording: resistance, compliance, impedance, delays, and the network from them."""
     with sentences(), bar(quiet) as progress:
         progress(0.0, "reading")
         how = Reading.asked(mapped, decimal, beside)
@@ -92,7 +93,7 @@ def plain(model: FirstModel) -> dict[str, Any]:
 
 
 def tables(model: FirstModel) -> tuple[Table, Table]:
-    """The numbers, and each channel of the record beside that of the model."""
+    """Tables of the numbers, and of each channel of the record against the model."""
     found = Table("found", right("value"), right("1 sd"), "how", title="First model", title_justify="left")
     for each in model.found:
         found.add_row(each.name, value(each), error(each), each.how)

@@ -55,14 +55,14 @@ Law = Annotated[
 
 @app.command("fit")
 def fit_command(
-    record: Annotated[Path, typer.Argument(is_eager=True, help="File with `time [s]`, `<site>.P` and `<site>.R`.")],
+    record: Annotated[Path, typer.Argument(is_eager=True, help="Record with `time [s]`, `<site>.P` and `<site>.R`.")],
     site: Annotated[str, typer.Option(help="Name of the site: AA for AA.P and AA.R.")],
-    h: Annotated[str, typer.Option("--h", help='Wall thickness, measured: "0.38 mm".')],
+    h: Annotated[str, typer.Option("--h", help='Measured wall thickness, e.g. "0.38 mm".')],
     R0: Annotated[
-        str | None, typer.Option("--R0", help='Unstressed radius if measured: "0.936 cm"; else fitted.')
+        str | None, typer.Option("--R0", help='Measured unstressed radius, e.g. "0.936 cm"; default: fitted.')
     ] = None,
     wall: Annotated[
-        str, typer.Option("--model", help="linear, nonlinear, extended, monotone or 'extended monotone'.")
+        str, typer.Option("--model", help="Wall model: linear, nonlinear, extended, monotone or 'extended monotone'.")
     ] = "monotone",
     law: Law = None,
     eta: Annotated[float, typer.Option(help="Poisson's ratio.")] = 0.5,
@@ -71,14 +71,16 @@ def fit_command(
     replicates: Annotated[int, typer.Option("--bootstrap", help="Bootstrap replicates; 0: none.")] = 200,
     out: Annotated[Path | None, typer.Option(help="Write the parameter set: .json or .ssv.")] = None,
     figure: Annotated[
-        Path | None, typer.Option(help="Draw the loop, measured against linear and chosen model.")
+        Path | None, typer.Option(help="Draw the measured loop with the linear and the chosen model.")
     ] = None,
     mapped: Mapped = None,
     beside: Beside = None,
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
-    bench: Annotated[Path | None, typer.Option(help="Write a network file of this site's bench, for build.")] = None,
+    bench: Annotated[
+        Path | None, typer.Option(help="Write the network file of this site's bench, for build and discover.")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -132,8 +134,8 @@ def fit_command(
 @app.command("virtual")
 def virtual_command(
     out: Annotated[Path, typer.Option(help="Folder for the records and cohort.csv.")],
-    animals: Annotated[int, typer.Option(help="How many.")] = 11,
-    seed: Annotated[int, typer.Option(help="Same seed, same animals.")] = 1,
+    animals: Annotated[int, typer.Option(help="Number of animals.")] = 11,
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 1,
     dB: Annotated[float, typer.Option("--dB", help="Noise: 40 dB is 1 % of the pulsatile standard deviation.")] = 40.0,
     exact_means: Annotated[
         bool, typer.Option("--exact-means", help="Scale the animals so that their means are the paper's.")
@@ -168,12 +170,12 @@ def cohort_command(
     columns: Columns = False,
     as_measured: AsMeasured = False,
     law: Law = None,
-    jobs: Annotated[int, typer.Option(help="Processes that fit at the same time.")] = 1,
-    scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that fits, tcp://…:8786.")] = None,
+    jobs: Annotated[int, typer.Option(help="Parallel processes.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a dask cluster: tcp://host:8786.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Fit many subjects, animals or patients, at many sites; means, spread, and the paper's claims tested."""
+    """Fit many subjects at many sites; report means and spread, and test the paper's claims."""
     from fitting.cohort import report
     from fitting.cohort.fits import fit_cohort, read_cohort
 
@@ -207,9 +209,9 @@ app.command("calibrate")(calibrate_command)
 @app.command("check")
 def check_command(
     parameters: Annotated[Path, typer.Argument(help="Parameter set: .json, .ssv or the name of a bundled one.")],
-    fmu: Annotated[Path, typer.Argument(help="The FMU, of a network or of a bench.", autocompletion=files_for)],
+    fmu: Annotated[Path, typer.Argument(help="The FMU of a network or of a bench.", autocompletion=files_for)],
     record: Annotated[
-        Path, typer.Argument(is_eager=True, help="File: a network record, or P and R of the bench's site.")
+        Path, typer.Argument(is_eager=True, help="Record of the network, or P and R of the bench's site.")
     ],
     mapped: Mapped = None,
     beside: Beside = None,
@@ -310,8 +312,8 @@ def _fit_notes(kept: WallFit) -> list[str]:
         return list(kept.warnings)
     lag, half = 1e3 * kept.lag[0], 1.96e3 * kept.lag[1]
     which = "late" if lag > 0.0 else "early"
-    said = f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); what is shown is without the lag, "
-    return [f"{said}but the record that a check reads still has it.", *kept.warnings]
+    said = f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); the results are corrected for it, "
+    return [f"{said}but check uses the record without this correction.", *kept.warnings]
 
 
 if __name__ == "__main__":

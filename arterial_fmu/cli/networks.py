@@ -27,7 +27,7 @@ app = typer.Typer(**_STYLE, help="Networks: list, import and export.")
 importers = typer.Typer(**_STYLE, help="Make a network file of another format.")
 app.add_typer(importers, name="import")
 
-Out = Annotated[Path | None, typer.Option(help="The network file to write; default: its name, here.")]
+Out = Annotated[Path | None, typer.Option(help="The network file to write; default: its name, in this folder.")]
 
 
 @app.command("list")
@@ -56,10 +56,10 @@ def _short(reference: str) -> str:
 
 @importers.command("openbf")
 def import_openbf(
-    file: Annotated[Path, typer.Argument(help="openBF's YAML file; its inflow lies beside it.")],
+    file: Annotated[Path, typer.Argument(help="openBF's YAML file, with its inflow file in the same folder.")],
     out: Out = None,
     as_run: Annotated[
-        bool, typer.Option("--as-run", help="Import what openBF 2 computes where that differs from its file.")
+        bool, typer.Option("--as-run", help="Import the values that openBF 2 uses where they differ from its file.")
     ] = False,
     force: Force = False,
     as_json: Json = False,
@@ -105,7 +105,7 @@ def _seen_from(folder: Path, sections: written.Sections, old: Path) -> written.S
 def _write(
     sections: written.Sections, source: Path, out: Path | None, force: bool, as_json: bool, folder: Path | None = None
 ) -> None:
-    """folder : that of the files which the sections name; default: beside the source."""
+    """folder : of the files named in the sections; default: that of the source."""
     try:
         network = from_sections(sections, folder or source.parent)
     except InputError as error:
@@ -122,7 +122,8 @@ def _write(
 def export_csv(
     network: NetworkName,
     out: Annotated[
-        Path | None, typer.Option(help="The table, or a network file (.toml); default: a table, the network's name.")
+        Path | None,
+        typer.Option(help="Table or network file (.toml) to write; default: a table with the network's name."),
     ] = None,
     force: Force = False,
     as_json: Json = False,

@@ -26,7 +26,7 @@ from solver.quantities.text import assignments
 def main(
     fmu: Annotated[Path, typer.Argument(help="The FMU.", autocompletion=files_for)],
     inputs: Annotated[
-        Path | None, typer.Option(help='CSV: "time [s]", then inputs such as "inlet.Q [mL/s]"; linear in between.')
+        Path | None, typer.Option(help='CSV: "time [s]", then inputs such as "inlet.Q [mL/s]", interpolated linearly.')
     ] = None,
     start_values: Annotated[
         Path | None, typer.Option(help="Parameter set of fit or calibrate (.json), or a JSON object of numbers in SI.")
@@ -108,7 +108,7 @@ def _finite(text: str) -> bool:
 
 
 def _units(variables: Mapping[str, Any]) -> dict[str, tuple[str, str | None]]:
-    """Of every number its unit in SI, and the one that people read it in."""
+    """The SI unit and the display unit of every number."""
     return {name: (v.unit or "1", v.displayUnit) for name, v in variables.items() if v.type == "Real"}
 
 

@@ -36,29 +36,32 @@ def main(
         list[str] | None, typer.Option("--set", help='Change a parameter, e.g. --set "CA.phi0=0 kPa*s"; repeatable.')
     ] = None,
     duration: Annotated[
-        str | None, typer.Option(help='Run this long, e.g. "2 s"; default: beats until they repeat.')
+        str | None, typer.Option(help='Run this long, e.g. "2 s"; default: until the beats repeat.')
     ] = None,
     start: Annotated[
-        str | None, typer.Option(help="rest, or periodic: near the periodic beat. Default: the faster one.")
+        str | None,
+        typer.Option(help="Start state: rest, or periodic (near the periodic beat); default: the faster one."),
     ] = None,
     dt: Annotated[str, typer.Option(help="Time step.")] = "1 ms",
-    element_length: Annotated[str | None, typer.Option(help="Longest element; default: 5 cm.")] = None,
-    scheme: Annotated[str, typer.Option(help="staggered, or muscl: the paper's finite volumes.")] = "staggered",
-    cell: Annotated[str | None, typer.Option(help="Longest cell of muscl; default: 5 mm.")] = None,
-    cfl: Annotated[float | None, typer.Option(help="CFL number of muscl, 0.45 at most; default: 0.45.")] = None,
+    element_length: Annotated[str | None, typer.Option(help="Maximum element length; default: 5 cm.")] = None,
+    scheme: Annotated[
+        str, typer.Option(help="Numerical scheme: staggered, or muscl (the paper's finite volumes).")
+    ] = "staggered",
+    cell: Annotated[str | None, typer.Option(help="muscl: maximum cell length; default: 5 mm.")] = None,
+    cfl: Annotated[float | None, typer.Option(help="muscl: CFL number, at most 0.45; default: 0.45.")] = None,
     ends: Annotated[
         str | None,
-        typer.Option(help="Viscous pressure at the ends, of muscl: coupled (default) or neumann, as published."),
+        typer.Option(help="muscl: viscous pressure at the ends, coupled (default) or neumann (as published)."),
     ] = None,
     slopes: Annotated[
         str | None,
-        typer.Option(help="Slopes in cells, of muscl: van Albada (default), minmod, monotonized central or central."),
+        typer.Option(help="muscl: slopes in the cells, van Albada (default), minmod, monotonized central or central."),
     ] = None,
-    tolerance: Annotated[float, typer.Option(help="Largest relative change between the last two beats.")] = 1e-5,
-    max_beats: Annotated[int, typer.Option(help="Give up after this many beats.")] = 100,
+    tolerance: Annotated[float, typer.Option(help="Maximum relative change between the last two beats.")] = 1e-5,
+    max_beats: Annotated[int, typer.Option(help="Maximum number of beats.")] = 100,
     backend: Annotated[
-        str, typer.Option(help="numpy; native, the compiled engine; or auto, the engine where it can run this.")
-    ] = "numpy",
+        str, typer.Option(help="numpy, native (the compiled engine), or auto (native if it supports this network).")
+    ] = "auto",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:

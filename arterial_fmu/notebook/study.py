@@ -14,7 +14,7 @@ from .tables import table
 
 
 def html(outcome: Outcome) -> str:
-    """The verdict in its sentence, what was added with its parameters, and what the terminal says below them."""
+    """The sentence of the verdict, the added effects with their parameters, and the statements of the terminal."""
     rows = [(f"{effect} at {where}", *rest) for effect, where, *rest in effect_rows(outcome)]
     said = [*filter(None, statements(outcome)), *outcome.notes, *outcome.warnings]
     title = f"{outcome.verdict}: {outcome.sentence}"

@@ -40,21 +40,23 @@ def main(
         list[str] | None,
         typer.Option(help='A range: "CA.phi0=10..120kPa*s", or factors of the file\'s values: "all.E=0.8..1.2x".'),
     ] = None,
-    samples: Annotated[int, typer.Option(help="Parameter sets at most: N (D + 2), N a power of two.")] = 1024,
-    seed: Annotated[int, typer.Option(help="Same seed, same files.")] = 1,
+    samples: Annotated[
+        int, typer.Option(help="Maximum number of parameter sets, N (D + 2) with N a power of two.")
+    ] = 1024,
+    seed: Annotated[int, typer.Option(help="Seed of the sequence.")] = 1,
     sites: Annotated[str | None, typer.Option(help="Sites of the results: MD,CA. Default: all sites.")] = None,
     inflow: Annotated[
         str | None,
         typer.Option(help="Source of the inflow: a network, or a record (CSV) with inlet.Q. An FMU needs it."),
     ] = None,
     dt: Annotated[str, typer.Option(help="Time step; an FMU has its own.")] = "2.5 ms",
-    element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
-    tolerance: Annotated[float, typer.Option(help="Relative difference at which a beat counts as periodic.")] = 1e-4,
-    jobs: Annotated[
-        int | None, typer.Option(help="Processes that simulate; default: one for each core that may be used.")
-    ] = None,
+    element_length: Annotated[str, typer.Option(help="Maximum element length.")] = "5 cm",
+    tolerance: Annotated[
+        float, typer.Option(help="Maximum relative change between beats of a periodic solution.")
+    ] = 1e-4,
+    jobs: Annotated[int | None, typer.Option(help="Parallel processes; default: one per available core.")] = None,
     scheduler: Annotated[
-        str | None, typer.Option(help="A cluster of dask.distributed in their place: tcp://host:8786.")
+        str | None, typer.Option(help="Address of a dask cluster, in place of --jobs: tcp://host:8786.")
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,

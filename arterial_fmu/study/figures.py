@@ -20,7 +20,7 @@ from .outcome import Study
 
 _COLUMNS = 3
 _MOST = 12  # bars of a panel
-_HEIGHT, _HEAD = 0.24, 0.75  # inches of a bar, and of what stands around the bars of a panel
+_HEIGHT, _HEAD = 0.24, 0.75  # inches: height of a bar, and of the space around the bars of a panel
 
 
 def figures(study: Study, sites: Sequence[str]) -> dict[str, Drawing]:

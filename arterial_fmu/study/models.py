@@ -244,8 +244,8 @@ def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
 
 
 def _flow(source: str, dt: float, network: Network | None = None) -> Inflow:
-    """The inflow of a network, or the mean beat of a record, with what steps of dt [s] can follow. network : says what
-    filter the record's meter has."""
+    """The inflow of a network, or the mean beat of a record, up to the frequencies that steps of dt [s] resolve.
+    network : gives the filter of the record's meter."""
     if not source.lower().endswith(".csv"):
         inlet = read_network(find_network(source)).inlet
         if inlet.causality != "flow":

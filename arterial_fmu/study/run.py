@@ -61,7 +61,7 @@ def _batch(plan: Plan, name: int | str) -> Batch:
         sets = plan.batches[name]
         return Batch(plan.model, sets, plan.parameters(sets), tuple(plan.measures), plan.waves)
     model = plan.model.finer()
-    assert model is not None  # or nothing is checked
+    assert model is not None  # otherwise no sets are checked
     return Batch(model, plan.checked, plan.parameters(plan.checked), (), plan.waves)
 
 

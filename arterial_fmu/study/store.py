@@ -43,7 +43,7 @@ class Store:
 
     @property
     def whole(self) -> bool:
-        """Whether the results exist."""
+        """True if the results exist."""
         return (self.folder / "sets.parquet").is_file()
 
     def part(self, name: int | str) -> Path:
@@ -51,7 +51,7 @@ class Store:
         return self.folder / "parts" / (f"{name:05d}.parquet" if isinstance(name, int) else f"{name}.parquet")
 
     def has(self, name: int | str) -> bool:
-        """Whether a batch is finished."""
+        """True if a batch is finished."""
         return self.part(name).is_file()
 
     def keep(self, name: int | str, content: bytes) -> None:

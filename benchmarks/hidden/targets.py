@@ -16,8 +16,8 @@ from .counts import Share, markdown, share
 Line = dict[str, Any]
 
 NOTE = (
-    "Met: yes where the 95 % bound is on the right side of the target, open where only the measured value is. "
-    "That there is none, or that it is all, is open at best: no number of records shows it."
+    "Met: yes if the 95 % bound is on the right side of the target, open if only the measured value is. "
+    "A target of none or of all is open at best, because no number of records proves it."
 )
 _SAID = {True: "yes", False: "**no**", None: "–"}
 

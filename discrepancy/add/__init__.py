@@ -1,1 +1,1 @@
-"""Add what no effect of the catalogue explains: learned laws, tables of sources."""
+"""Add terms beyond the effects of the catalogue: learned laws, tables of sources."""

@@ -1,4 +1,4 @@
-"""Where no law is found: a network with what acts at the places of the source map as tables, which explain nothing."""
+"""If no law is found: a network with the source map's signals as tables, which describe and explain nothing."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ Array = np.ndarray
 Runner = Callable[[Study, Network, Fit], tuple[Run, bytes]]
 
 _NONE = np.zeros(0)
-NOTHING = Fit((), (), _NONE, _NONE, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))  # the network as it is
+NOTHING = Fit((), (), _NONE, _NONE, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))  # the network without changes
 _NAMES = {kind: name for name, kind in BY_KIND.items()}
 
 
 def described(study: Study, naming: Naming, before: Run, record: Record, run: Runner) -> LearnedLaw | None:
     """The tables of a map, if their FMU shrinks the gap to the held-out beats by more than chance and closes most of
-    it. None of a bench, and where nothing but sensors and numbers acts.
+    it. None for a bench, and if only sensors and outlying parameters act.
 
-    before : the run without them. run : as of :func:`discrepancy.add.learning.law_of`.
+    before : the run without them. run : as in :func:`discrepancy.add.learning.law_of`.
     """
     found = naming.map
     if found is None or study.problem.site is not None:
@@ -74,7 +74,7 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
 
 
 def with_network(problem: Forward, network: Network) -> Forward:
-    """The same problem with a network of the same parts."""
+    """The same problem with another network of the same topology."""
     if isinstance(problem, NetworkProblem):
         return replace(problem, network=network, simulator=replace(problem.simulator, network=network))
     assert isinstance(problem, Bench)
@@ -82,7 +82,7 @@ def with_network(problem: Forward, network: Network) -> Forward:
 
 
 def tables_of(found: SourceMap, T: float) -> Iterator[TableSource]:
-    """Those of all places that are in the equations, over beats of T [s]."""
+    """The tables of all sources that are in the equations, over beats of T [s]."""
     for signal in found.signals:
         for source, g in zip(signal.place.sources, signal.g.T, strict=False):
             if type(source) in _NAMES:

@@ -1,13 +1,13 @@
-"""Learn a law of what no effect of the catalogue explains: some of the few terms that an effect says a law may have.
+"""Learn a law of the misfit that no effect of the catalogue explains, from the terms in the library of an effect.
 
     σ = … + Σ c_j f_j(ε, ε̇)   of a wall,    Q = … + Σ c_j f_j(P - P_venous)   of an outlet,    c_j >= 0
 
-Each f_j of a wall is odd in the strain rate and does not fall with it, and each of an outlet runs down the pressure, so
-that a law gives out energy over no loop (:mod:`solver.laws.learned`). Terms are added one by one while the evidence
-gains more than their price, each hypothesis refitted in full with all walls; what the others made dispensable is
-dropped. The law begins beside no effect, and beside what explains a part. It lies in the one wall of a bench, or in
-walls and outlets where the source map has something, and in all alike. Whether it stands is for its FMU to say, on the
-held-out beats; where none does, tables describe what acts (:mod:`discrepancy.add.described`).
+Each f_j of a wall is odd and nondecreasing in the strain rate, and each of an outlet flows down the pressure, so that a
+law generates energy over no loop (:mod:`solver.laws.learned`). Terms are added one by one (forward selection) while the
+evidence gains more than their price; each hypothesis is refitted in full with all walls. Then dispensable terms are
+dropped. The search starts without effects, and from the effects of a partial verdict. The law acts in the one wall of a
+bench, or in walls and outlets where the source map has something, and in all alike. Its FMU must confirm it on the
+held-out beats; otherwise tables describe the sources (:mod:`discrepancy.add.described`).
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ from .described import Runner, described, with_network
 
 Array = np.ndarray
 
-_TRIED = 2  # terms that promise most, refitted at every step
-_ALONG = (0.0, 0.5, 1.0)  # x/L where a segment's strains are seen
-_SAMPLES = 4  # of a beat for each harmonic
-_AGREE = 1e-3  # of a pulse, by which an FMU may differ from what was inferred
+_TRIED = 2  # most promising terms, refitted at every step
+_ALONG = (0.0, 0.5, 1.0)  # x/L at which the strains of a segment are evaluated
+_SAMPLES = 4  # per beat for each harmonic
+_AGREE = 1e-3  # of a pulse: largest accepted difference between FMU and inferred model
 
 Stage = Callable[[str, Callable[[], Any]], Any]
 
@@ -61,9 +61,9 @@ Stage = Callable[[str, Callable[[], Any]], Any]
 class Learnt:
     """A law that the evidence favours.
 
-    fit : with its term last. keys : of the terms that it has. ranges : by variable, where it holds. seen : by segment,
-    lowest and highest strain [-] and highest strain rate [1/s] of the record. score : -2 ln of evidence and prior.
-    instead : effects of a part, which it does without.
+    fit : with the law as its last term. keys : of its library terms. ranges : of validity, by variable. seen : by
+    segment, lowest and highest strain [-] and highest strain rate [1/s] of the record. score : -2 ln of evidence times
+    prior. instead : effects of a partial verdict that it replaces.
     """
 
     fit: Fit
@@ -79,17 +79,17 @@ class Learnt:
 
 
 def learns(naming: Naming) -> bool:
-    """Whether more than noise remains that no effect of the catalogue explains."""
+    """True if more than noise remains that no effect of the catalogue explains."""
     return naming.verdict == "partial" or (naming.verdict == "unknown" and not naming.base.explains)
 
 
 def law_of(
     study: Study, naming: Naming, before: Run, record: Record, run: Runner, jobs: int, until: float, stage: Stage
 ) -> LearnedLaw | None:
-    """A law of what remains, if there is one, its FMU bears it out (:func:`stands`), and time is left; else the tables
-    that describe it.
+    """A law of the remaining misfit, if one is found in time and its FMU confirms it (:func:`stands`); otherwise the
+    tables that describe the misfit.
 
-    jobs : processes that simulate, until a time of ``time.monotonic`` [s]. stage : keeps what was found.
+    jobs : number of simulating processes. until : deadline in ``time.monotonic`` [s]. stage : stores the found law.
     """
     with suppress(OutOfTime, RunFailed), Workers(jobs) as workers:
         runs = Runs(deadline=until, clock=monotonic, workers=workers)
@@ -101,9 +101,9 @@ def law_of(
 
 
 def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
-    """The most probable law of what remains; None where none is worth its price.
+    """The most probable law of the remaining misfit; None if none is worth its price.
 
-    study : with the problem as it was prepared, without the errors of the model that a partial answer grants.
+    study : with the problem as prepared, without the model discrepancy of a partial verdict.
     """
     problem = study.problem.individual() if naming.problem.deviations else study.problem
     problem = problem.sharpened(naming.base.fit, runs)
@@ -127,8 +127,8 @@ def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
 def _range(
     effect: Effect, network: Network, place: str, states: Mapping[str, tuple[Array, Array]]
 ) -> tuple[dict[str, float], dict[str, tuple[float, float, float]]]:
-    """Where a law at a place holds, by variable, and what was seen by segment; in all of them it is one and the
-    same."""
+    """The range of validity of a law at a place, by variable, and the range of the data by segment. For all places it
+    is common."""
     own = {place: states[place]} if place in states else states
     state, rate = (np.concatenate([np.ravel(each[i]) for each in own.values()]) for i in (0, 1))
     seen = {s: (float(x.min()), float(x.max()), float(np.abs(r).max())) for s, (x, r) in own.items()}
@@ -137,18 +137,18 @@ def _range(
 
 
 def in_range(problem: Forward, ranges: Mapping[str, float]) -> Forward:
-    """The same problem with a network that knows where a learned law holds, and has none yet."""
+    """The same problem with a network that contains the ranges of a learned law, but not yet the law."""
     return with_network(problem, problem.network.with_terms(ranges))
 
 
 def _again(problem: Forward, fit: Fit, runs: Runs) -> list[Fit]:
-    """A fit searched on from where it is under the weights of this problem."""
+    """A fit continued under the weights of this problem."""
     return there(problem.refit([fit.terms], fit, runs) if problem.site else problem.refine([fit], runs))
 
 
 @dataclass(frozen=True)
 class _Path:
-    """A forward path at one place. choice : -2 ln of the prior of the place."""
+    """A forward selection at one place. choice : -2 ln of the prior of the place."""
 
     problem: Forward
     effect: Effect
@@ -157,17 +157,17 @@ class _Path:
     runs: Runs
 
     def term(self, keys: Sequence[str]) -> Term:
-        """A law of some terms, all of them sizes."""
+        """A law with some library terms, all of them size parameters."""
         own = self.effect.learned(self.problem.network, self.place, keys)
         return Term(self.effect.name, self.place, (self.place,), tuple(searched(self.effect, c) for c in own))
 
     def price(self, keys: Sequence[str]) -> float:
-        """-2 ln of the prior of a law: a first term as a first effect, each further one as a second."""
+        """-2 ln of the prior of a law: its first term is priced as a first effect, each further one as a second."""
         each = 2.0 * math.log(len(self.effect.library))
         return self.choice + at.FIRST + each + (len(keys) - 1) * (at.SECOND + each) if keys else 0.0
 
     def walked(self, here: Fit, first: float) -> tuple[Fit, tuple[str, ...], float]:
-        """The fit, its terms and its score, from a fit without any, of score ``first``."""
+        """The fit, its terms and its score, from a fit without a law and its score ``first``."""
         plain = first - hierarchy.score(here)
         beside, best, keys, score = here.terms, here, tuple[str, ...](), first
 
@@ -181,13 +181,13 @@ class _Path:
             if not more or (nearest := min(more, key=lambda each: each[0]))[0] >= score:
                 break
             score, keys, best = nearest
-        if len(keys) > 2:  # the last two were chosen beside all others
+        if len(keys) > 2:  # earlier terms may have become dispensable; the last two were chosen beside all others
             fewer = tried([tuple(k for k in keys if k != gone) for gone in keys[:-2]])
             score, keys, best = min([(score, keys, best), *fewer], key=lambda each: each[0])
         return best, keys, score
 
     def _promising(self, best: Fit, keys: Sequence[str]) -> list[str]:
-        """The terms that promise the most evidence beside those that are there, by their columns."""
+        """The remaining terms whose columns promise the most evidence."""
         left = [key for key in self.effect.library if key not in keys]
         whole = self.term(left)
         columns = self.problem.columns(best, [whole], self.runs).get(whole.label)
@@ -205,10 +205,10 @@ class _Path:
 
 
 def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner) -> LearnedLaw | None:
-    """A law whose FMU bears it out: it shrinks the gap to the held-out beats by more than chance, and closes most of
-    it where it leaves more than noise; and it is the model that was inferred. Else None.
+    """The law if its FMU confirms it, otherwise None. The FMU must agree with the inferred model and shrink the gap to
+    the held-out beats by more than chance; if it leaves more than noise, it must close most of the gap.
 
-    before : the run without it. run : a law's FMU under the record's wave, and the FMU that is delivered.
+    before : the run without it. run : runs a law's FMU under the record's wave and returns the FMU to deliver.
     """
     own = replace(study, problem=in_range(study.problem, found.ranges))
     network = extended(own.problem.network, found.fit)
@@ -242,8 +242,8 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
 
 
 def _places(naming: Naming, effect: Effect, problem: Forward) -> list[str]:
-    """The wall of a bench; in a network those of the map, or that cannot be told from it, and all together. An outlet
-    is one also where its segment loses flow."""
+    """The wall of a bench. In a network the places of the map and their rivals, and all together; an outlet also if its
+    segment has an outflow source."""
     if problem.site is not None:
         return [problem.site] if effect.source == WALL else []
     if naming.map is None:
@@ -255,8 +255,8 @@ def _places(naming: Naming, effect: Effect, problem: Forward) -> list[str]:
 
 
 def _states(effect: Effect, problem: Forward, fit: Fit, runs: Runs) -> dict[str, tuple[Array, Array]]:
-    """What an effect's laws depend on, over a beat, with its rates: strains ε of every segment, P - P_venous [Pa] of
-    every outlet that it acts at; nothing where the simulation breaks down."""
+    """The state variables of an effect's laws over a beat, with their rates: strains ε of every segment, or P -
+    P_venous [Pa] of every outlet at which it acts. Empty if the simulation breaks down."""
     network = extended(problem.network, fit)
     if isinstance(problem, Bench):
         strain = problem.start[None] / network.segment(problem.site).R0 - 1.0
@@ -283,7 +283,7 @@ def _venous(network: Network, place: str) -> float:
 
 
 def _beats(problem: NetworkProblem, network: Network, names: Sequence[str], runs: Runs) -> Array:
-    """(len(names), N) outputs of a network over a beat; empty where the simulation breaks down."""
+    """(len(names), N) outputs of a network over a beat; empty if the simulation breaks down."""
     simulator = replace(problem.simulator, network=network, names=tuple(names))
     try:
         (X,) = simulator.coefficients(network, {}, runs)

@@ -1,8 +1,8 @@
 """Find where simulation and record disagree: z of every channel and harmonic, and balances of measured channels alone.
 
-z is the residual of the mean beat's Fourier coefficient over its standard deviation, sensors, inflow and solver taken
-together; for a complex coefficient |z|² is a χ² of two degrees of freedom over two. First the global χ², then which
-entries stand out, by Benjamini and Yekutieli (Ann. Stat. 29, 2001, 1165), which holds for correlated entries too.
+z is the residual of the mean beat's Fourier coefficient over its standard deviation, of sensors, inflow and solver
+together; for a complex coefficient, |z|² is a χ² of two degrees of freedom over two. The global χ² comes first, then
+the significant entries by Benjamini and Yekutieli (Ann. Stat. 29, 2001, 1165), valid for correlated entries too.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Found:
-    """z : (K+1, m) of the channels. p_value : of the global χ². located : the loudest that are significant."""
+    """z : (K+1, m) of the channels. p_value : of the global χ². located : the largest significant entries."""
 
     z: Array
     p_value: float
@@ -37,7 +37,7 @@ class Found:
 
 
 def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
-    """Where a residual measured less simulated stands out.
+    """The significant entries of a residual, measured minus simulated.
 
     residual : (K+1, m) complex coefficients. covariance : (K+1, m, m).
     """
@@ -60,14 +60,14 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
 
 
 def benjamini_yekutieli(p: Array, rate: float) -> Array:
-    """Which of the p-values are discoveries at this false discovery rate, whatever their dependence; any shape."""
+    """Mask of the p-values that are discoveries at this false discovery rate, under any dependence; any shape."""
     return np.asarray(false_discovery_control(p.ravel(), method="by") <= rate).reshape(p.shape)
 
 
 def mass_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
-    """Mean flow in less mean flow out between measured sites, from the record alone, in noise units.
+    """Mean inflow minus mean outflow between measured sites, from the record alone, in noise units.
 
-    Every junction whose vessels all have a measured flow (the inlet's is that of its segment).
+    One for every junction with a measured flow in all its vessels, and one between inlet and its segment.
     """
     flows = {site.segment: f"{site.name}.Q" for site in network.sites if f"{site.name}.Q" in beats.values}
     root, joined = network.inlet.segment, []
@@ -91,7 +91,7 @@ def momentum_balances(
 ) -> tuple[Balance, ...]:
     """Pressure drops between neighbouring measured sites against the simulated ones: RMS over harmonics / noise.
 
-    residual : (K+1, m) measured less simulated coefficients. covariance : (K+1, m, m).
+    residual : (K+1, m) measured minus simulated coefficients. covariance : (K+1, m, m).
     """
     at = {site.segment: names.index(f"{site.name}.P") for site in network.sites if f"{site.name}.P" in names}
     found = []
@@ -107,13 +107,13 @@ def momentum_balances(
 
 
 def wall_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
-    """The wall law at every site with P and R: RMS of its residual over its noise, E, phi0 and R0 refitted there."""
+    """The wall law at every site with P and R, with E, phi0 and R0 refitted: RMS of its residual over its noise."""
     found = []
     for site in network.sites:
         if {f"{site.name}.P", f"{site.name}.R"} <= set(beats.values):
             try:
                 local = fit(bench(beats, on_bench(network, site.name, segment=site.segment), site.name), ())
-            except InputError:  # a loop that no wall of this kind carries
+            except InputError:  # no wall of this kind fits the loop
                 continue
             found.append(Balance("wall law", site.name, float(np.sqrt(np.mean(local.z**2)))))
     return tuple(found)

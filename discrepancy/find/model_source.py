@@ -1,4 +1,4 @@
-"""The model of a study: a network file, an FMU that carries its own, or a first one that is made of the record."""
+"""The model of a study: a network file, an FMU that contains one, or a first model made from the record."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def read_model(path: str | os.PathLike[str]) -> Network:
 
 
 def build_fmu(network_file: Path, folder: Path) -> Path:
-    """Build the FMU of a network file in a process of its own: ``<folder>/<name>.fmu``.
+    """Build the FMU of a network file in a separate process: ``<folder>/<name>.fmu``.
 
-    Raises ValueError with what the process said.
+    Raises ValueError with the message of the process.
     """
     code, said = run_module("build_fmu", os.fspath(network_file), "--out", os.fspath(folder))
     if code != 0:
@@ -49,11 +49,11 @@ def build_fmu(network_file: Path, folder: Path) -> Path:
 def first_of(
     record: Record | UnusableRecord, folder: Path, period: float | None, as_measured: bool
 ) -> tuple[Path, str]:
-    """Write the first model of a record into the folder of the study; its file, and a sentence about it.
+    """Write the first model of a record into the folder of the study; returns its file and a sentence about it.
 
-    period : of the beat [s], found by default. as_measured : values that no artery has are taken as they are. Raises
-    ValueError for a record that cannot be used or lacks flow and pressure at the root, and for a file that is there and
-    was edited.
+    period : of the beat [s], estimated by default. as_measured : accept values that are implausible for an artery.
+    Raises ValueError for an unusable record, one without flow and pressure at the root, and an existing file that was
+    edited.
     """
     if isinstance(record, UnusableRecord):
         raise record

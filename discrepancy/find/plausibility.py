@@ -1,4 +1,4 @@
-"""Whether record and model belong together: wrong units, clocks and dead sensors, each refused in one sentence."""
+"""Plausibility of record and model together: wrong units, clocks and dead sensors are refused in one sentence each."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from .study import Study, Unusable
 Array = np.ndarray
 
 _PERIODS = 0.02  # relative difference between the heart periods of two channels
-_LATE = 0.08  # of the period, by which a channel may be away from where it fits best
-_ALIKE = 0.9  # correlation there, so that the shape is the artery's and the time is wrong
-_MORE_ALIKE = 0.15  # than without the shift
-_SIZE = {"P": 6.0, "Q": 25.0, "R": 6.0}  # ratio of a channel's pulse to the model's: a hidden effect stays below
-_STRANGE = 0.5  # correlation of the middle channel below which the waves are not of this network
-_DEAD = 0.05  # of the usual pulse of a beat
-_DEAD_FOR = 0.125  # of the beats
+_LATE = 0.08  # of the period: largest accepted shift of a channel from its best correlation
+_ALIKE = 0.9  # least correlation at the best shift: the waveform is that of the artery and only its time is wrong
+_MORE_ALIKE = 0.15  # least gain of correlation by the shift
+_SIZE = {"P": 6.0, "Q": 25.0, "R": 6.0}  # limits of a channel's pulse over the model's; hidden effects stay below
+_STRANGE = 0.5  # correlation of the median channel below which the waves are not of this network
+_DEAD = 0.05  # of the usual pulse of a beat: a sensor with less is dead
+_DEAD_FOR = 0.125  # fraction of dead beats that is refused
 
 
 def check_record(record: Record) -> None:
-    """Raise Unusable unless all channels share one heart rate."""
+    """Raise Unusable unless all channels have the same heart rate."""
     periods = {}
     for name, values in record.channels.items():
         try:
             periods[name] = usual_period({name: values}, record.dt, record.path).T
-        except InputError:  # too noisy by itself; together with the others it may do
+        except InputError:  # too noisy by itself; the channels together may have a period
             continue
     if not periods:
         return
@@ -59,7 +59,7 @@ def check_beats(study: Study) -> None:
 
 
 def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:
-    """Raise Unusable if the measured beats are not those of this network: size, time or shape.
+    """Raise Unusable if the measured beats do not match this network in size, time or shape.
 
     simulated : (N,) beats of the model as given, by channel.
     """
@@ -94,7 +94,7 @@ def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:
 
 
 def _best_shift(measured: Array, model: Array) -> tuple[float, float, float]:
-    """By how many periods the measured beat is late where it fits best, the correlation there, and without shift."""
+    """The delay of the measured beat in periods at the best correlation, this correlation, and that without shift."""
     a, b = np.fft.rfft(measured - measured.mean()), np.fft.rfft(model - model.mean())
     size = float(np.linalg.norm(measured - measured.mean()) * np.linalg.norm(model - model.mean()))
     correlation = np.fft.irfft(a * np.conj(b), len(measured)) / max(size, 1e-300)

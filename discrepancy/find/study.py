@@ -1,4 +1,4 @@
-"""A study: a record, the network that it is compared with, and what of the record is kept from every fit."""
+"""A study: a record, the network it is compared with, and the beats that no fit uses."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from solver.quantities.units import INFLOW
 
 from .. import thresholds
 
-_SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer, a beat does not serve
-_SCATTER = 1e-7  # of the pulse, a standard deviation: the rounding of a converter of 24 bits, below any sensor's noise
+_SERVES = 0.5  # of the samples of the channel's best beat: with fewer, a beat is dropped
+_SCATTER = 1e-7  # standard deviation over pulse: the rounding of a 24 bit converter, below the noise of any sensor
 
 
 class Unusable(UnusableRecord):
@@ -38,7 +38,7 @@ class Unusable(UnusableRecord):
 
 @dataclass(frozen=True)
 class Study:
-    """fitted, held_out : beats. problem : of the fitted ones. warnings : what to know of the record, in sentences."""
+    """fitted, held_out : beats. problem : of the fitted ones. warnings : sentences on the record."""
 
     network: Network
     fitted: Beats
@@ -49,7 +49,7 @@ class Study:
 
     @property
     def site(self) -> str | None:
-        """The only artery that is compared, if P and R of it are all that was measured."""
+        """The only compared artery, if only its P and R were measured; otherwise None."""
         return self.problem.site
 
 
@@ -60,9 +60,9 @@ def prepare(
     runs: Runs | None = None,
     prior: Calibrated | None = None,
 ) -> Study:
-    """Cut the record into beats, keep the last quarter of them apart, and set up the comparison.
+    """Cut the record into beats, hold out the last quarter, and set up the comparison.
 
-    prior : what a calibration of the network left uncertain.
+    prior : posterior of a calibration of the network.
     Raises Unusable if the record cannot be used with this network.
     """
     try:
@@ -85,10 +85,10 @@ def prepare(
 
 
 def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
-    """The beats that are fitted, the last quarter that is kept apart, and what to know of them.
+    """The fitted beats, the held-out last quarter, and warnings.
 
-    Beats that a channel has hardly a sample of serve in neither. Raises Unusable if too few are left, if a channel was
-    measured in no beat of a part at some phase, or if its beats are all the same.
+    Beats with hardly a sample of some channel are dropped. Raises Unusable if too few remain, if a channel has no
+    sample at some phase in a part, or if all its beats are the same.
     """
     least = thresholds.FEWEST_BEATS
     if beats.n_beats < least:
@@ -110,7 +110,7 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
     fitted, kept = beats.select(whole[:-held]), beats.select(whole[-held:])
     for part, what in ((fitted, "fitted"), (kept, "kept apart to judge by")):
         for channel, values in part.values.items():
-            if lost := float(np.isnan(values).all(axis=0).mean()):  # phases that no beat has
+            if lost := float(np.isnan(values).all(axis=0).mean()):  # phases without a sample in any beat
                 raise Unusable(
                     f"{part.source}: {channel} lacks {1.0 - there[channel].mean():.0%} of its samples, and the "
                     f"{part.n_beats} beats that are {what} have none of it over {lost:.0%} of a beat; cut the record "
@@ -125,9 +125,9 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
 
 
 def check_scatter(beats: Beats) -> None:
-    """Raise Unusable if the beats of a channel are all the same: no noise to judge a disagreement by.
+    """Raise Unusable if all beats of a channel are the same: there is no noise to judge a disagreement by.
 
-    The inflow may be the command of a pump, which is known without noise.
+    The inflow is exempt: it may be the command of a pump, which is known without noise.
     """
     for channel in beats.values:
         alike = beats.noise(channel) / float(np.ptp(beats.mean(channel)))
@@ -140,7 +140,7 @@ def check_scatter(beats: Beats) -> None:
 
 
 def channels(record: Record, network: Network) -> tuple[str, ...]:
-    """The recorded outputs of the network. Raises Unusable if there is none, or one that the network has not."""
+    """The recorded outputs of the network. Raises Unusable if there is none, or one that the network does not have."""
     known = network.output_units()
     names = tuple(n for n in record.channels if n != INFLOW)
     foreign = [n for n in names if n not in known]
@@ -155,7 +155,7 @@ def channels(record: Record, network: Network) -> tuple[str, ...]:
 
 
 def bench_site(record: Record, network: Network) -> str:
-    """The segment whose P and R a bench record holds. Raises Unusable if it holds anything else."""
+    """The segment of a bench record, which has exactly its P and R. Raises Unusable for any other record."""
     sites = list(dict.fromkeys(n.rpartition(".")[0] for n in record.channels))
     lacks = [n for n in (f"{sites[0]}.P", f"{sites[0]}.R") if n not in record.channels]
     if len(sites) != 1 or lacks:
@@ -175,15 +175,15 @@ def bench_site(record: Record, network: Network) -> str:
 
 
 def other_law(beats: Beats, network: Network, site: str) -> tuple[str, ...]:
-    """A sentence where a wall of another law than the file's describes P and R of a site within their noise, and its
-    evidence is decided (:mod:`fitting.wall.law_selection`); none otherwise.
+    """A warning if the evidence decides for another elastic law than the file's and a wall of that law explains P and R
+    of a site within their noise (:mod:`fitting.wall.law_selection`); otherwise empty.
 
-    benchmarks/elastic_laws.py counts how often the wrong law is decided: in 1 of 1600 recordings.
+    The wrong law is decided in 1 of 1600 recordings (benchmarks/elastic_laws.py).
     """
     name = next((s.segment for s in network.sites if s.name == site), site)
     try:
         found = fit(beats, site, network.segment(name).h, eta=network.eta)
-    except InputError:  # no wall of either law
+    except InputError:  # no wall of either law fits
         return ()
     law, own, weights = found.model.elastic, network.elastic_law, found.evidence
     decided = law != own and weights is not None and weights.decided

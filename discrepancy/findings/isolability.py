@@ -1,9 +1,9 @@
-"""What a sensor set can tell apart: separations between effects of typical size, before any data or beside them.
+"""Isolability of effects by a sensor set: separations between effects of typical size, with or without data.
 
-For two effects with whitened columns a and b (the change of all data by an effect of typical size), what the
-nuisances can absorb is taken out of both. The norm of what is left of a is its visibility d'; the least norm of a - s b
-over all sizes s is the separation of a from b. It is not symmetric: a strong effect may be far from a weak one that is
-near to it.
+For two effects with whitened columns a and b (the change of all data by an effect of typical size), the part that the
+nuisance parameters can absorb is projected out of both. The norm of the rest of a is its visibility d'; the least norm
+of a - s b over all sizes s is the separation of a from b. It is not symmetric: a strong effect may be far from a weak
+one that is near to it.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from solver.quantities.coordinate import SCALE
 
 Array = np.ndarray
 
-# d' that is said to show, and to be told apart. With -2 ln evidence of 9.2 (odds of 1 : 100) as the least that rules
-# out, and its scatter of 2 d', one of 3 can, one of 6 does in 99 of 100 records; 5 pays the price of a first effect
+# limits of d'. Odds of 1 : 100 (-2 ln evidence of 9.2) are the least that rules out, with a scatter of 2 d': an effect
+# of d' 3 can be ruled out, one of 6 is in 99 of 100 records; 5 pays the price of a first effect
 INVISIBLE = 3.0  # of a typical effect, below which sensors cannot see it
-INSEPARABLE = 6.0  # between two typical effects, below which sensors cannot tell them apart
-DETECTABLE = 5.0  # of the smallest detectable size: named half the time or more
+INSEPARABLE = 6.0  # between two typical effects, below which sensors cannot distinguish them
+DETECTABLE = 5.0  # of the smallest detectable size: named in at least half of the records
 
 
 @dataclass(frozen=True)
 class Isolability:
-    """What a sensor set can tell apart, before any data.
+    """Isolability of effects by a sensor set, before any data.
 
-    labels : names of effects, each at the place where it shows most. separation : (n, n) d' of the effect of a row, of
-    typical size, after the best refit of that of a column, wherever it comes nearest (0 on the diagonal). visibility :
-    (n,) d' of each after the nuisance refit. invisible : those that do not show. not_judged : effects without a
-    derivative here, as another kind of outlet, or those that are this animal where walls differ.
+    labels : names of effects, each at its most visible place. separation : (n, n) least d' of a row's effect, of
+    typical size, after the refit of a column's effect at any of its places (0 on the diagonal). visibility : (n,) d' of
+    each after the nuisance refit. invisible : effects below INVISIBLE. not_judged : effects without a derivative here,
+    as a change of outlet kind, or those that individual walls already contain.
     """
 
     labels: tuple[str, ...]
@@ -45,7 +45,7 @@ class Isolability:
 
     @property
     def visible(self) -> dict[str, float]:
-        """The effects that show, with their visibility."""
+        """The visible effects with their visibility."""
         return {e: float(d) for e, d in zip(self.labels, self.visibility, strict=True) if e not in self.invisible}
 
     def rivals(self, label: str) -> dict[str, float]:
@@ -54,21 +54,21 @@ class Isolability:
         return {e: float(row[e]) for e in self.visible if e != label}
 
     def nearest(self, label: str) -> tuple[str, float] | None:
-        """The visible effect that comes nearest to another, and their separation d'; None where there is no other."""
+        """The visible effect nearest to another, and their separation d'; None if there is no other."""
         return min(self.rivals(label).items(), key=lambda pair: pair[1], default=None)
 
     def confused(self, label: str) -> tuple[str, ...]:
-        """The visible effects that one of typical size cannot be told from: in their best size, they look like it."""
+        """The visible effects that look, at their best size, like an effect of typical size."""
         return tuple(e for e, d in self.rivals(label).items() if d < INSEPARABLE)
 
 
 @dataclass(frozen=True)
 class Detectable:
-    """The least change of a number of an effect, from what the model has, that this record would have shown.
+    """The smallest change of a parameter of an effect, relative to the model, that this record would have shown.
 
-    parameter : the number, as "CA.phi0"; ratio : the other number of its owner that it is counted relative to, as "E",
-    or "". change : in ``unit``; a part of the number if ``relative``; NaN where none that is allowed would show.
-    either : whether the opposite change is allowed, too.
+    parameter : as "CA.phi0"; ratio : the other parameter of its owner in a ratio of two, as "E", or "". change : in
+    ``unit``, or as a fraction if ``relative``; NaN if no allowed change would show. either : the opposite change is
+    allowed, too.
     """
 
     parameter: str
@@ -80,9 +80,9 @@ class Detectable:
 
 
 def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> Isolability:
-    """Of every effect the most visible place, against every other effect wherever that comes nearest.
+    """Isolability of every effect at its most visible place, against every other effect at its nearest place.
 
-    Effects without a column at any place, as another kind of outlet in a study, are not judged.
+    Effects without a column at any place, as a change of outlet kind in a study, are not judged.
     """
     effects = list(dict.fromkeys(t.effect for t in terms if t.label in columns))
     not_judged = tuple(dict.fromkeys(t.effect for t in terms if t.effect not in effects))
@@ -103,8 +103,8 @@ def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) 
 
 
 def smallest(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, Detectable]:
-    """Per effect, by its label at the place where it shows at the smallest size: the change that has d' = DETECTABLE,
-    of either sign, within the range that is allowed; NaN where no size in it would show at any place."""
+    """The smallest detectable change of each effect, by its label at the place where that is smallest: d' = DETECTABLE,
+    of either sign, within the allowed range; NaN if no allowed size would show at any place."""
     found: dict[str, tuple[float, Term, Unknown]] = {}
     for term in (t for t in terms if t.label in columns):
         left = projected(base.J, precision(base.prior, base.x), columns[term.label])
@@ -119,23 +119,23 @@ def smallest(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> 
 
 
 def _detectable(unknown: Unknown, x: float) -> Detectable:
-    """The least x that shows as a change of the number that it moves; of a factor, as a part of it."""
+    """The smallest detectable x as a change of its parameter; as a fraction for a factor."""
     relative, moved = unknown.kind == SCALE, unknown.size * x
     change, unit = (float(np.expm1(moved)), "1") if relative else (float(moved), unknown.unit)
     return Detectable(unknown.name, change, unit, relative, unknown.low <= -x <= unknown.high, unknown.ratio or "")
 
 
 def _strongest(left: Array) -> int:
-    """Which unknown of an effect shows most at its typical size."""
+    """The index of the unknown of an effect that shows most at its typical size."""
     return int(np.argmax((left**2).sum(axis=0)))
 
 
 def _typical(left: Array) -> Array:
-    """The change of an effect of typical size: of its first unknown, or of the strongest one."""
+    """The change by the strongest unknown of an effect at typical size."""
     return left[:, _strongest(left)]
 
 
 def _apart(a: Array, b: Array) -> float:
-    """What is left of a when any size of the effect with columns b is taken away."""
+    """The norm of the rest of a after a least-squares fit of the columns b."""
     fit = np.linalg.lstsq(b, a, rcond=1e-10)[0]
     return float(np.linalg.norm(a - b @ fit))

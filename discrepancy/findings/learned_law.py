@@ -1,4 +1,4 @@
-"""A law that was learned from a record, as a study keeps it: plain frozen data."""
+"""A law learned from a record, as a study stores it: plain frozen data."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .recorded import pair_json
 
 @dataclass(frozen=True)
 class LearnedLaw:
-    """A law with what it does to the gap.
+    """A learned law with its effect on the gap.
 
-    formula : of what it adds. parameters : with 95 % intervals. seen : by segment, lowest and highest strain [-] and
-    highest strain rate [1/s] that it was learned from; of outlets P - P_venous [Pa] and its rate. beside : the effects
-    that it acts beside, instead : those that it stands for, where they explain a part. before,
-    after : the gap on (fitted, held-out) beats. record : path and hash. network, archive : with the law, and its FMU.
-    explains : False of tables, which describe what acts.
+    formula : of the added term. parameters : with 95 % intervals. seen : range of the data, by segment: lowest and
+    highest strain [-] and highest strain rate [1/s]; for outlets P - P_venous [Pa] and its rate. beside : effects that
+    act with it, instead : effects of a partial verdict that it replaces. before, after : the gap on (fitted, held-out)
+    beats. record : path and hash. network, archive : with the law, and its FMU. explains : False for tables, which only
+    describe a source.
     """
 
     name: str
@@ -40,12 +40,12 @@ class LearnedLaw:
 
     @property
     def of_outlet(self) -> bool:
-        """Whether it is one of outlets."""
+        """True if it is a law of outlets."""
         return effects.BY_NAME[self.name].owner == "outlet" if self.explains else False
 
     @property
     def closed(self) -> float:
-        """The part of the gap to held-out beats that it closes."""
+        """The fraction of the gap to held-out beats that it closes."""
         return 1.0 - self.after[1] / self.before[1]
 
 

@@ -1,4 +1,4 @@
-"""Where in the network an effect acts: which vessel, outlet, junction or channel to mark."""
+"""Where effects act in the network: the vessels, outlets, junctions and channels to mark on a map."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from .outcome import Outcome
 class Mark:
     """A place to mark.
 
-    kind : "segment", "outlet", "junction" or "channel". place : a name of that kind (of a channel: its site) or "all".
-    named : by the verdict, or only in its class.
+    kind : "segment", "outlet", "junction" or "channel". place : a name of that kind (the site of a channel) or "all".
+    named : by the verdict; otherwise only in its class.
     """
 
     kind: str
@@ -27,7 +27,7 @@ class Mark:
     text: str
 
     def is_at(self, kind: str, place: str) -> bool:
-        """Whether this mark stands at a place."""
+        """True if this mark is at a place."""
         return self.kind == kind and self.place in (place, "all")
 
 
@@ -43,22 +43,22 @@ def marks(outcome: Outcome) -> list[Mark]:
 
 
 def _kind(owner: str) -> str:
-    """The kind of place of an effect; one of the fluid acts in the segments."""
+    """The kind of place of an effect; fluid effects act in segments."""
     return "segment" if owner == "fluid" else owner
 
 
 def entry(name: str) -> Effect:
-    """The effect of the catalogue that has this name."""
+    """The effect of the catalogue with this name."""
     return effects.BY_NAME[name]
 
 
 def of_sensor(name: str) -> bool:
-    """Whether the effect belongs to a measurement chain, not to the arteries."""
+    """True if the effect belongs to a measurement chain, not to the arteries."""
     return entry(name).owner == "channel"
 
 
 def plain(name: str) -> str:
-    """ "wall_viscosity" as people write it."""
+    """ "wall_viscosity" in words."""
     return name.replace("_", " ")
 
 
@@ -73,11 +73,11 @@ def effect_text(name: str, where: Iterable[str]) -> str:
 
 
 def label_text(label: str) -> str:
-    """ "wall_viscosity at CA" in words, or several of them with a plus; names of places stay as they are."""
+    """ "wall_viscosity at CA" in words, or several joined by a plus; names of places are unchanged."""
     found = (each.partition(" at ") for each in label.split(" + "))
     return " + ".join(plain(name) + (f" at {places_text([place])}" if at else "") for name, at, place in found)
 
 
 def site_of(place: str) -> str:
-    """The site of a channel; another place as it is."""
+    """The site of a channel; any other place unchanged."""
     return place.rpartition(".")[0] or place

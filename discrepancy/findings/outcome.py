@@ -1,4 +1,4 @@
-"""What a discrepancy study found: plain frozen data, handed from the workflow to verdict.json and to the report."""
+"""The outcome of a discrepancy study: plain frozen data, from the workflow to verdict.json and the report."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from .shown_map import SourceMapShown, map_json
 Array = np.ndarray
 
 VERDICTS = ("none", "effect", "ambiguous", "several", "partial", "unknown", "unusable")
-ADDED = ("effect", "ambiguous", "several", "partial")  # those that add to the model
-BEYOND = 2.0  # stated spreads from what all arteries have in common, from which one is said to be odd
-_OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth a second look
+ADDED = ("effect", "ambiguous", "several", "partial")  # verdicts that add effects to the model
+BEYOND = 2.0  # stated spreads from the common value, beyond which a parameter is reported as odd
+_OUTSIDE_PRIOR = 2.0  # prior standard deviations, beyond which a nuisance parameter deserves attention
 
 Hypothesis = tuple[tuple[str, tuple[str, ...]], ...]  # effects that act together: name and places of each
 
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """An effect of the catalogue at a place. ``parameters`` by FMU variable, or ``all.<key>`` where it acts everywhere.
+    """An effect of the catalogue at a place. ``parameters`` by FMU variable, or ``all.<key>`` if it acts everywhere.
 
-    equation : the term that was added. confidence : probability that the name is right, 0 … 1.
+    equation : the added term. confidence : probability that the name is right, 0 … 1.
     """
 
     name: str
@@ -46,11 +46,11 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One hypothesis that was refitted.
+    """A refitted hypothesis.
 
     behind : -2 ln of its odds against the best (0 for the best). chi2_per_dof : of the fitted beats. held_out :
-    whitened RMS on the held-out beats, NaN where it cannot be simulated with their inflow. separation : d' by which the
-    data tell it from the best. in_class : cannot be ruled out. walls : "common" or "individual".
+    whitened RMS on the held-out beats, NaN if it cannot be simulated with their inflow. separation : d' to the best.
+    in_class : cannot be ruled out. walls : "common" or "individual".
     """
 
     name: str
@@ -66,7 +66,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Located:
-    """One entry of the z map: a channel's harmonic that disagrees. ``phase`` of the residual in degrees."""
+    """A significant entry of the z map: a harmonic of a channel. ``phase`` of the residual in degrees."""
 
     site: str
     signal: str
@@ -79,8 +79,8 @@ class Located:
 class Balance:
     """Residual of one equation over one part of the network, in noise units.
 
-    Mass from measured flows alone; momentum as pressure drops against the simulated ones; the wall law from P and R of
-    one site.
+    Mass: from measured flows alone. Momentum: pressure drops against the simulated ones. Wall law: from P and R of one
+    site.
     """
 
     equation: str  # "mass", "momentum", "wall law"
@@ -90,7 +90,7 @@ class Balance:
 
 @dataclass(frozen=True)
 class Absorbed:
-    """A nuisance that was refitted: its shift x in units of ``unit``, its prior and posterior standard deviations."""
+    """A refitted nuisance parameter: its shift x in ``unit``, with prior and posterior standard deviations."""
 
     name: str
     x: float
@@ -100,16 +100,16 @@ class Absorbed:
 
     @property
     def far(self) -> bool:
-        """Whether it is so far from what it is beforehand that it is worth a second look."""
+        """True if its shift is so large against its prior that it deserves attention."""
         return bool(self.prior_sd) and abs(self.x) > _OUTSIDE_PRIOR * self.prior_sd
 
 
 @dataclass(frozen=True)
 class OwnNumber:
-    """A number of one artery or outlet: the file's, this animal's, and how far it is from what all have in common.
+    """A parameter of one artery or outlet: of the file, of this subject, and its deviation from the common value.
 
-    file : [SI]. deviation : in the spreads that the quantity states between arteries of one animal. source : whose the
-    first number is, "file" or "calibration", which stands for the file.
+    file : [SI]. deviation : in stated spreads of the quantity between arteries of one subject. source : origin of the
+    first value, "file" or "calibration", which replaces the file's.
     """
 
     file: float
@@ -119,17 +119,17 @@ class OwnNumber:
 
     @property
     def beyond(self) -> bool:
-        """Whether few arteries deviate as much."""
+        """True if few arteries deviate as much."""
         return abs(self.deviation) > BEYOND
 
 
 @dataclass(frozen=True)
 class Walls:
-    """This animal's walls.
+    """The walls of this subject.
 
-    kind : "common", where all arteries differ from the file together, or "individual". spread : by quantity, the stated
-    standard deviation between arteries and the one that the record tells. arteries : by variable; both are empty where
-    all is common.
+    kind : "common" if all arteries share one deviation from the file, or "individual". spread : by quantity, the stated
+    standard deviation between arteries and the one estimated from the record. arteries : by variable. Both are empty
+    for common walls.
     """
 
     kind: str = "common"
@@ -139,9 +139,9 @@ class Walls:
 
 @dataclass(frozen=True)
 class ChannelBeats:
-    """Mean beats of one channel : (N,) [SI] at the times of the study; ``band`` one standard deviation of the mean.
+    """Mean beats of one channel : (N,) [SI] at the times of the study; ``band`` is one standard deviation of the mean.
 
-    after : None where nothing was added. gap_before, gap_after : whitened RMS (1 = noise) on (fitted, held-out) beats;
+    after : None if nothing was added. gap_before, gap_after : whitened RMS (1 = noise) on (fitted, held-out) beats;
     rms_before, rms_after : the same over the beat [SI].
     """
 
@@ -158,10 +158,10 @@ class ChannelBeats:
 
 @dataclass(frozen=True)
 class Agreement:
-    """The FMU beside the model that inference compared, with the same numbers and under the same wave.
+    """The FMU against the inferred model, with equal parameters and under the same wave.
 
-    difference : the largest of a Fourier coefficient, of its channel's pulse; where that is. fmu, inferred : the gap
-    that each leaves on (fitted, held-out) beats.
+    difference : the largest one of a Fourier coefficient, as a fraction of its channel's pulse, at ``channel`` and
+    ``harmonic``. fmu, inferred : gaps on (fitted, held-out) beats.
     """
 
     difference: float
@@ -173,23 +173,21 @@ class Agreement:
 
 @dataclass(frozen=True)
 class Outcome(Shown):
-    """Everything that verdict.json and report.html say.
+    """The content of verdict.json and report.html.
 
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable change per
-    "effect at place", where the verdict is ``none``. sites : whitened RMS of each site, predicted from the others.
+    "effect at place", for the verdict ``none``. sites : whitened RMS of each site, predicted from the others.
     gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats; alone : with the first
-    of two effects, where that is known. kind : "bench" or
-    "network". parity : largest difference of the rebuilt FMU from the direct solver, of a channel's pulse: under the
-    record's inflow, or, of a bench, under the network's own; None where that moves nothing.
-    agreement : of the last FMU that ran with what was inferred; None on a bench.
-    confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
-    complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
-    map : where something acts that the model lacks; None where that was not asked. learned : a law of what remains, if
-    one was found that its FMU bears out. written : whether there are files of it. met : of ``unknown``, whether the
-    model meets the record, but only with numbers that hardly any animal has.
+    effect of a pair only, if known. kind : "bench" or "network". parity : largest difference between the rebuilt FMU
+    and the direct solver, as a fraction of a channel's pulse: under the record's inflow, or for a bench under the
+    network's own; None if that causes no motion. agreement : of the last FMU with the inferred model; None on a bench.
+    confidence : probability of the name, or that nothing is missing. remains : for ``partial``, the remaining misfit
+    and its place. complete : the search finished within the time limit. notes : sentences on this subject. map : source
+    map; None if there is none. learned : a law of the remaining misfit that its FMU supports. written : files were
+    written. met : for ``unknown``, the model explains the record only with implausible parameters.
 
-    As data frame: a row for each hypothesis that was refitted, best first.
+    As data frame: a row for each refitted hypothesis, best first.
     """
 
     verdict: str
@@ -219,7 +217,7 @@ class Outcome(Shown):
     smallest: Mapping[str, Detectable] = field(default_factory=dict)
     sites: Mapping[str, float] = field(default_factory=dict)
     alone: Pair | None = None
-    recordings: tuple[Recorded, ...] = ()  # of several; gaps are then over those fitted, figures of the first
+    recordings: tuple[Recorded, ...] = ()  # of several; gaps then cover the fitted ones, figures the first
     gap_before: Pair | None = None
     gap_after: Pair | None = None
     parity: float | None = None
@@ -235,7 +233,7 @@ class Outcome(Shown):
 
     @property
     def closed(self) -> Pair | None:
-        """The part of the gap on (fitted, held-out) beats that what was added closes."""
+        """The fraction of the gap on (fitted, held-out) beats that the added effects close."""
         if self.gap_before is None or self.gap_after is None:
             return None
         fitted, held_out = (1.0 - after / before for before, after in zip(self.gap_before, self.gap_after, strict=True))
@@ -243,12 +241,12 @@ class Outcome(Shown):
 
     @property
     def invisible(self) -> tuple[str, ...]:
-        """Effects that these sensors cannot see."""
+        """Effects that are invisible to these sensors."""
         return self.isolability.invisible if self.isolability else ()
 
     @property
     def not_judged(self) -> tuple[str, ...]:
-        """Effects that nothing can be said of: those without a derivative here that were not named either."""
+        """Effects that were not judged: without a derivative here and not named either."""
         named = {e.name for e in self.effects} | {name for member in self.members for name, _ in member}
         return tuple(e for e in self.isolability.not_judged if e not in named) if self.isolability else ()
 
@@ -260,13 +258,13 @@ class Outcome(Shown):
     def plot(self, figure: str | None = None) -> Any:
         """A figure of the report: "map", "network", "z_map", "waveforms", "loops", "gap" or "isolability".
 
-        Default: the first of them that this study has. Raises ValueError for one that it has not.
+        Default: the first one that this study has. Raises ValueError for a missing one.
         """
         return self._figure(figure)
 
 
 def verdict_json(outcome: Outcome) -> dict[str, Any]:
-    """The plain content of verdict.json; null where a number could not be told."""
+    """The plain content of verdict.json; unknown numbers are null."""
     acting, walls, a = outcome.map, outcome.walls, outcome.agreement
     content = {
         "verdict": outcome.verdict,

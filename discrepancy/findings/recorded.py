@@ -1,4 +1,4 @@
-"""What a study says of each of several recordings of one animal: plain frozen data, its JSON and its words."""
+"""The results for each of several recordings of one subject: plain frozen data, JSON and text."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Pair = tuple[float, float]
 
 
 def pair_json(gap: Pair | None) -> dict[str, float] | None:
-    """A gap on (fitted, held-out) beats, as verdict.json has it."""
+    """A gap on (fitted, held-out) beats in the form of verdict.json."""
     return None if gap is None else {"fit": gap[0], "held_out": gap[1]}
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """One recording. fitted : or held out whole, with its own numbers alone refitted.
+    """One recording. fitted : False if it was held out whole and only its own parameters were refitted.
 
     period : of the beat [s]. gap_before, gap_after : whitened RMS on (fitted, held-out) beats. rms_before, rms_after :
-    on the held-out beats by channel [SI]. d : d' of what was added, of the fitted beats. fallen, sd : by how much χ² of
-    the held-out beats falls with it, and the standard deviation of that. own : its own numbers [SI], of the
-    model with what was added, own_before : of that without.
+    on the held-out beats by channel [SI]. d : d' of the added effects in the fitted beats. fallen, sd : decrease of χ²
+    of the held-out beats by these effects, and its standard deviation. own : its own parameters [SI] in the model with
+    the added effects, own_before : without.
     """
 
     label: str
@@ -65,7 +65,7 @@ TITLES = ("recording", "rate", "gap, held-out beats", "rms of what is left", "ow
 
 
 def rows(recordings: Sequence[Recorded]) -> list[tuple[str, ...]]:
-    """The table of the recordings, a line each, in the units that people read."""
+    """The table of the recordings, one row each, in display units."""
     return [
         (
             each.label if each.fitted else f"{each.label}, not fitted",
@@ -79,7 +79,7 @@ def rows(recordings: Sequence[Recorded]) -> list[tuple[str, ...]]:
 
 
 def _own(numbers: Mapping[str, float]) -> str:
-    """Numbers with their units; those of one kind that are the same together, "CA+FA.outlet.P_venous 5 mmHg"."""
+    """Parameters with units; equal ones of a kind are joined, "CA+FA.outlet.P_venous 5 mmHg"."""
     same: dict[tuple[str, str], list[str]] = {}
     for name, value in numbers.items():
         (where, _, key), (unit, factor) = name.partition("."), shown_in(quantity_of(name))

@@ -1,7 +1,7 @@
-"""The source map as it is shown: harmonics become beats with a band, numbers get their values; plain frozen data.
+"""The source map for display: harmonics as beats with a band, parameters as values; plain frozen data.
 
-Found before any effect of the catalogue is asked for (:mod:`fitting.inference.source_maps.source_map`): at some places
-an unknown periodic term g(t) is added to the equations, or one of the subject's own numbers stands out from its kind.
+The map precedes all effects of the catalogue (:mod:`fitting.inference.source_maps.source_map`). At some places an
+unknown periodic term g(t) is added to the equations, or one of the subject's own parameters is an outlier of its kind.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from .. import thresholds
 
 Array = np.ndarray
 
-_SHAPES = ("even", "linear", "parabolic")  # by the degree of a wall's pressure
-_SAMPLES = 400  # of a beat: all harmonics of a record are smooth on them
-_BEGUN = 0.1  # of the height of the inflow: systole is where it is more
-_MID = 0.5  # of that height: after the peak and above it, mid systole
+_SHAPES = ("uniform", "linear", "parabolic")  # by the degree of a wall's pressure
+_SAMPLES = 400  # per beat: they resolve all harmonics of a record
+_BEGUN = 0.1  # of the height of the inflow: systole is above it
+_MID = 0.5  # of that height: mid systole is above it after the peak
 
 
 @dataclass(frozen=True)
 class OddNumber:
-    """A number that stands out: the file's and this subject's [unit].
+    """An outlying parameter: of the file and of this subject [unit].
 
-    beyond : what it differs by from what all of its kind have in common, a factor, or a shift [unit] if not ``factor``.
-    display : the unit that people read it in, or None for the usual one. only : the only one of its kind.
+    beyond : deviation from the common value of its kind, a factor, or a shift [unit] if not ``factor``.
+    display : display unit, None for the usual one. only : the only parameter of its kind.
     """
 
     file: float
@@ -54,14 +54,14 @@ class OddNumber:
 
 @dataclass(frozen=True)
 class Acting:
-    """What acts at one place.
+    """The source at one place.
 
-    unit : SI. mean, band : (N,) g at the times of the map and its standard deviation, of the source with the largest
-    RMS where the place has several; ``sources`` says how many, ``part`` which of them. Of a number that stands out
-    both are empty, and ``number`` is given. pulse : peak to peak of what was measured there, of ``channel``; or None.
-    rivals : what this record cannot tell it from: the places that do nearly the same in its place, none where the
-    record is nearly as probable without it. share : of the gap, as χ², that acts there; None where that was not asked.
-    phase : of the beat, by the inflow, with most of its energy, and the part of it that it has (:func:`main_phase`).
+    unit : SI. mean, band : (N,) g at the times of the map and its standard deviation, for the source with the largest
+    RMS if the place has several; ``sources`` is their number, ``part`` names that one. For an outlying parameter both
+    are empty, and ``number`` is given. pulse : peak to peak of the measured ``channel`` at the place, or None.
+    rivals : places that this record cannot distinguish from it, with nearly the same evidence in its stead; empty if
+    the record is nearly as probable without it. share : of the gap, as χ²; None if not computed. phase : phase of the
+    beat, by the inflow, with most of its energy, and its fraction of that (:func:`main_phase`).
     """
 
     place: Place
@@ -79,21 +79,21 @@ class Acting:
 
     @property
     def rms(self) -> float:
-        """Of g over a beat [unit], its mean included."""
+        """RMS of g over a beat [unit], mean included."""
         return float(np.sqrt(np.mean(self.mean**2)))
 
     @property
     def steady(self) -> bool:
-        """Whether it hardly changes within a beat."""
+        """True if it hardly changes within a beat."""
         return float(np.ptp(self.mean)) < 0.2 * self.rms
 
 
 @dataclass(frozen=True)
 class SourceMapShown:
-    """Everything that acts.
+    """All sources of a map.
 
-    time : (N,) [s] of one beat of the period T [s]. explains : whether no more than noise is left with it.
-    chi2_per_datum : what is left; 1 is noise.
+    time : (N,) [s] of one beat of the period T [s]. explains : no more than noise is left with them.
+    chi2_per_datum : of the residual; 1 is noise.
     """
 
     acting: tuple[Acting, ...]
@@ -104,12 +104,12 @@ class SourceMapShown:
 
     @property
     def left(self) -> dict[str, Any]:
-        """What is left, as verdict.json has it."""
+        """The residual, in the form of verdict.json."""
         return {"chi2_per_datum": self.chi2_per_datum, "explains": self.explains}
 
     @property
     def signals(self) -> tuple[Acting, ...]:
-        """Those that act in time: not numbers that stand out."""
+        """The time-dependent sources, without outlying parameters."""
         return tuple(a for a in self.acting if a.number is None)
 
 
@@ -126,8 +126,8 @@ def map_json(shown: SourceMapShown) -> list[dict[str, Any]]:
 
 
 def shown_map(found: SourceMap, network: Network, beats: Beats, shares: Sequence[float] = ()) -> SourceMapShown:
-    """What a map says of a record. beats : those that were fitted, whose channels tell the pulse at a place, and the
-    phases of the beat. shares : of the gap, by place, where they are known."""
+    """The map of a record for display. beats : the fitted ones, with the pulse at a place and the phases of the beat.
+    shares : of the gap, by place, if known."""
     time = np.arange(_SAMPLES) * (beats.T / _SAMPLES)
     acting = tuple(
         Acting(s.place, rivals=_rivals(s.place, found), share=share, **_told(s, found, time, network, beats))
@@ -137,23 +137,23 @@ def shown_map(found: SourceMap, network: Network, beats: Beats, shares: Sequence
 
 
 def beat_of(g: Array, time: Array, T: float) -> Array:
-    """(N, q) x(t) = g_0 + 2 Re Σ g_k exp(2πikt/T) at times (N,) [s] of harmonics g : (K+1, q)."""
+    """(N, q) x(t) = g_0 + 2 Re Σ g_k exp(2πikt/T) at times (N,) [s] from harmonics g : (K+1, q)."""
     k = np.arange(1, len(g))
     turn = np.exp(2j * np.pi * np.mod(np.multiply.outer(time / T, k), 1.0))
     return np.asarray(g[0].real + 2.0 * (turn @ g[1:]).real)
 
 
 def band_of(sd: Array, n: int) -> Array:
-    """(n, q) standard deviation of that beat, the same at every time: sqrt(sd_0² + 4 Σ sd_k²).
+    """(n, q) standard deviation of that beat, constant in time: sqrt(sd_0² + 4 Σ sd_k²).
 
-    sd : (K+1, q) of the real mean, and of the real and of the imaginary part of each harmonic, which are independent:
-    2 Re(g_k e^iφ) has the variance 4 sd_k² whatever φ.
+    sd : (K+1, q) of the real mean, and of the independent real and imaginary parts of each harmonic: 2 Re(g_k e^iφ) has
+    the variance 4 sd_k² for every φ.
     """
     return np.broadcast_to(np.sqrt(sd[0] ** 2 + 4.0 * (sd[1:] ** 2).sum(axis=0)), (n, sd.shape[1]))
 
 
 def _told(signal: Signal, found: SourceMap, time: Array, network: Network, beats: Beats) -> dict[str, Any]:
-    """What acts at a place, or which value its number has."""
+    """Fields of :class:`Acting`: the signal at a place, or the value of its parameter."""
     place = signal.place
     if place.unknown is not None:
         unit, odd = _number(place, found, network)
@@ -175,7 +175,7 @@ def _told(signal: Signal, found: SourceMap, time: Array, network: Network, beats
 
 
 def _number(place: Place, found: SourceMap, network: Network) -> tuple[str, OddNumber]:
-    """The value of a number that stands out, beside what all of its kind have in common."""
+    """The value of an outlying parameter, beside the common value of its kind."""
     i = [u.name for u in found.unknowns].index(place.unknown.name if place.unknown else "")
     own, step = found.unknowns[i], found.unknowns[i].size * float(found.x[i])
     value = float(parameter_values(found.unknowns, network, found.x)[place.name])
@@ -187,7 +187,7 @@ def _number(place: Place, found: SourceMap, network: Network) -> tuple[str, OddN
 
 
 def _part(source: Source) -> str:
-    """Which of several sources of a place."""
+    """The name of one of several sources of a place."""
     match source:
         case WallPressure(place=name, degree=degree):
             return f"{_SHAPES[degree]} along {name}"
@@ -201,7 +201,7 @@ def _part(source: Source) -> str:
 
 
 def _channel(place: Place, i: int, unit: str, network: Network, beats: Beats) -> str:
-    """The measured channel that shows the same quantity at a place, the nearest of several; "" where there is none."""
+    """The nearest measured channel that shows the quantity of a source at a place; "" if there is none."""
     if not place.sources or place.name == INFLOW:
         return place.name if place.name in beats.values else ""
     x = 1.0 if place.kind == OUTLET else 0.5 if place.at is None else place.at
@@ -212,7 +212,7 @@ def _channel(place: Place, i: int, unit: str, network: Network, beats: Beats) ->
 
 
 def _rivals(place: Place, found: SourceMap) -> tuple[Rival, ...]:
-    """What this record cannot tell from a place: what stands in its stead in sets that are nearly as probable."""
+    """Alternatives to a place: those that replace it in sets of nearly the same evidence."""
     known = {p.key for p in found.places}
     return tuple(
         Rival(tuple(p for p in rival.places if p.key not in known), rival.above)
@@ -225,11 +225,11 @@ def _rivals(place: Place, found: SourceMap) -> tuple[Rival, ...]:
 
 
 def gap_shares(problem: NetworkProblem, found: SourceMap) -> tuple[float, ...]:
-    """The share of the gap, as χ², that acts at every place of a map, in the order of its signals.
+    """The share of the gap, as χ², of every place of a map, in the order of its signals.
 
-    With the whitened residual y of the map's walls alone and y_i of these with place i alone, place i takes c_i = y -
-    y_i out of it, and its share is yᵀc_i/|y|²: those of all places and of what is left add up to 1. A place may have
-    less than 0, where it makes good what another one does. Empty where a simulation breaks down.
+    With the whitened residual y of the map's walls alone and y_i of these with place i alone, place i removes c_i = y -
+    y_i, and its share is yᵀc_i/|y|²; these and the share of the rest add up to 1. A share is negative if the place
+    compensates another one. Empty if a simulation breaks down.
     """
     at = problem.at((), found.unknowns, found.x)
 
@@ -245,11 +245,11 @@ def gap_shares(problem: NetworkProblem, found: SourceMap) -> tuple[float, ...]:
 
 
 def phases_of(inflow: Array) -> Mapping[str, Array]:
-    """(N,) where each phase of a beat is, by the mean inflow : (N,) at even times of the beat.
+    """(N,) masks of the phases of a beat, from the mean inflow : (N,) at even times of the beat.
 
-    Its height h is counted from its least value, or from 0 where that is negative. Systole is the stretch around the
-    peak where h > 0.1 of the peak's: early systole up to the peak, mid systole after it while h >= 0.5 of the peak's,
-    late systole what follows. The rest of the beat is diastole.
+    Its height h is measured from its least value, or from 0 if that is negative. Systole is the interval around the
+    peak with h > 0.1 of the peak's: early systole up to the peak, mid systole after it while h >= 0.5 of the peak's,
+    then late systole. The rest of the beat is diastole.
     """
     h = inflow - max(float(inflow.min()), 0.0)
     n, peak = len(h), int(np.argmax(h))
@@ -268,7 +268,7 @@ def phases_of(inflow: Array) -> Mapping[str, Array]:
 
 
 def main_phase(g: Array, inflow: Array) -> tuple[str, float]:
-    """The phase of the beat with most of ∫ g² dt, and the part of it that it has.
+    """The phase of the beat with most of ∫ g² dt, and its fraction of that.
 
     g : (M,) at even times of the beat. inflow : (N,) likewise.
     """

@@ -1,8 +1,8 @@
-"""Name what acts at the places of the source map: the catalogue's laws there, each refitted in full.
+"""Name the laws that act at the places of the source map: each law of the catalogue there is refitted in full.
 
-A law begins where the map ended: with the walls that the map found, at the size with which it comes nearest to the
-record. Walls that were fitted without it would have taken up a part of it. Then other laws are tried in the stead of
-the best, and beside it (:mod:`discrepancy.name.rivals`).
+A law starts from the walls of the map, at the size that promises the best fit. Walls that were fitted without the free
+sources would have absorbed a part of the effect. Then other laws are tried instead of the best one, and beside it
+(:mod:`discrepancy.name.moves`).
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from solver.laws.effect import CHANNEL
 
 from .. import thresholds as at
 from .individual_walls import implausible
-from .law_starts import TYPICAL, Base, Begun, along, nearest
-from .rivals import with_rivals
+from .law_starts import TYPICAL, Base, along, fewest, nearest
+from .moves import with_moves
 from .scoring import Compared, exact, promised, there
 
 Array = np.ndarray
 
-_ROUNDS = 3  # of rivals of the best hypothesis, at most, while these find a better one
+_ROUNDS = 3  # at most, of moves from the best hypothesis, while they find a better one
 
 
 def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkProblem, SourceMap]:
-    """The problem with the free sources, and the map with the numbers that stand out, of all places but one."""
+    """The problem with the free sources of all places except the i-th, and the map with their outlying parameters."""
     others = [j for j in range(len(found.signals)) if j != i]
     return found.forced(problem, others), found.standing_out(others)
 
 
 def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
-    """The laws of a place of the map and of its segment, and those of places that do nearly as well beside the others:
-    between two sites a wall, a drop, a loss and an outlet are told apart by their laws alone. A place that does no
-    better than none is no such place."""
+    """Candidate laws for the i-th place of the map: those of the place and its segment, and those of places that fit
+    nearly as well beside the other places. Between two sites, only their laws distinguish a wall, a pressure drop, a
+    leak and an outlet. A place must fit better than having no i-th place at all."""
     mine, others = found.places[i], {p.key for j, p in enumerate(found.places) if j != i}
     most = min([at.NEAR, *(r.above for r in found.rivals if {p.key for p in r.places} == others)])
     near = [mine]
@@ -61,52 +61,45 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
 
 
 def in_segment(term: Term, place: Place) -> bool:
-    """Whether a law acts in the segment of a place, or at its end."""
+    """True if a law acts in the segment of a place, or at its end."""
     return place.kind != CHANNEL and not term.is_sensor and term.place == place.segment
 
 
 def acts_at(term: Term, place: Place) -> bool:
-    """Whether a law may be what acts at a place."""
+    """True if a law can be the cause of the source at a place."""
     if place.kind == NUMBER:
         return in_segment(term, place)
     return effect_of(term).source == place.kind and term.place == place.name
 
 
 def base(problem: NetworkProblem, found: SourceMap) -> Base:
-    """The walls of the map."""
+    """The walls of the map, without laws."""
     return Base(Member((), problem.hypothesis(()), found.x), problem.target.whiten(found.J))
 
 
 def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[Fit]:
-    """Laws of any place of the map, refitted without what the map has at the others: one may be all that acts."""
+    """Single laws of any place, refitted without the free sources of the map: one law may explain all of them."""
     every = {(t.label, len(t.unknowns)): t for some in laws for t in some}
     plain, walls = found.forced(problem, []), found.standing_out(())
-    chosen = _few(nearest(plain, base(plain, walls), list(every.values()), runs))
+    chosen = fewest(nearest(plain, base(plain, walls), list(every.values()), runs))
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
 def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
-    """For every place the laws there that may explain the record beside the free sources of the other places, refitted
-    beside these; nearest first."""
+    """For every place, the laws that may explain the record beside the free sources of the other places, refitted with
+    these sources; lowest cost first."""
     fits = []
     for i, some in enumerate(laws):
         beside, walls = _beside(problem, found, i)
-        few = [[(b.term, b.x)] for b in _few(nearest(beside, base(beside, walls), some, runs))]
+        few = [[(b.term, b.x)] for b in fewest(nearest(beside, base(beside, walls), some, runs))]
         own = refitted(beside, walls, few, runs, explaining=True)
         fits.append(sorted(own, key=lambda f: f.cost))
     return fits
 
 
-def _few(begun: Sequence[Begun]) -> list[Begun]:
-    """The laws that are refitted: the nearest, all that promise so much that they might not be ruled out beside the
-    nearest (few sensors see many alike), and every outlet of another kind, which begins far off."""
-    most = begun[0].left + at.RULED_OUT if begun else 0.0
-    return [b for k, b in enumerate(begun) if k < at.FEW or b.left < most or b.term.rewires]
-
-
 def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
-    """Laws of two places together, each of those that do nearly as well as the best at its place, refitted; where none
-    leaves noise alone beside the free sources of the other places, no law is what acts there."""
+    """Pairs of laws at two places, refitted: from each place the laws that fit nearly as well as its best. A place
+    contributes no law if its best law leaves more than noise beside the free sources of the other places."""
     near = [
         [f for f in some if f.cost < some[0].cost + at.NEAR][: at.BRANCHES]
         for some in fits
@@ -122,7 +115,7 @@ def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[
 
 
 def _own(fit: Fit) -> Array:
-    """Where a single law ended."""
+    """The parameters of the single law of a fit."""
     x = dict(zip((u.name for u in fit.unknowns), fit.x, strict=True))
     return np.array([x[u.name] for u in fit.terms[0].unknowns])
 
@@ -131,10 +124,10 @@ def refitted(
     problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs,
     explaining: bool = False,
 ) -> list[Fit]:  # fmt: skip
-    """Hypotheses searched for from the walls of the map, and where their laws begin: from afar first, with an error
-    granted to the model as in the map, and then to the noise.
+    """Fit hypotheses from the walls of the map and the starting sizes of their laws: first with a model error, as in
+    the map, to converge from far off, then with the noise alone.
 
-    explaining : those alone that may leave noise alone: what leaves more with an error granted leaves more without.
+    explaining : drop hypotheses that leave more than noise even with the model error; they would leave more without it.
     """
     if not hypotheses:
         return []
@@ -148,7 +141,7 @@ def refitted(
 
 
 def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
-    """What is known after every stage. found : the map of the problem's record."""
+    """The comparison after every stage. found : the source map of the problem's record."""
     none = refitted(problem, found, [[]], runs) or there(problem.refit([()], runs=runs))
     if not none:
         raise InputError("the model as given cannot be simulated with this record")
@@ -171,17 +164,17 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         if left and result.best.fit.terms:
             result = result.at_minimum(runs)
             yield (result := result.joined_by(_refined(result, runs)).polished(runs))
-        # where one place is enough for all that acts, a law that explains a part of it is the wrong one
+        # if one place accounts for all that acts, a law that explains only a part of it is the wrong one
         more = left and not (found.explains and len(found.places) == 1 and not result.best.explains)
-        yield (result := with_rivals(result, runs, left, more))
+        yield (result := with_moves(result, runs, left, more))
         if result.best.key == best:
             break
     yield result.at_minimum(runs)
 
 
 def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) -> Compared:
-    """With the laws that add evidence to the model without effect by their columns, where that explains the record:
-    weak ones that act everywhere are no single place, and few sensors show none."""
+    """If the model without effect explains the record, add the laws whose columns promise more evidence. Weak laws that
+    act everywhere are no single place of a map, and few sensors cannot locate them."""
     base, tried = result.none.fit, {n.label for n in result.ranked}
     best, gained = promised(base, result.sought, columns)
     near = [t for k, (score, t) in enumerate(gained) if k < at.FEW or score < gained[0][0] + at.RULED_OUT]
@@ -193,32 +186,31 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
 
 
 def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
-    """With the laws that promise most from the walls of the file, and every outlet of another kind: where the model
-    without effect explains the record as an animal alone that there hardly is, its walls say nothing of where to begin.
-    """
+    """Add the laws that promise most from the walls of the network file, and every change of outlet kind. Used if the
+    model without effect explains the record only with implausible walls, which are no guide to a starting point."""
     problem = result.problem
     assert isinstance(problem, NetworkProblem)
     plain, walls = found.forced(problem, []), replace(found, x=np.zeros(len(found.x)))
     laws = [t for t in result.terms if t.rewires or t in result.sought]
     wide = plain.granted(at.AFAR)
-    chosen = _few(nearest(wide, base(wide, walls), laws, runs, TYPICAL))
+    chosen = fewest(nearest(wide, base(wide, walls), laws, runs, TYPICAL))
     return result.joined_by(refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)).polished(runs)
 
 
 def _leaves(result: Compared) -> bool:
-    """Whether something acts beside the best hypothesis."""
+    """True if the best hypothesis leaves more than noise, or free sources beside it gain evidence."""
     assert isinstance(result.problem, NetworkProblem)
     return not result.best.explains or found_beside(result.problem, result.best.fit) is not None
 
 
 def _refined(result: Compared, runs: Runs) -> list[Fit]:
-    """The best law finer: one that acts everywhere with a size of its own for every segment, one of a part of a segment
-    wherever it lies, and however long it is."""
+    """Refinements of the best laws: a law that acts everywhere gets one size per segment, and a localised law a free
+    position and length."""
     first, problem, hypotheses = result.best.fit, result.problem, list[tuple[Term, ...]]()
     for i, t in enumerate(first.terms):
         for finer in (problem.refined(first, t), placed(problem.network, t, sizes_of(first, t))):
             if finer is not None:
                 hypotheses.append((*first.terms[:i], finer, *first.terms[i + 1 :]))
-                if len(first.terms) > 1:  # the other one may have stood in for it
+                if len(first.terms) > 1:  # the other law may have stood in for this one
                     hypotheses.append((finer,))
     return there(problem.refit(hypotheses, first, runs)) if hypotheses else []

@@ -1,4 +1,4 @@
-"""This animal's walls: every number of every artery and outlet as the record has it, beside the network file's."""
+"""The walls of one subject: parameters of every artery and outlet from the record, beside those of the network file."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from .. import thresholds as at
 from ..findings.outcome import BEYOND, OwnNumber, Walls
 from .scoring import Compared
 
-_TOLD = 3  # odd numbers with a sentence of their own
-_MOST = 3  # one number in so many of a kind may stand out
-_FEWEST = 3  # others that tell a spread
-_TRIED = 3  # effects in place of each
-_SAME = 0.01  # of what a number does, that an effect of that number may not do: derivatives are good to 1e-3
+_TOLD = 3  # outliers with a sentence of their own
+_MOST = 3  # at most one in so many parameters of a kind may be an outlier
+_FEWEST = 3  # other parameters that suffice to estimate a spread
+_TRIED = 3  # effects tried in place of each outlier
+_SAME = 0.01  # of the response to a parameter that an equivalent effect may miss: derivatives are accurate to 1e-3
 
 
 def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
-    """What a fit says of every artery and outlet; only of the kind where all have it in common.
+    """The parameters of every artery and outlet with intervals; only the kind if a fit has common walls.
 
-    The deviation of a number is what its own unknowns move it by, beside what moves all together. quantile : half a
+    The deviation of a parameter is the contribution of its own unknowns, without that of common ones. quantile : half a
     95 % interval in standard deviations.
     """
-    named = {u for term in fit.terms for u in term.unknowns}  # what an effect has of its own is no deviation
+    named = {u for term in fit.terms for u in term.unknowns}  # parameters of an effect are no deviations
     own = np.array([bool(u.group) and u not in named for u in fit.unknowns], bool)
     if not own.any():
         return Walls()
@@ -53,13 +53,13 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
 
 
 def _spread(fit: Fit, known: dict[str, Quantity]) -> dict[str, tuple[float, float]]:
-    """The stated spread of every quantity between arteries, and the one that makes the record most probable."""
+    """The stated spread of every quantity between arteries, and the spread that maximises the evidence."""
     sizes = {name.rpartition(".")[2]: q.individual for name, q in known.items()}
     return {group: (sizes[group], width * sizes[group]) for group, width in Linear.of(fit).inferred().of.items()}
 
 
 def odd_ones(walls: Walls, network: Network) -> list[str]:
-    """A sentence for each of the numbers farthest beyond the stated spread, and one for all the others."""
+    """A sentence for each of the parameters farthest beyond the stated spread, and one for all the others."""
     odd = sorted((name for name, own in walls.arteries.items() if own.beyond),
                  key=lambda name: -abs(walls.arteries[name].deviation))  # fmt: skip
     told, rest = odd[:_TOLD], odd[_TOLD:]
@@ -82,18 +82,18 @@ def _odd_text(name: str, own: OwnNumber, network: Network) -> str:
 
 Array = np.ndarray
 
-# --- numbers that stand out -------------------------------------------------------------------------------------------
-# Left free, one far number widens the spread that all of its kind share, and hides in it: among walls that differ, an
-# artery of 2.2 times the modulus left noise as "this animal's own", nine stated spreads from the others. So where
-# nothing else is missing, such a number is held where one of its kind may be, and effects where it acts must explain
-# the rest.
+# --- outliers ---------------------------------------------------------------------------------------------------------
+# With free deviations, one outlier widens the spread that its kind shares, and hides in it: with individual walls, an
+# artery of 2.2 times the modulus, nine stated spreads from the others, left only noise as "this animal's own". So if
+# nothing else is missing, an outlier is bounded to the range of its kind, and effects at its artery must explain the
+# rest.
 
 
 def standing_out(unknowns: Sequence[Unknown], x: Array) -> dict[str, float]:
-    """How far [stated spreads] each number that stands out could be and still be one of its kind, by its unknown.
+    """The outliers among the parameters, by the name of their unknown, with the limit [stated spreads] of their kind.
 
-    Of a kind the r farthest stand out if the r-th is beyond the limit that the rest set, whatever the r - 1 do
-    (B. Rosner, Technometrics 25 (1983) 165): two do not hide each other.
+    The r farthest of a kind are outliers if the r-th is beyond the limit set by the rest, whatever the other r - 1 are
+    (B. Rosner, Technometrics 25 (1983) 165): two outliers do not mask each other.
     """
     kinds: dict[str, list[int]] = {}
     for i, u in enumerate(unknowns):
@@ -112,8 +112,8 @@ def standing_out(unknowns: Sequence[Unknown], x: Array) -> dict[str, float]:
 
 
 def implausible(fit: Fit) -> dict[str, float]:
-    """How far from the file's [stated spreads] numbers are that no animal has: of one artery or outlet those that stand
-    out, of all arteries together or of the one wall of a bench those beyond four."""
+    """The implausible parameters, with their distance from the file [stated spreads]: outliers among individual
+    parameters, and common ones (or those of the one wall of a bench) beyond four stated spreads."""
     out = standing_out(fit.unknowns, fit.x)
     far = {u.name: float(x) / u.prior_sd for u, x in zip(fit.unknowns, fit.x, strict=True) if u.prior_sd}
     common = {u.name for u in fit.unknowns if not u.group and abs(far.get(u.name, 0.0)) > at.OUTLIER}
@@ -121,9 +121,9 @@ def implausible(fit: Fit) -> dict[str, float]:
 
 
 def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
-    """Where the animal without effect is the best, with what stands out in it held, and then with the effects that do
-    most nearly what those numbers do. A number that is none of any effect's stays as it is: no effect is that animal
-    by another name."""
+    """If the model without effect is best but has outliers, bound these to the range of their kind, and add the effects
+    whose response is closest to that of the outliers. An outlier that no effect imitates stays free: then no effect is
+    an alias of that subject."""
     none = found.best.fit
     limits = {} if none.terms else standing_out(none.unknowns, none.x)
     if not limits:
@@ -149,8 +149,8 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
 
 
 def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
-    """The unknowns that stand out, farthest first, and of their kinds others that are far, or all where they are few:
-    what all have in common may have moved instead."""
+    """Indices of the outliers, farthest first. Of their kinds also other parameters that are far, or all if they are
+    few: the common value may have moved instead."""
     groups = [u.group for u in none.unknowns]
     kinds = {u.group for u in none.unknowns if u.name in limits}
     far = [
@@ -162,11 +162,11 @@ def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
 
 
 def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
-    """The animal of a hypothesis without its effect, where a number stood out or does so in ``none``, the best animal
-    without effect; None where none did.
+    """The subject of a hypothesis without its effect, if an outlier was bounded or ``none``, the best fit without
+    effect, has one; otherwise None.
 
-    Without the effect, an animal that is odd elsewhere may come as near to the record, and is not what is missing; and
-    one that is odd there is the effect by another name.
+    Without the effect, a subject with an outlier elsewhere may fit the record as well, and then the effect is not
+    missing. An outlier where the effect acts is an alias of the effect.
     """
     own = {u.name: u for u in problem.individual().deviations}
     held = any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns)
@@ -177,12 +177,12 @@ def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
     return replace(fit, terms=(), unknowns=unknowns, x=fit.x[mine], J=fit.J[:, mine])
 
 
-Instead = tuple[Term, int, Array]  # an effect, the number that it stands for, and where its search begins
+Instead = tuple[Term, int, Array]  # an effect, the index of the parameter that it replaces, and its starting point
 
 
 def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Array]) -> list[tuple[float, Instead]]:
-    """The effects that do most nearly what the unknown i does, each as large as that is, with the part of it that they
-    do not do; nearest first. None where it does nothing."""
+    """Effects at the artery of unknown i, each fitted to its response (least squares) and sorted by the relative
+    residual. Empty if the unknown has no influence."""
     found = []
     moved = none.J[:, i] * none.x[i]
     if not moved.any():
@@ -198,8 +198,8 @@ def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Arr
 
 
 def _with(held: Fit, effects: Sequence[Instead]) -> list[Fit]:
-    """A fit with effects in place of numbers that stand out; of a kind of few also as in the file, where what all have
-    in common may have moved instead of the one."""
+    """Starting points with effects in place of outliers. For a kind of few parameters also with the values of the file:
+    the common value may have moved instead of the outlier."""
     x, groups = held.x.copy(), [u.group for u in held.unknowns]
     x[[i for _, i, _ in effects]] = 0.0
     few = {groups[i] for _, i, _ in effects if groups.count(groups[i]) <= _FEWEST}
@@ -214,12 +214,12 @@ def _with(held: Fit, effects: Sequence[Instead]) -> list[Fit]:
 
 
 def _owner(unknown: Unknown) -> str:
-    """The artery whose number, or whose outlet's, an unknown moves."""
+    """The artery whose parameter, or whose outlet's, an unknown moves."""
     return unknown.variables[0].partition(".")[0]
 
 
 def _held(fit: Fit, kinds: Mapping[str, float]) -> Fit:
-    """A fit with all numbers of some kinds where one of these may be: else another one would stand out instead."""
+    """A fit with some kinds of parameters bounded to their range; otherwise another one would become the outlier."""
     unknowns = tuple(u.within(kinds[u.group]) if u.group in kinds else u for u in fit.unknowns)
     return replace(fit, unknowns=unknowns, x=np.clip(fit.x, *bounds(unknowns)))
 

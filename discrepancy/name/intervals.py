@@ -1,4 +1,4 @@
-"""The intervals that a study states: of an effect that was searched for, and whatever the walls may be."""
+"""The intervals that a study states: conditional on the selection of an effect; walls are nuisance parameters."""
 
 from __future__ import annotations
 
@@ -27,16 +27,15 @@ from .scoring import Named, found_from
 from .verdict import Naming
 
 _FEWEST = 3  # sites
-_MOST = 4  # numbers of an effect whose intervals are profiled
-_STRAIGHT = 0.05  # half an interval relative to its number, under which a valley is as straight as its covariance
-_SEARCHES = 4  # for the minimum, at most
-_GAIN = 0.05  # of the cost: less is none
+_MOST = 4  # parameters of an effect with profiled intervals
+_STRAIGHT = 0.05  # relative half width below which the likelihood is as quadratic as the covariance assumes
+_SEARCHES = 4  # at most, for the minimum
+_GAIN = 0.05  # of the cost: a smaller gain counts as none
 
 
 def profiled(naming: Naming, runs: Runs) -> Naming:
-    """With the best at its minimum, which a search that compares need not reach, and with the reach of the intervals of
-    effects of two numbers and more by profile likelihood; of those of very many, of narrow ones, and where time runs
-    out, it stays that of the covariance."""
+    """Polish the best fit, then profile the likelihood of effects with 2 to 4 parameters. Effects with more parameters,
+    narrow intervals, and those left when time runs out keep the intervals of the covariance."""
     if naming.verdict not in ADDED:
         return naming
     with suppress(OutOfTime):
@@ -50,8 +49,8 @@ def profiled(naming: Naming, runs: Runs) -> Naming:
 
 
 def _at_minimum(naming: Naming, runs: Runs) -> Naming:
-    """With the best searched for anew: where its walls are odd, from the file's, and with fresh derivatives until that
-    gains nothing."""
+    """The best fit polished: refitted from the file's walls if its own are implausible, then with fresh derivatives
+    until the cost falls no more."""
     problem, (best, *rest) = naming.problem, naming.ranked
     fit = best.fit
     if fit.odd:
@@ -68,7 +67,7 @@ def _at_minimum(naming: Naming, runs: Runs) -> Naming:
 
 
 def _lower(fit: Fit, others: Sequence[Fit | None]) -> Fit:
-    """The fit of the lowest cost; what gains nothing does not count, but where it alone ended at a minimum."""
+    """The fit of the lowest cost. Another one must gain more than _GAIN, unless it alone has converged."""
 
     def gained(other: Fit) -> bool:
         alone = other.converged and not fit.converged
@@ -78,7 +77,7 @@ def _lower(fit: Fit, others: Sequence[Fit | None]) -> Fit:
 
 
 def _wide(fit: Fit, unknown: Unknown, half: float) -> bool:
-    """Whether an interval is so wide that its valley may bend, or comes to an end of its range."""
+    """True if an interval is so wide that the likelihood may not be quadratic, or reaches a bound."""
     i = fit.unknowns.index(unknown)
     x, reach = float(fit.x[i]), half * math.sqrt(float(fit.covariance[i, i]))
     narrow = reach < _STRAIGHT * (1.0 / unknown.size if unknown.kind == SCALE else abs(x))
@@ -86,10 +85,11 @@ def _wide(fit: Fit, unknown: Unknown, half: float) -> bool:
 
 
 def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[str, Estimate]:
-    """Values and 95 % intervals, in their ranges, of a term of a hypothesis, with the spread of walls that the record
-    tells.
+    """Estimates with 95 % intervals, within their ranges, of a term of a hypothesis. The spread of the walls is that
+    estimated from the record.
 
-    Given that the effect was found, which near the limit of detection says that it is smaller than it looks.
+    Those of a one-parameter effect are conditional on its selection, which makes them smaller near the limit of
+    detection. Intervals of a partial verdict are widened instead (:func:`_wider`).
     """
     half, fit = quantile(naming.problem.dof_of_noise), with_widths(named.fit)
     found = estimates(network, fit, term, half, naming.reaches if named.key == naming.best.key else None)
@@ -107,9 +107,9 @@ def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[s
 
 
 def _wider(naming: Naming, fit: Fit, term: Term) -> float:
-    """By how much an interval beside an error of the model is wider than its covariance says.
+    """The factor by which model discrepancy widens an interval beyond its covariance.
 
-    As the estimate moves when one site, or on a bench one harmonic, is left out.
+    It is the scatter of the estimate when one site, or on a bench one harmonic, is left out (jackknife), at least 1.
     """
     parts = naming.problem.without_each(fit)
     if len(parts) < _FEWEST:

@@ -1,12 +1,11 @@
-"""Several recordings of one animal as one record: unknowns in common, and what each recording has of its own.
+"""Several recordings of one subject as one record: common unknowns, and unknowns of each recording.
 
     |z|² + Σ (x_i/s_i)²,    z = (z_1(x_c, x_1), …, z_n(x_c, x_n)),
 
-with the whitened residual z_i of each recording, the unknowns x_c that all have in common (walls, geometry, sensors,
-effects) and those x_i that vary. Period, drive and noise are each recording's own. The Jacobian has a block of rows for
-each recording, which are 0 in the columns of what the others have of their own. What reads a fit to several recordings
-as one of the network reads the first of them: what the others have of their own moves variables "CA.E of B", which no
-network has.
+with the whitened residual z_i of each recording, the common unknowns x_c (walls, geometry, sensors, effects) and the
+unknowns x_i that vary. Each recording has its own period, drive and noise. The Jacobian has a block of rows for each
+recording; a block is 0 in the columns of the unknowns of other recordings. Code that reads a joint fit as one of the
+network reads the first recording: the unknowns of the others move variables "CA.E of B", which no network has.
 """
 
 from __future__ import annotations
@@ -38,15 +37,15 @@ from solver.network.description import Network
 
 Array = np.ndarray
 
-_FARTHEST = 4.0  # stated spreads that a number which alone varies may be from the network's: R2 and P_venous imitate
+_FARTHEST = 4.0  # stated spreads: bound on a parameter that is unknown only as it varies; R2 and P_venous are aliases
 
 
 @dataclass(frozen=True)
 class Several(Forward):
-    """Problems of recordings of one animal, compared with one network; all of them of networks, or of one site.
+    """Problems of recordings of one subject, compared with one network; all of networks, or all of one site.
 
-    labels : of the recordings. varies : names of numbers with wildcards, "*.outlet.R2", that each has of its own.
-    beats : of each, those that are fitted and those that are held out.
+    labels : of the recordings. varies : patterns of parameter names, as "*.outlet.R2", that each recording has of its
+    own. beats : of each recording, the fitted and the held-out ones.
     """
 
     parts: tuple[Forward, ...]
@@ -54,7 +53,7 @@ class Several(Forward):
     varies: tuple[str, ...] = ()
     beats: tuple[tuple[Beats, Beats], ...] = ()
 
-    # --- what is in common, and what is not --------------------------------------------------------------------------
+    # --- common unknowns and those of one recording ------------------------------------------------------------------
 
     @property
     def first(self) -> Forward:
@@ -91,9 +90,9 @@ class Several(Forward):
 
     @cached_property
     def added(self) -> tuple[Unknown, ...]:
-        """Numbers that vary and are no unknown of one recording, such as a venous pressure: those of one name together.
+        """Parameters that vary but are no unknown of a single recording, as a venous pressure; one unknown per key.
 
-        Raises InputError for one of ``varies`` that names no number.
+        Raises InputError if a pattern of ``varies`` matches no parameter.
         """
         numbers = self.first.part(self.network).parameters()
         known = [(u, set(u.variables)) for u in self.first.hypothesis(())]
@@ -126,18 +125,18 @@ class Several(Forward):
         return (*found, *mine)
 
     def _of(self, unknown: Unknown, i: int) -> Unknown:
-        """An unknown of a recording's own, which the network has of the first alone."""
+        """The unknown of recording i. Only that of the first recording moves a variable of the network."""
         label = f" of {self.labels[i]}"
         moves = unknown.moves if i == 0 else tuple((f"{variable}{label}", step) for variable, step in unknown.moves)
         return replace(unknown, name=f"{unknown.name}{label}", moves=moves)
 
     def _whose(self, unknown: Unknown) -> int | None:
-        """The recording that alone has an unknown; None: all."""
+        """The index of the recording that owns an unknown; None if it is common."""
         mine = [i for i, label in enumerate(self.labels) if unknown.name.endswith(f" of {label}")]
         return max(mine, key=lambda i: len(self.labels[i]), default=None)
 
     def own(self, unknowns: Sequence[Unknown], i: int) -> tuple[tuple[Unknown, ...], Array]:
-        """The unknowns of one recording, as it has them alone, and their places among all."""
+        """The unknowns of recording i under their names in that recording, and their indices among all unknowns."""
         whose = [self._whose(u) for u in unknowns]
         which = [j for j, w in enumerate(whose) if w in (None, i)]
         label, found = f" of {self.labels[i]}", list[Unknown]()
@@ -150,7 +149,7 @@ class Several(Forward):
         return tuple(found), np.array(which, int)
 
     def of(self, fit: Fit, i: int) -> Fit:
-        """The fit as one of the i-th recording: its unknowns, its rows of z and J."""
+        """The joint fit as a fit to recording i: its unknowns, its rows of z and J."""
         unknowns, which = self.own(fit.unknowns, i)
         rows, (order, signal) = self.rows[i], self.parts[i].entries
         return replace(fit, unknowns=unknowns, x=fit.x[which], z=fit.z[rows], J=fit.J[rows][:, which],
@@ -158,7 +157,7 @@ class Several(Forward):
 
     @cached_property
     def rows(self) -> list[slice]:
-        """Each recording's entries of z."""
+        """The rows of z of each recording."""
         ends = np.cumsum([0, *(len(part.entries[0]) for part in self.parts)])
         return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
@@ -171,7 +170,7 @@ class Several(Forward):
     # --- the search ---------------------------------------------------------------------------------------------------
 
     def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
-        """The residuals of all recordings at every trial, one after the other, and their derivatives."""
+        """The residuals of all recordings at every trial, concatenated, and their derivatives."""
         runs.check()
         owns = [[self._trial(t, i) for t in trials] for i in range(len(self.parts))]
         found = [part.points(mine, runs) for part, mine in zip(self.parts, owns, strict=True)]
@@ -191,7 +190,7 @@ class Several(Forward):
         return Point(np.concatenate([p.z for p in known]), J, sum(p.log_volume for p in known), tuple(known))
 
     def _jacobian(self, unknowns: Sequence[Unknown], by: Array, own: Sequence[Point | Fit]) -> Array:
-        """(n, q) derivatives by the unknowns ``by`` : (q,), of those that each recording has."""
+        """(n, q) derivatives by the unknowns ``by`` : (q,), 0 for recordings that do not have the unknown."""
         J = np.zeros((sum(len(each.z) for each in own), len(by)))
         for i, (rows, each) in enumerate(zip(self.rows, own, strict=True)):
             J[rows, np.isin(by, self.own(unknowns, i)[1])] = each.J
@@ -200,8 +199,8 @@ class Several(Forward):
     def searched(
         self, members: Sequence[Member], runs: Runs, known: float = np.inf, columns: Mapping[str, Array] | None = None
     ) -> list[Fit | None]:
-        """Hypotheses searched for from where they are. known : a cost, as of :meth:`refit`. columns : whitened
-        derivatives (n,) by unknowns, which need no simulation to begin with."""
+        """Fit hypotheses from given starting points. known : a cost, as in :meth:`refit`. columns : whitened
+        derivatives (n,) by unknown, which save the first simulations."""
         rules = self.rules if known < np.inf else replace(self.rules, hopeless=np.inf)
         searches = [Search(m, rules, known=columns if rules.fresh else None) for m in members]
         search(partial(self.points, runs=runs), searches, known)
@@ -210,7 +209,7 @@ class Several(Forward):
         return [f if f and all(allowed(self.network, self.of(f, i)) for i in each) else None for f in found]
 
     def nearest(self, choices: Sequence[Sequence[Member]], runs: Runs, start: Fit | None = None) -> list[Member]:
-        """Of each choice the point that costs least, or promises to where the unknowns of ``start`` follow."""
+        """Of each choice the point of lowest cost, or of lowest predicted cost after ``start``'s unknowns adapt."""
         costs = self.costs([m for some in choices if len(some) > 1 for m in some], runs, start)
         best = list[Member]()
         for some in choices:
@@ -219,13 +218,13 @@ class Several(Forward):
         return best
 
     def costs(self, members: Sequence[Member], runs: Runs, start: Fit | None = None) -> list[float]:
-        """χ² of points, or what it promises to be where the unknowns of ``start`` follow; ∞ where they break down."""
+        """χ² of points, or its prediction after the unknowns of ``start`` adapt; ∞ if the simulation breaks down."""
         trials = [Trial(m, np.arange(0), None, 0.0 * m.x) for m in members]
         points = self.points(trials, runs) if trials else []
         return [np.inf if p is None else promised(p.z, start) + p.log_volume for p in points]
 
     def begin(self, terms: tuple[Term, ...], start: Fit | None = None) -> list[Member]:
-        """Points where the search for a hypothesis may begin: at another fit, its new terms at each of their starts."""
+        """Starting points for a hypothesis: another fit, with its new terms at each of their starts."""
         unknowns = self.hypothesis(terms)
         known = set() if start is None else {u.name for u in start.unknowns}
         members = [taken_over(terms, unknowns, start)]
@@ -279,7 +278,7 @@ class Several(Forward):
         return {n: np.concatenate([own[n] for own in found]) for n in columns}
 
     def beside(self, fit: Fit) -> Beside | None:
-        """The fit with errors of the model beside it, found in each recording by itself; None where none has any."""
+        """The fit with model discrepancy, estimated for each recording separately; None if no recording has any."""
         each = [_beside(part, self.of(fit, i)) for i, part in enumerate(self.parts)]
         found = [b for b in each if b is not None]
         if not found:
@@ -300,7 +299,7 @@ class Several(Forward):
         return self.first.refined(self.of(fit, 0), term)
 
     def held_out(self, beats: Beats, fitted: Beats) -> Several:
-        """The beats of every recording that were held out, of which the arguments are those of the first."""
+        """The problem on the held-out beats of every recording; the arguments are those of the first."""
         kept = tuple(part.held_out(last, first) for part, (first, last) in zip(self.parts, self.beats, strict=True))
         return replace(self, parts=kept)
 
@@ -339,7 +338,7 @@ class Several(Forward):
 
 
 def _beside(part: Forward, fit: Fit) -> Beside | None:
-    """What acts beside a fit to one recording."""
+    """The discrepancy model of a fit to one recording."""
     if isinstance(part, Bench):
         return part.beside(fit)
     assert isinstance(part, NetworkProblem)

@@ -1,9 +1,8 @@
-"""Name what is missing with several recordings of one animal: what each suggests, compared on all of them together.
+"""Name the missing effect from several recordings of one subject: candidates of each, compared on all together.
 
-Each recording is searched by itself first, and names candidates. These, and effects that the derivatives of all
-recordings together promise something of, are refitted to all (:class:`discrepancy.name.joint_record.Several`) and
-compared by one evidence. Viscosity and relaxation, which one heart rate cannot tell apart, part where the rate is
-another.
+Each recording is searched by itself first, and gives candidates. These, and effects that the derivatives of all
+recordings together support, are refitted to all (:class:`discrepancy.name.joint_record.Several`) and compared by one
+evidence. A second heart rate separates viscosity and relaxation, which one rate cannot distinguish.
 """
 
 from __future__ import annotations
@@ -36,14 +35,14 @@ Array = np.ndarray
 Terms = tuple[Term, ...]
 
 _SEED = 1
-_ELSEWHERE = 0.4  # of the time that is left, at most, which searches from other starts may take
+_ELSEWHERE = 0.4  # of the time left: most that searches from other starts may take
 
 
 def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs) -> Naming:
-    """The verdict on all recordings. alone : that on each by itself.
+    """The verdict on all recordings. alone : the verdict on each by itself.
 
-    Not complete where the time was over in one of these, or in comparing.
-    Raises OutOfTime where it was over before the model without effect was refitted to all.
+    It is incomplete if the time limit ended one of these, or the comparison.
+    Raises OutOfTime if the limit is reached before the model without effect was refitted to all recordings.
     """
     known, complete = last_of(_stages(problem, alone, terms, runs))
     complete &= all(naming.complete for naming in alone)
@@ -54,7 +53,7 @@ def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs:
 
 
 def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs) -> Iterator[Compared]:
-    """What is known after every stage."""
+    """The comparison after every stage."""
     base = _base(problem, [naming.base.fit for naming in alone], runs)
     yield (found := Compared.of(problem, [base], {}, terms))
     columns = problem.columns(base, found.sought, runs)
@@ -75,11 +74,12 @@ def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs)
 
 
 def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
-    """The model without effect, from where it costs least: as given, as each recording alone has it, or between them.
+    """The model without effect, fitted from the start of lowest cost: as given, a fit to one recording, or the mean of
+    these.
 
-    Where it ends far from the recordings, also from where each recording has it searched for from the file's values (a
-    map of a wrong model bends walls), and from the nearest three others of these and of a calibration's starts, until
-    one comes near.
+    If it ends far from the recordings, it is fitted again, until one fit comes near: from fits to each recording that
+    start at the file's values (a wrong model's map distorts walls), and from the three nearest of all other starts,
+    with those of a calibration.
     """
     members = [*problem.begin(()), *_of_each(problem, (), alone)]
     first = problem.nearest([members], runs)[0]
@@ -104,7 +104,7 @@ def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
 
 
 def _of_each(problem: Several, terms: Terms, alone: Sequence[Fit]) -> list[Member]:
-    """A hypothesis where each recording alone has it, and between them. alone : a fit to each; what varies is its."""
+    """Starting points of a hypothesis: the fit to each recording, and their mean. alone : these fits."""
     unknowns, low_high = problem.hypothesis(terms), bounds(problem.hypothesis(terms))
     own = {
         f"{u.name} of {label}": x
@@ -117,7 +117,7 @@ def _of_each(problem: Several, terms: Terms, alone: Sequence[Fit]) -> list[Membe
 
 
 def _far(problem: Several, fit: Fit) -> bool:
-    """Whether a fit leaves so much of the pulsation that it may be in a wrong minimum, as a calibration has it."""
+    """True if a fit leaves so much of the pulsation (the limit of a calibration) that its minimum may be wrong."""
     if problem.site is not None or is_noise(fit.chi2, len(fit.z)):
         return False
     left = []
@@ -128,8 +128,8 @@ def _far(problem: Several, fit: Fit) -> bool:
 
 
 def _with_base(found: Compared, base: Fit, runs: Runs) -> Compared:
-    """With the model without effect searched for under the last weights from where it was: where much is missing, the
-    one step that takes other fits to these leads it far off, and the FMUs are judged against it."""
+    """The comparison with the model without effect refitted under the last weights from ``base``. If much is missing,
+    the one linear step to new weights leads other fits far off, and the FMUs are judged against this model."""
     (again,) = found.problem.refine([base], runs)
     effects = [n.fit for n in found.ranked]
     return found if again is None else Compared.of(found.problem, [again, *effects], found.columns, found.terms)
@@ -141,7 +141,7 @@ def _with_base(found: Compared, base: Fit, runs: Runs) -> Compared:
 def _hypotheses(
     found: Compared, alone: Sequence[Naming], columns: tuple[float, list[tuple[float, Term]]]
 ) -> list[Terms]:
-    """What each recording has near its best, and what promises most on all together."""
+    """The hypotheses near the best of each recording, and those that promise most on all together."""
     chosen = dict[str, Terms]()
     for naming in alone:
         near = [n for n in naming.ranked if n.fit.terms and n.score < naming.ranked[0].score + at.NEAR]
@@ -156,7 +156,7 @@ def _refitted(
     problem: Several, hypotheses: Sequence[Terms], alone: Sequence[Naming], base: Fit, columns: dict[str, Array],
     runs: Runs,
 ) -> list[Fit]:  # fmt: skip
-    """Hypotheses refitted to all recordings, from where each costs least: beside no effect, or where one has it."""
+    """Hypotheses refitted to all recordings, each from the start of lowest cost: without effect, or a single fit."""
     choices, known = [], base.columns
     for terms in hypotheses:
         own = [{n.key: n.fit for n in naming.ranked}.get(names_of(terms)) for naming in alone]
@@ -169,7 +169,7 @@ def _refitted(
 
 
 def _with_one_more(found: Compared, runs: Runs) -> Iterator[Compared]:
-    """With a second effect beside the best, of those whose derivatives there promise most."""
+    """Add a second effect beside the best: those whose derivatives promise most."""
     first, problem = found.best.fit, found.problem
     if len(first.terms) >= at.MOST_EFFECTS:
         return

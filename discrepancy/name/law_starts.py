@@ -1,14 +1,15 @@
-"""Where the search of a law begins: at the size, and the place, with which it promises to come nearest to the record.
+"""Starting points for laws: the size and position that promise the lowest cost.
 
-A law s of size a at a point θ of a search, with the residual z_a that a simulation with it shows and z_0 without it,
+For a law s of size a at a point θ of a search, with the residuals z_a simulated with it and z_0 without it,
 
     z(a', θ + dθ) = z_0 + a' (z_a - z_0) / a + J dθ,
 
-promises the least of |z|² and the priors of θ + dθ.
+the promised cost is the minimum of |z|² plus the priors of θ + dθ.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,22 +24,24 @@ from fitting.inference.runs import Runs
 from fitting.inference.unknown import bounds, penalty, precisions
 from solver.laws.effect import WALL
 
+from .. import thresholds as at
+
 Array = np.ndarray
 
-TYPICAL = (1.0,)  # sizes at which many laws are looked at
-SIZES = (0.3, *TYPICAL, 3.0)  # sizes at which a law may begin, beside its own starts
-_FARTHER = 5.0  # times the size that was tried, at most, where its linear promise lies farther
+TYPICAL = (1.0,)  # sizes for screening many laws
+SIZES = (0.3, *TYPICAL, 3.0)  # starting sizes of a law, beside its own starts
+_FARTHER = 5.0  # limits the linear estimate of a size to this factor of the simulated size
 
 
 @dataclass(frozen=True)
 class Base:
-    """A point to which laws are added. J : (n, p) whitened derivatives by its unknowns there."""
+    """A point to which laws are added. J : (n, p) whitened derivatives by its unknowns at the point."""
 
     member: Member
     J: Array
 
     def with_laws(self, problem: NetworkProblem, laws: Sequence[tuple[Term, Array]]) -> Member:
-        """A hypothesis at this point, with its laws where they begin."""
+        """A hypothesis at this point with laws at their starting values."""
         terms = (*self.member.terms, *(t for t, _ in laws))
         x = dict(zip((u.name for u in self.member.unknowns), self.member.x, strict=True))
         for t, own in laws:
@@ -49,8 +52,8 @@ class Base:
 
 @dataclass(frozen=True)
 class Begun:
-    """A law at the size, or sizes, at which its search begins. step : (p,) of the unknowns of the base. left : the cost
-    that is promised from there."""
+    """A law with its starting values x. step : (p,) of the unknowns of the base. left : the cost predicted after the
+    step."""
 
     term: Term
     x: Array
@@ -59,8 +62,8 @@ class Begun:
 
 
 def along(problem: NetworkProblem, term: Term, place: Place | None = None) -> list[Term]:
-    """A law where it usually lies, and, of a part of a segment, begun where the map has it, or anywhere; a part of a
-    wall anywhere alone, as it is mostly whole walls that differ."""
+    """A law at its usual position and, if it can act on a part of a segment, with free position: started at that of the
+    place, or at each of its starts. A part of a wall only if no place is given: mostly a whole wall differs."""
     whole = place is not None and (place.kind == NUMBER or effect_of(term).source == WALL)
     moved = None if whole else placed(problem.network, term, [0.0] * len(term.unknowns))
     if moved is None:
@@ -79,10 +82,9 @@ def along(problem: NetworkProblem, term: Term, place: Place | None = None) -> li
 def nearest(
     problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, sizes: Sequence[float] = SIZES
 ) -> list[Begun]:
-    """Laws at the size with which each promises to come nearest to the record, linear in the size and in the unknowns
-    of the base, nearest first.
+    """Laws at the size of lowest predicted cost, linear in the size and in the unknowns of the base; lowest first.
 
-    problem : with what acts beside them. sizes : that are tried.
+    problem : with the sources that act beside them. sizes : to simulate.
     """
     trials = [(t, x) for t in laws for x in _sizes(t, sizes)]
     (none,) = problem.observe([base.with_laws(problem, [])], runs)
@@ -98,24 +100,32 @@ def nearest(
     return sorted(best.values(), key=lambda b: b.left)
 
 
+def fewest(begun: Sequence[Begun], most: float = math.inf, n: int = at.FEW) -> list[Begun]:
+    """The laws to refit, among those with a predicted cost below ``most``: the n best, those that might not be ruled
+    out against the best (few sensors cannot distinguish many laws), and every change of outlet kind, whose linear
+    prediction is poor."""
+    near = begun[0].left + at.RULED_OUT if begun else 0.0
+    return [b for k, b in enumerate(begun) if b.term.rewires or (b.left < most and (k < n or b.left < near))]
+
+
 def _promised(base: Base, z0: Array, z: Array, term: Term, x: Array) -> Begun:
-    """A law where it may begin, with the residual z there and z0 without it: its size and the unknowns of the base
-    moved to where they promise to leave least."""
-    unknowns, at = base.member.unknowns, base.member.x
+    """A law with residual z at its start x, and z0 without it: size and base unknowns moved to the predicted
+    minimum."""
+    unknowns, now = base.member.unknowns, base.member.x
     sizes = np.array([u.of_size for u in term.unknowns])
     lead = int(np.argmax(np.where(sizes, np.abs(x), -1.0)))
     low, high = (np.append(rest, own[lead]) for rest, own in zip(bounds(unknowns), bounds(term.unknowns), strict=True))
     column = (z - z0) / x[lead] if x[lead] else np.zeros_like(z)
     prior = np.append(precisions(unknowns), 0.0)
-    step = bounded_step(np.column_stack([base.J, column]), z, prior, np.append(at, x[lead]), low, high)
+    step = bounded_step(np.column_stack([base.J, column]), z, prior, np.append(now, x[lead]), low, high)
     size = float(np.clip(x[lead] + step[-1], *sorted((x[lead] / _FARTHER, x[lead] * _FARTHER))))
     begin = np.where(sizes, x * (size / x[lead] if x[lead] else 1.0), x)
     left = z + base.J @ step[:-1] + column * step[-1]
-    return Begun(term, begin, step[:-1], float(left @ left) + penalty(prior[:-1], at + step[:-1]))
+    return Begun(term, begin, step[:-1], float(left @ left) + penalty(prior[:-1], now + step[:-1]))
 
 
 def _sizes(term: Term, sizes: Sequence[float]) -> list[Array]:
-    """Where the search of a law may begin: its own starts, and these sizes, of either sign if it may be."""
+    """Starting values of a law: its own starts, and the given sizes with both signs where the bounds allow them."""
     low, high = bounds(term.unknowns)
     found = [np.array(start) for start in term.starts if len(start) == len(term.unknowns)]
     if effect_of(term).rewires:
@@ -132,6 +142,6 @@ def _sizes(term: Term, sizes: Sequence[float]) -> list[Array]:
 
 
 def _which(term: Term) -> list[list[int]]:
-    """Of a law's numbers that are sizes each by itself, and all of them together."""
+    """Index sets of the size parameters of a law: each by itself, and all together."""
     sizes = [i for i, u in enumerate(term.unknowns) if u.of_size]
     return [*([i] for i in sizes), *([sizes] if len(sizes) > 1 else [])]

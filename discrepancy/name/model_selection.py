@@ -1,17 +1,17 @@
-"""Name the missing effect: which hypotheses of the catalogue explain the record, and which cannot be ruled out.
+"""Select the missing effect: which hypotheses of the catalogue explain the record, and which cannot be ruled out.
 
-A network: where something acts is found first (:mod:`fitting.inference.source_maps.source_map`), with what every artery
-has of its own; then which laws of the catalogue are what acts there (:mod:`discrepancy.name.at_places`). A number that
-stands out from its kind is no deviation (:mod:`discrepancy.name.individual_walls`).
+In a network, the source map (:mod:`fitting.inference.source_maps.source_map`) first locates where something acts, with
+individual walls. Then the laws of the catalogue are fitted there (:mod:`discrepancy.name.at_places`). A parameter that
+is an outlier of its kind is no wall deviation (:mod:`discrepancy.name.individual_walls`).
 
-A bench: every effect of the one wall and its sensors is refitted, as a refit costs a tenth of a second, and every two
-where none explains the record. What two effects are is not seen from the best single one: a lag beside a slow catheter
-is another catheter from afar, and a relaxation is nothing where its search begins, until the lag is there.
+On a bench, a refit costs a tenth of a second, so every effect of the wall and its sensors is refitted, and every pair
+if no single effect explains the record. The best single effect does not reveal the pair: a lag beside a slow catheter
+looks like another catheter, and a relaxation gains nothing until the lag is included.
 
-All are compared by evidence (:mod:`discrepancy.name.scoring`), exact and with an error of the model beside them. The
-class holds all that the data cannot rule out (:mod:`discrepancy.name.verdict`). One effect is named only if the class
-has one member; of two together the best pair is, with the class beside it. Where more than noise remains beside the
-best, the answer is partial, and unknown if nothing of the catalogue earns its place.
+All are compared by evidence (:mod:`discrepancy.name.scoring`), exact and with model discrepancy. The class contains all
+that the data cannot rule out (:mod:`discrepancy.name.verdict`). A single effect is named only if the class has one
+member; of pairs, the best is named, with its class. If the best leaves more than noise, the verdict is partial; if no
+effect is worth its prior odds, it is unknown.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from .scoring import Compared, Named, last_of, names_of, there
 from .verdict import Naming, decided
 
 COMMON, INDIVIDUAL = "common", "individual"
-_MAPPED = 0.6  # of the time limit, at most, which the source map may take
-_NO_SIZE = 0.05  # of x: an effect smaller than that did not lower the cost itself
+_MAPPED = 0.6  # of the time limit: most that the source map may take
+_NO_SIZE = 0.05  # of x: a smaller effect did not lower the cost itself
 
 
 def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, walls: str | None = None) -> Naming:
     """The verdict on one record.
 
-    walls : COMMON or INDIVIDUAL; default: INDIVIDUAL, whose spread the record tells and which may be none. Where time
-    runs out (``runs``), the verdict is the best so far, and not complete.
+    walls : COMMON or INDIVIDUAL (default). The spread of individual walls is estimated from the record and may be zero.
+    If the time limit of ``runs`` is reached, the verdict is the best so far and marked as incomplete.
     Raises InputError if the model as given cannot be simulated with this record.
     """
     runs = runs or Runs()
@@ -70,9 +70,9 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
 
 
 def _freed(found: Compared, where: SourceMap | None, runs: Runs) -> Callable[[Named], Beside | None]:
-    """Free sources beside a hypothesis of a network: those of the map beside no effect, those by evidence beside a law;
-    one that leaves more than noise, and beside which none is worth its price, competes as it is. On a bench, an error
-    of the wall law."""
+    """A function that adds model discrepancy to a hypothesis. On a bench, it is an error of the wall law. In a network,
+    it is free sources: those of the map if the hypothesis has no effect, otherwise those that the evidence selects. If
+    none is selected, a hypothesis with an effect that leaves more than noise competes unchanged."""
     problem, runs = found.problem, replace(runs, deadline=None)
     if isinstance(problem, Bench):
         return lambda n: problem.beside(n.fit)
@@ -88,7 +88,7 @@ def _freed(found: Compared, where: SourceMap | None, runs: Runs) -> Callable[[Na
 
 
 def _with_what_stands_out(search: Iterator[Compared], runs: Runs) -> Iterator[Compared]:
-    """What is known after every stage; at last, with what stands out in the animal's walls."""
+    """The comparison after every stage; last, after the outliers among the individual walls were treated."""
     known = None
     for known in search:
         yield known
@@ -100,7 +100,7 @@ def _with_what_stands_out(search: Iterator[Compared], runs: Runs) -> Iterator[Co
 
 
 def _of_bench(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
-    """What is known of one wall after every stage."""
+    """The comparison for one wall after every stage."""
     (base,) = problem.refit([()], runs=runs)
     if base is None:
         raise InputError("the model as given cannot be simulated with this record")
@@ -113,7 +113,7 @@ def _of_bench(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator
 
 
 def _lower(problem: Forward, none: Fit, fits: Sequence[Fit], runs: Runs) -> Fit:
-    """The fit without effect, repeated from a fit of lower cost whose effect vanished: a local minimum was left."""
+    """The fit without effect, refitted from the best fit if the effect of that one vanished: a local minimum."""
     best = min(fits, key=lambda f: f.cost, default=none)
     own = {u.name for term in best.terms for u in term.unknowns}
     sizes = [abs(x) for u, x in zip(best.unknowns, best.x, strict=True) if u.name in own]
@@ -124,11 +124,11 @@ def _lower(problem: Forward, none: Fit, fits: Sequence[Fit], runs: Runs) -> Fit:
 
 
 def coupled(found: Compared, runs: Runs) -> Iterator[Compared]:
-    """With every two effects, searched from nothing, and then again those that are near the best, or share one with it,
-    from either of the two alone."""
+    """Add all pairs of effects, started from zero. Then refit the pairs near the best, or that share an effect with it,
+    from each of their single fits."""
     alone = {n.fit.terms[0]: n.fit for n in found.ranked if len(n.fit.terms) == 1}
     couples = [(a, b) for a, b in combinations(found.terms, 2) if joins(b, (a,))]
-    for first, fit in alone.items():  # and each that can act only where another does
+    for first, fit in alone.items():  # and effects that can act only if another one does
         network = extended(found.problem.network, fit)
         couples += [(first, after) for after in followers(network, found.problem.site, found.terms)]
     lowest = min(n.fit.cost for n in found.ranked)

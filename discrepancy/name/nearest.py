@@ -1,7 +1,7 @@
-"""The model without effect where much is missing: what comes nearest, which every name must do better than.
+"""The best model without effect if much is missing; every named effect must fit better than this model.
 
-The map of a wrong model bends the walls, and a search from these may end far from the record; so may the one step that
-takes a hypothesis to the last weights. The gap is then that of a bad fit, and any effect seems to close a part of it.
+The map of a wrong model distorts the walls, and a search from these may end far from the record. So may the one linear
+step that takes a hypothesis to the last weights. Any effect then seems to close a part of the gap of a bad fit.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from .scoring import Compared, exact, there
 
 
 def nearest(found: Compared, runs: Runs) -> Fit | None:
-    """The model of a network without effect, of lowest cost of searches from where it is and from afar; None where it
-    leaves so little of the pulsation that its search has met the right minimum."""
+    """The network without effect of lowest cost, refitted from its present point and, with a shrinking model error,
+    from the file's values. None if the present fit leaves so little of the pulsation that its minimum is right."""
     problem, none = found.problem, found.none
     if none.explains or not isinstance(problem, NetworkProblem):
         return None
@@ -34,12 +34,12 @@ def nearest(found: Compared, runs: Runs) -> Fit | None:
 
 
 def compared_with(found: Compared, near: Fit, runs: Runs) -> Iterator[Compared]:
-    """What is known with the nearest model without effect, and with the nearest effects beside that one, too; not where
-    numbers that stand out are held in it, as they are beside the effects that stand for them."""
+    """The comparison with the nearest model without effect, and with the best effects refitted from it. The latter are
+    skipped if its outliers are bounded, as these are beside the effects that replace them."""
     yield (found := _with_none(found, near))
     if near.unknowns != tuple(found.problem.hypothesis(())):
         return
-    plain = [n.fit.terms for n in found.ranked if set(n.fit.terms) <= set(found.terms)]  # finer ones begin from these
+    plain = [n.fit.terms for n in found.ranked if set(n.fit.terms) <= set(found.terms)]  # refined laws start from these
     beside = found.problem.refit(plain[: at.FEW], near, runs)
     again = exact(found.problem, [*found.fits, *there(beside)], found.columns, found.terms, runs)
     (fit,) = again.problem.refine(again.problem.restated([near], found.problem), runs)
@@ -47,5 +47,5 @@ def compared_with(found: Compared, near: Fit, runs: Runs) -> Iterator[Compared]:
 
 
 def _with_none(found: Compared, none: Fit) -> Compared:
-    """The same with another fit without effect."""
+    """The same comparison with another fit without effect."""
     return Compared.of(found.problem, [none, *(n.fit for n in found.ranked)], found.columns, found.terms)

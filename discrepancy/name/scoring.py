@@ -1,10 +1,10 @@
-"""Hypotheses on one record: what each is worth, and all that were found so far, ranked under one weighting.
+"""Hypotheses on one record: the score of each, and all that were fitted so far, ranked under one weighting.
 
-The score is -2 ln of evidence and prior. Every hypothesis is evaluated in two ways: exact, or with an error of the
-model beside it: in a network free terms at places (:mod:`fitting.inference.source_maps.beside`), on a bench a random
-error of its law (:mod:`fitting.inference.model_discrepancy`). The model without effect and with such an error is
-"something else". A few prices make the prior: effects are equally likely beforehand, and so are the places of one
-effect, so that many candidates do not make a discovery likelier.
+The score is -2 ln of evidence times prior. Every hypothesis is evaluated exactly and with model discrepancy. That is
+free terms at places in a network (:mod:`fitting.inference.source_maps.beside`), and a random error of the wall law on a
+bench (:mod:`fitting.inference.model_discrepancy`). The model without effect but with discrepancy is "something else".
+The prior consists of a few prices: effects are equally likely beforehand, and so are the places of one effect, so that
+many candidates do not make a discovery likelier.
 """
 
 from __future__ import annotations
@@ -31,11 +31,10 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Named:
-    """A hypothesis with its score. probability : among all. separation : d' to the best.
-    above_best : by how much its score is worse than the best one's. errors : of the model that it is held with, None
-    for an exact one; ``fit`` is then whitened with them. places : of a network where they act. shown : whether a record
-    can show it: a sensor that is named by a frequency above half the sampling rate may be another fault of it, or the
-    aliases of a flow with a kink, and is never what is named."""
+    """A hypothesis with its score. probability : among all. separation : d' to the best. above_best : its score minus
+    the best one's. errors : model discrepancy, None for an exact hypothesis; ``fit`` is whitened with it. places : in a
+    network, of the discrepancy. shown : False for a sensor fault with a frequency above half the sampling rate. Such a
+    fault may be another one of the sensor, or aliasing of a flow with a kink, and is never named."""
 
     fit: Fit
     score: float
@@ -53,40 +52,40 @@ class Named:
 
     @property
     def key(self) -> str:
-        """What tells it from other hypotheses."""
+        """The identity of a hypothesis: the sorted labels of its effects."""
         return names_of(self.fit.terms)
 
     @property
     def individual(self) -> bool:
-        """Whether every artery has deviations of its own."""
+        """True if every artery has deviations of its own."""
         return any(u.group for u in self.fit.unknowns)
 
     @property
     def explains(self) -> bool:
-        """Whether its residual is noise."""
+        """True if its residual is noise."""
         return self.misfit < (at.MISFIT_SEVERAL if len(self.fit.terms) > 1 else at.MISFIT)
 
     @property
     def visible(self) -> bool:
-        """Whether each of two effects shows beside the other."""
+        """True if each of two effects is detectable beside the other."""
         alone = [float(np.linalg.norm(seen_by(self.fit, [t]))) for t in self.fit.terms]
         return len(alone) < 2 or min(alone) >= at.VISIBLE
 
     def moved_to(self, fit: Fit, dof_of_noise: float) -> Named:
-        """The same hypothesis at another fit to the same data, at the same price."""
+        """The same hypothesis, at the same prior, with another fit to the same data."""
         score = self.score + hierarchy.score(fit) - hierarchy.score(self.fit)
         return replace(self, fit=fit, score=score, misfit=misfit(fit, dof_of_noise))
 
 
 def names_of(terms: Sequence[Term]) -> str:
-    """The labels of effects, in the order of the alphabet."""
+    """The labels of effects in alphabetical order."""
     return " + ".join(sorted(term.label for term in terms))
 
 
 def seen_by(fit: Fit, terms: Sequence[Term]) -> Array:
-    """(n,) what the sizes of some effects of a fit change, where and how they act there, and no other of its numbers
-    takes up, whitened: its norm is their d'."""
-    names = {u.name for t in terms for u in t.unknowns}  # of which some may be held
+    """(n,) whitened response to the sizes of some effects of a fit, with all its other free unknowns projected out. Its
+    norm is their d'."""
+    names = {u.name for t in terms for u in t.unknowns}  # some of which may be fixed
     mine = np.array([u.name in names for u in fit.unknowns], bool)
     size = mine & np.array([u.of_size or bool(u.group) for u in fit.unknowns], bool)
     free_others = ~mine & np.array([u.low < u.high for u in fit.unknowns], bool)
@@ -99,7 +98,7 @@ def seen_by(fit: Fit, terms: Sequence[Term]) -> Array:
 
 
 def promised(base: Fit, terms: Sequence[Term], columns: Mapping[str, Array]) -> tuple[float, list[tuple[float, Term]]]:
-    """-2 ln evidence without effect, and what the columns of every effect promise, best first."""
+    """-2 ln evidence without effect, and that predicted by the columns of every effect, best first."""
     found = []
     for term, column in ((t, columns[t.label]) for t in terms if t.label in columns):
         unknowns = [u for u, moves in zip(term.unknowns, free(term.unknowns), strict=True) if moves]
@@ -110,7 +109,7 @@ def promised(base: Fit, terms: Sequence[Term], columns: Mapping[str, Array]) -> 
 
 
 def choice(term: Term, terms: Sequence[Term]) -> float:
-    """-2 ln of the odds beforehand of one effect and place among all."""
+    """-2 ln of the prior odds of one effect and place among all."""
     effects, places = {t.effect for t in terms}, sum(t.effect == term.effect for t in terms)
     return 2.0 * math.log(max(len(effects), 1) * max(places, 1))
 
@@ -121,25 +120,25 @@ def price(fit: Fit, terms: Sequence[Term]) -> float:
 
 
 def found_from(terms: Sequence[Term], term: Term, named: Named) -> float:
-    """d' from which an effect of one number is found in a hypothesis: where its evidence is worth the price.
+    """The d' from which the evidence of a one-parameter effect of a hypothesis exceeds its price.
 
-    Each of two effects is a second one, whose price is that of both less that of the other alone, and must show.
+    Each effect of a pair counts as the second one, with the pair's price less the other's, and must be detectable.
     """
     beside = len(named.fit.terms) > 1
     cost, d = choice(term, terms) + (at.SECOND if beside else at.FIRST), 4.0
-    for _ in range(20):  # d² = cost + the price of a size that is d standard deviations large
+    for _ in range(20):  # d² = cost + the prior volume of a size of d standard deviations
         d = math.sqrt(max(cost + 2.0 * math.log(2.0 * d * hierarchy.LOG_RANGE / math.sqrt(2.0 * math.pi)), 1.0))
     return max(d, at.VISIBLE) if beside and named.visible else d
 
 
 def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
-    """An exact hypothesis."""
+    """An exact hypothesis with its score."""
     score = hierarchy.score(fit) + price(fit, terms)
     return Named(fit, score, misfit(fit, problem.dof_of_noise), shown=problem.shows(fit))
 
 
 def with_errors(exact: Named, beside: Beside | None) -> Named | None:
-    """The same hypothesis with the errors of the model beside it; None where there are none."""
+    """The same hypothesis with model discrepancy; None if there is none."""
     if beside is None:
         return None
     gained = hierarchy.score(beside.fit) - hierarchy.score(exact.fit)
@@ -148,12 +147,12 @@ def with_errors(exact: Named, beside: Beside | None) -> Named | None:
 
 
 def ranked(found: Sequence[Named]) -> tuple[Named, ...]:
-    """Hypotheses by score, those that may be named first, with their distance from the best of these."""
+    """Hypotheses by score, those that may be named first, with their distance from the first."""
     return apart(sorted(found, key=lambda n: (not n.shown, n.score)))
 
 
 def apart(found: Sequence[Named]) -> tuple[Named, ...]:
-    """Hypotheses in this order, with their distance from the first."""
+    """Hypotheses in the given order, with their distance from the first."""
     return tuple(
         replace(
             n,
@@ -165,7 +164,7 @@ def apart(found: Sequence[Named]) -> tuple[Named, ...]:
 
 
 def shares(all_ways: Sequence[Named]) -> list[float]:
-    """Probabilities of hypotheses among themselves."""
+    """Posterior probabilities of hypotheses among themselves."""
     best = min((n.score for n in all_ways), default=0.0)
     weights = [math.exp(-0.5 * (n.score - best)) for n in all_ways]
     return [w / sum(weights) for w in weights]
@@ -176,10 +175,10 @@ def shares(all_ways: Sequence[Named]) -> list[float]:
 
 @dataclass(frozen=True)
 class Compared:
-    """What was compared so far.
+    """All hypotheses that were compared so far.
 
-    problem : as it was weighted at last. none : without effect. ranked : those with effects, best first. columns : of
-    every candidate at ``none``, whitened; empty where the time was over before they were simulated.
+    problem : with its last weighting. none : without effect. ranked : with effects, best first. columns : of every
+    candidate at ``none``, whitened; empty if the time limit came before their simulation.
     """
 
     problem: Forward
@@ -192,7 +191,7 @@ class Compared:
     def of(
         cls, problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...]
     ) -> Compared:
-        """Of fits, one without effect among them, weighed; of one hypothesis the more probable fit."""
+        """Score fits, one without effect among them; of two fits of one hypothesis, the more probable one counts."""
         known: dict[str, Named] = {}
         for n in (weighed(problem, f, terms) for f in fits):
             if n.key not in known or n.score < known[n.key].score:
@@ -202,62 +201,62 @@ class Compared:
 
     @property
     def every(self) -> tuple[Named, ...]:
-        """All hypotheses, that without effect first."""
+        """All hypotheses, the one without effect first."""
         return (self.none, *self.ranked)
 
     @property
     def fits(self) -> list[Fit]:
-        """Of all hypotheses."""
+        """The fits of all hypotheses."""
         return [n.fit for n in self.every]
 
     @property
     def best(self) -> Named:
-        """The best hypothesis of those that may be named."""
+        """The best hypothesis among those that may be named."""
         return min((n for n in self.every if n.shown), key=lambda n: n.score)
 
     @property
     def sought(self) -> tuple[Term, ...]:
-        """What is looked for: where every artery differs, nothing that is merely the animal's."""
+        """The candidates. With individual walls, those that are mere parameters of the subject are excluded."""
         if not self.none.individual:
             return self.terms
         return tuple(t for t in self.terms if not effect_of(t).of_animal(self.problem.network, t.place))
 
     def joined_by(self, fits: Sequence[Fit | None]) -> Compared:
-        """With further hypotheses, those that could be fitted."""
+        """Add further hypotheses; fits that failed (None) are dropped."""
         return Compared.of(self.problem, [*self.fits, *there(fits)], self.columns, self.terms)
 
     def with_columns(self, columns: Mapping[str, Array]) -> Compared:
-        """With the columns of candidates at the hypothesis without effect."""
+        """The same with the columns of candidates at the hypothesis without effect."""
         return replace(self, columns=columns)
 
     def polished(self, runs: Runs) -> Compared:
-        """As the best hypothesis needs it weighted, and those near the best refitted with fresh derivatives."""
+        """Reweight the problem for the best hypothesis, and refit those near the best with fresh derivatives."""
         sharp = self.problem.sharpened(self.best.fit, runs)
         if sharp is self.problem:
             return self
         near = [n.fit for n in self.every if n.score < self.best.score + at.NEAR]
         again = {names_of(f.terms): f for f in there(sharp.refine(near[: at.FEW], runs))}
         fits = sharp.restated(self.fits, self.problem)
-        if sharp.site is None:  # where other weights have it
+        if sharp.site is None:  # where other weights have moved the minimum
             fits = [settled(f) for f in fits]
         columns = sharp.rewhitened(self.columns, self.problem)
         old = Compared.of(sharp, fits, columns, self.terms)
         return Compared.of(sharp, [again.get(names_of(f.terms), f) for f in old.fits], columns, self.terms)
 
     def at_minimum(self, runs: Runs) -> Compared:
-        """With the best hypothesis searched on, where it leaves something: its search may have begun far off."""
+        """Refit the best hypothesis if it leaves more than noise: its search may have started far off."""
         return self if self.best.explains else self.joined_by(self.problem.refine([self.best.fit], runs))
 
 
 def there(fits: Sequence[Fit | None]) -> list[Fit]:
-    """Those that could be fitted."""
+    """The fits that succeeded."""
     return [f for f in fits if f is not None]
 
 
 def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
-    """What is known after the last stage, and whether there is none after it: the time may be over before.
+    """The comparison after the last stage, and whether the stages were completed within the time limit.
 
-    Raises OutOfTime where it was over before the first.
+    Raises OutOfTime if the limit was reached before the first.
     """
     known = None
     try:
@@ -274,14 +273,14 @@ def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
 def exact(
     problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...], runs: Runs
 ) -> Compared:
-    """The hypotheses within reach of the best, weighted as it needs them and searched on; the others as they are."""
+    """Hypotheses near the best are refitted under weights for the best one; the others keep their linear minimum."""
     order = sorted((weighed(problem, f, terms).score, i) for i, f in enumerate(fits))
     sharp = problem.sharpened(fits[order[0][1]], runs)
     fits = sharp.restated(fits, problem)
     found = {i: settled(f) for i, f in enumerate(fits)}
     left = set(found)
     again = [i for score, i in order if score < order[0][0] + at.NEAR]
-    while again := again[: at.FEW]:  # until none that was not searched on looks better than those that were
+    while again := again[: at.FEW]:  # until no hypothesis that was not refitted scores better than the refitted ones
         left -= set(again)
         for i, fit in zip(again, sharp.refine([fits[i] for i in again], runs), strict=True):
             if fit is not None:

@@ -1,4 +1,4 @@
-"""The verdict: which hypotheses stand, exact or with an error of the model beside them, and what may be said."""
+"""The verdict: the hypotheses that remain, exact or with model discrepancy, and the conclusion from them."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ Freed = Callable[[Named], Beside | None]
 
 @dataclass(frozen=True)
 class Naming:
-    """What a record says.
+    """The verdict on a record.
 
-    verdict : none, effect, ambiguous, several, partial or unknown. problem : as it was weighted at last. base : without
+    verdict : none, effect, ambiguous, several, partial or unknown. problem : with its last weighting. base : without
     effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened.
-    confidence : probability that the verdict is right: the best name (effect and place), or that nothing acts, at no
-    place either; of unknown, that what comes nearest does not act: small where it acts but leaves most of the gap.
-    reason : for unknown; of partial, what remains. complete : whether the search came to its end.
-    reaches : how far intervals of the best go, by unknown (:func:`discrepancy.name.intervals.profiled`). map : where
-    something acts, of a network. nearest : the best model without effect where even that is far from the record, which
-    a name must do better than (:mod:`discrepancy.name.nearest`).
+    confidence : probability that the verdict is right: that the best name (effect and place) is true; for none, that
+    nothing acts at any place; for unknown, that the nearest effect does not act, small if it acts but leaves most of
+    the gap. reason : for unknown; for partial, the remaining gap. complete : the search was completed. reaches :
+    profile intervals of the best by unknown (:func:`discrepancy.name.intervals.profiled`). map : source map of a
+    network. nearest : the best model without effect if even that is far from the record; a name must do better
+    (:mod:`discrepancy.name.nearest`).
     """
 
     verdict: str
@@ -58,17 +58,17 @@ class Naming:
 
     @property
     def of_one_site(self) -> bool:
-        """Whether the best are two faults of the sensors of one site: both can imitate much that is neither."""
+        """True if the best are two sensor faults of one site, which can imitate many other effects."""
         return _of_one_site(self.best)
 
     @property
     def walls(self) -> str:
-        """Whether the arteries have all in common, or deviations of their own."""
+        """The kind of walls: common to all arteries, or individual deviations."""
         return "individual" if self.base.individual else "common"
 
 
 def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True) -> Naming:
-    """The verdict on what was compared. beside : an error of the model that a hypothesis may have beside it."""
+    """The verdict on all that were compared. beside : returns a hypothesis with model discrepancy."""
     made = _decided(found, tuple(terms), beside)
     surest = at.SUREST["partial" if made.verdict == "partial" else found.problem.kind] if made.members else 1.0
     most = surest if complete else at.INCOMPLETE
@@ -81,13 +81,14 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     loose = [with_errors(n, beside(n)) for n in _held_loosely(found, exact)]
     ways = ranked([*exact, *(n for n in loose if n is not None and not _by_a_law(n, exact))])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
-    # where the model without effect explains the record, what the record cannot show is aliases, and nothing missing
+    # if the model without effect explains the record, a fault that the record cannot show is an alias of nothing
+    # missing
     hidden = sum(n.probability for n in ways if not n.shown and none.explains)
     named = sum(n.probability for n in ways if n.fit.terms) - hidden
     unknown = Naming("unknown", problem, none, found.ranked, (), found.columns, terms, 1.0 - named)
-    if not ways:  # nothing explains the record, and where no wall law holds no error of it can be estimated
+    if not ways:  # nothing explains the record, and if no wall law is valid its error cannot be estimated
         return replace(unknown, confidence=at.INCOMPLETE, reason=_left(none.fit, problem))
-    # several that look alike share what they have between them: together they may be likelier than none
+    # similar effects share their probability: together they may be more probable than no effect
     best = next((n for n in ways if n.fit.terms), ways[0]) if named > 0.5 else ways[0]
     if not best.fit.terms:
         if best.errors is None or (none.explains and not best.places):
@@ -105,15 +106,15 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
 
 
 def _with_shown(exact: Sequence[Named]) -> list[Named]:
-    """Without hypotheses that the record cannot show, but where another fault of the same sensors explains it, too:
-    beside that one they compete."""
+    """Drop hypotheses that the record cannot show. Those with a fault of the same sensors as a shown hypothesis remain
+    and compete with it."""
     places = [{t.place for t in n.fit.terms} for n in exact if n.shown]
     return [n for n in exact if n.shown or {t.place for t in n.fit.terms} in places]
 
 
 def both_show(found: Compared, n: Named) -> bool:
-    """Whether each of two effects shows beside the other: linear (:attr:`Named.visible`), or on a bench by what the
-    other alone leaves, d'² = cost(the other alone) - cost(both), which is more where valleys bend."""
+    """True if each of two effects is detectable beside the other: in the linear model (:attr:`Named.visible`), or on a
+    bench by refits, d'² = cost(the other alone) - cost(both), which is larger if the likelihood is not quadratic."""
     if n.visible or found.problem.site is None:
         return n.visible
     alone = {other.label: other.fit.cost for other in found.ranked if len(other.fit.terms) == 1}
@@ -122,7 +123,7 @@ def both_show(found: Compared, n: Named) -> bool:
 
 
 def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
-    """True if the map has only numbers that stand out, and a law at the same arteries explains the record, within the
+    """True if the map has only outlying parameters, and a law at the same arteries explains the record, within the
     odds of 1 : 100 of the map and more probable than no effect."""
     if loose.fit.terms or not loose.places or any(p.kind != NUMBER for p in loose.places):
         return False
@@ -143,12 +144,12 @@ def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
 
 
 def _class(order: Sequence[Named]) -> tuple[Named, ...]:
-    """What cannot be ruled out."""
+    """The hypotheses that cannot be ruled out."""
     return tuple(n for n in order if n.score - order[0].score < at.RULED_OUT)
 
 
 def _said(best: Named, members: Sequence[Named]) -> str:
-    """The verdict of exact hypotheses."""
+    """The verdict if the best hypothesis is exact and has an effect."""
     if len(best.fit.terms) == 1:
         return "effect" if len(members) == 1 else "ambiguous"
     return "ambiguous" if _of_one_site(best) else "several"
@@ -160,8 +161,8 @@ def _of_one_site(best: Named) -> bool:
 
 
 def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
-    """What explains a part of the gap and not all of it. unknown : what is said where it does not, with the confidence
-    of the best name."""
+    """The verdict if an effect explains only a part of the gap; unknown if that is less than PART_CLOSED. unknown : the
+    verdict in the latter case, with the confidence of the best name."""
     problem, none, best = found.problem, found.none, next(n for n in ways if n.fit.terms)
     exact = next(n for n in found.ranked if n.key == best.key)
     closed = 1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)
@@ -186,7 +187,7 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
 
 
 def _acting(places: Sequence[Place]) -> str:
-    """What acts that is no law, in words."""
+    """The free sources beside a hypothesis, in words."""
     return f"something acts as {' and as '.join(p.label for p in places)}, which no law of the catalogue explains"
 
 

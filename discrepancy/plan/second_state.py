@@ -1,11 +1,11 @@
-"""Which second recording would separate the class: states of the animal that were not recorded, simulated.
+"""The second recording that would separate the class: simulations of states of the subject that were not recorded.
 
-In a state the best of the class, a, is what is recorded there, without noise, and another member b is fitted to it:
+The best member a of the class gives a noise-free record of the state, and another member b is fitted to it:
 
     d'² = min_δ |z + J δ|² + δᵀ C⁻¹ δ = zᵀ (1 + J C Jᵀ)⁻¹ z
 
-with the whitened residual z and the derivatives J of b there, and the covariance C of what the record leaves b free to
-be. The noise is that of the record. Of a class of more than two the least d' counts.
+with the whitened residual z and the Jacobian J of b in the state, and the covariance C of b from the first record. The
+noise is that of the record. For a class of more than two members the least d' counts.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from ..name.verdict import Naming
 Array = np.ndarray
 
 _MOST = 4  # members of a class that are simulated
-_NEWTON, _CLOSE = 30, 1e-9  # steps to the radius under a pressure, and its error, of the radius
+_NEWTON, _CLOSE = 30, 1e-9  # at most, Newton steps to the radius under a pressure, and their relative tolerance
 
 
 @dataclass(frozen=True)
 class State:
-    """Another state of the animal: its heart rate and inflow (of a bench the pulse of the pressure) as factors of the
-    recorded ones, and the change of the mean pressure as a part of it."""
+    """Another state of the subject: heart rate and inflow (on a bench the pulse of the pressure) as factors of the
+    recorded ones, and the relative change of the mean pressure."""
 
     words: str
     rate: float = 1.0
@@ -55,7 +55,7 @@ _OF_BENCH = {"inflow × 1.5": "pulse pressure × 1.5"}
 
 
 def second_state(naming: Naming, runs: Runs | None = None) -> str:
-    """A sentence on the state that separates the class best; "" for a class of one, or where none can be simulated."""
+    """A sentence on the state that separates the class best; "" for a class of one, or if no state can be simulated."""
     found = separations(naming, runs or Runs())
     if not found:
         return ""
@@ -72,7 +72,7 @@ def second_state(naming: Naming, runs: Runs | None = None) -> str:
 
 
 def separations(naming: Naming, runs: Runs) -> dict[str, float]:
-    """The least d' between the best of the class and its other members in each state, by the state's words."""
+    """For each state, by its words, the least d' between the best of the class and its other members."""
     if len(naming.members) < 2:
         return {}
     problem, (best, *others) = naming.problem, [n.fit for n in naming.members[:_MOST]]
@@ -92,7 +92,7 @@ def separations(naming: Naming, runs: Runs) -> dict[str, float]:
 
 
 def _anew(whole: Several, fit: Fit) -> Array:
-    """The covariance of the unknowns of another recording: of what varies, that of its prior."""
+    """The covariance of the unknowns for a new recording: those that vary between recordings have their prior."""
     own, which = whole.own(fit.unknowns, 0)
     C = fit.covariance[np.ix_(which, which)]
     for i, (j, u) in enumerate(zip(which, own, strict=True)):
@@ -103,7 +103,7 @@ def _anew(whole: Several, fit: Fit) -> Array:
 
 
 def _apart(there: Forward, fit: Fit, C: Array, runs: Runs) -> float | None:
-    """d' of a member fitted to the state; None where it cannot be simulated there."""
+    """d' of a member fitted to the state; None if it cannot be simulated there."""
     (point,) = there.points([Trial(fit.member, np.arange(len(fit.x)), None, 0.0 * fit.x)], runs)
     if point is None:
         return None
@@ -112,8 +112,8 @@ def _apart(there: Forward, fit: Fit, C: Array, runs: Runs) -> float | None:
 
 
 def _of_network(problem: Forward, state: State, fit: Fit, runs: Runs) -> NetworkProblem | None:
-    """The problem whose record is what a hypothesis shows in a state; None where it cannot be simulated there. The mean
-    pressure moves with that behind all outlets."""
+    """The problem with the simulation of a hypothesis in a state as its record; None if that fails. The mean pressure
+    is changed through the venous pressures of all outlets."""
     assert isinstance(problem, NetworkProblem)
     simulator, pressures = problem.simulator, [i for i, name in enumerate(problem.signals) if name.endswith(".P")]
     network, T = simulator.network, simulator.T / state.rate
@@ -133,7 +133,7 @@ def _of_network(problem: Forward, state: State, fit: Fit, runs: Runs) -> Network
 
 
 def _of_bench(problem: Bench, state: State, fit: Fit) -> Bench | None:
-    """The same of one wall."""
+    """The same for one wall."""
     loop, mean = problem.loop, float(problem.loop.P.mean())
     P = mean * (1.0 + state.level) + state.flow * (loop.P - mean)
     there = replace(problem, loop=replace(loop, P=P, T=loop.T / state.rate))

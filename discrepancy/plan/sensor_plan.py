@@ -1,7 +1,7 @@
-"""Before any experiment: what a set of sensors could tell apart, and which sensor to add.
+"""Before an experiment: the effects that a set of sensors could distinguish, and the sensor to add.
 
-A virtual record of the network as it is, at a given noise, stands for the experiment: all its outputs are simulated
-once, with every effect, and each set of sensors is judged by its part of them.
+A virtual record of the network, at a given noise, stands for the experiment. All its outputs are simulated once, with
+every effect, and each set of sensors is judged by its part of them.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ Progress = Callable[[float, str], None]
 
 _SAMPLES = 100  # of a beat
 _SEED = 5
-_DB = (0.0, 120.0)  # allowed
+_DB = (0.0, 120.0)  # allowed range
 
 
 @dataclass(frozen=True)
 class Gain:
-    """What one more sensor would bring: effects that become visible, and pairs of effects that become separable."""
+    """The gain by one more sensor: effects that become visible, and number of pairs that become separable."""
 
     channel: str
     visible: tuple[str, ...]
@@ -66,10 +66,10 @@ def plan_sensors(
     beats: int = 15,
     progress: Progress = lambda fraction, label: None,
 ) -> SensorPlan:
-    """Isolability of some outputs of a network beside its inflow, at a noise of ``dB`` and over ``beats`` beats.
+    """Isolability by some outputs of a network and its inflow, at a noise of ``dB`` and over ``beats`` beats.
 
-    progress : told the fraction done and the stage. Raises ValueError for a channel that the network has not, or a
-    noise or number of beats that no experiment has, and InputError if the network cannot be simulated.
+    progress : called with the fraction done and the stage. Raises ValueError for a channel that the network does not
+    have, or a noise or number of beats out of range, and InputError if the network cannot be simulated.
     """
     known = tuple(n for n in network.output_units() if n.partition(".")[2] in ("P", "Q", "R") and n != "inlet.P")
     _check(network, channels, known, dB, beats)
@@ -93,7 +93,7 @@ def plan_sensors(
 
 
 def _check(network: Network, channels: Sequence[str], known: Sequence[str], dB: float, beats: int) -> None:
-    """Raise ValueError for what no experiment on this network is."""
+    """Raise ValueError for an impossible experiment on this network."""
     for name in channels:
         if name not in known:
             raise InputError(
@@ -113,7 +113,7 @@ def _check(network: Network, channels: Sequence[str], known: Sequence[str], dB: 
 
 
 def _columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term], progress: Progress) -> dict[str, Array]:
-    """Whitened columns of all effects: derivatives, and for an outlet of another kind what it changes as it is."""
+    """Whitened columns of all effects: derivatives; for a change of outlet kind, the finite change of the residual."""
     columns: dict[str, Array] = {}
     groups = [[t for t in terms if t.effect == e] for e in dict.fromkeys(t.effect for t in terms)]
     for i, group in enumerate(groups):
@@ -123,7 +123,7 @@ def _columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term], progress
 
 
 def _rewired_columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term]) -> dict[str, Array]:
-    """(n, 1) change of the whitened residual when an outlet becomes the Windkessel that a search would start from."""
+    """(n, 1) change of the whitened residual when an outlet becomes the Windkessel at which a search would start."""
     at = dict(zip((u.name for u in base.unknowns), base.x, strict=True))
     members = []
     for term in terms:
@@ -150,7 +150,7 @@ def _virtual(network: Network, names: Sequence[str], dB: float, n_beats: int) ->
 def _table(
     problem: NetworkProblem, base: Fit, columns: Mapping[str, Array], terms: Sequence[Term], chosen: Sequence[str]
 ) -> Isolability:
-    """Isolability by some of the problem's channels, and by the inflow, whose meter may err as theirs."""
+    """Isolability by some of the problem's channels and by the inflow, all with possible sensor faults."""
     keep = np.array([problem.signals.index(name) for name in dict.fromkeys(chosen)])
     part = subset(problem.target, keep)
     seen = [t for t in terms if not t.is_sensor or t.place in (*chosen, INFLOW)]
@@ -159,14 +159,14 @@ def _table(
 
 
 def _separable(table: Isolability, effects: Sequence[str]) -> int:
-    """Pairs of visible effects, the hidden one first, that can be told apart, over two."""
+    """Number of separable pairs of visible effects: half of the entries of the asymmetric separation matrix."""
     at = [table.labels.index(e) for e in effects if e in table.visible]
     block = table.separation[np.ix_(at, at)]
     return int((block >= INSEPARABLE).sum() // 2)
 
 
 def plan_json(plan: SensorPlan) -> dict[str, Any]:
-    """The plan as plain data: visible effects with their rivals, the invisible ones, and what more sensors bring."""
+    """The plan as plain data: visible effects with their rivals, invisible effects, and the gain by more sensors."""
     effects = []
     for effect, visibility in plan.table.visible.items():
         rival, separation = plan.table.nearest(effect) or (None, None)

@@ -1,4 +1,4 @@
-"""The figures of a study: where something acts, the place marked, z map, waveforms, loops, gap, what can be told apart.
+"""The figures of a study: source map, network with marked places, z map, waveforms, loops, gap, separations.
 
 Every function returns a picture and its caption; :func:`figures` calls those whose data there are.
 """
@@ -39,13 +39,13 @@ _GAPS = (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)  # that the axis of
 
 
 def figures(outcome: Outcome) -> dict[str, Drawing]:
-    """The figures by file name (of :data:`NAMES`); one that has no data is not among them."""
+    """The figures by file name (of :data:`NAMES`), without those that have no data."""
     with rc_context(STYLE):
         return {name: drawing(*drawn()) for name, drawn in _there(outcome).items()}
 
 
 def figure(outcome: Outcome, name: str | None = None) -> Picture:
-    """One of them as matplotlib has it, by default the first. Raises ValueError for one that has no data."""
+    """A figure of matplotlib, by default the first. Raises ValueError for one without data."""
     there = _there(outcome)
     name = name or next(iter(there), "any")
     if name not in there:
@@ -55,7 +55,7 @@ def figure(outcome: Outcome, name: str | None = None) -> Picture:
 
 
 def _there(outcome: Outcome) -> dict[str, Callable[[], Captioned]]:
-    """How the figures are drawn that have data, in the order of NAMES."""
+    """The drawing functions of the figures with data, in the order of NAMES."""
     network = outcome.network_before if outcome.kind == "network" else None
     acting, table = outcome.map, outcome.isolability
     drawn: dict[str, Callable[[], Captioned] | None] = {
@@ -75,7 +75,7 @@ def _network(outcome: Outcome, network: Network) -> Captioned:
     marked, worst = marks(outcome), channel_z(outcome)
 
     def colour_at(kind: str, place: str) -> str | None:
-        """Of the first mark there, and those of what was named come first: others cannot be told from it."""
+        """The colour of the first mark there; marks of named effects precede those of the class."""
         return next((VERMILION if mark.named else ORANGE for mark in marked if mark.is_at(kind, place)), None)
 
     figure, axes, drawn = draw(network, colour_at)
@@ -84,7 +84,7 @@ def _network(outcome: Outcome, network: Network) -> Captioned:
         Line2D([], [], marker="o", ls="", ms=9, mfc=colour, mec=TEXT, label=text if i else f"site: |z| {text}")
         for i, (colour, text) in enumerate(zip(Z.colours, Z.texts, strict=True))
     ]
-    for named, colour, label in ((True, VERMILION, "missing effect"), (False, ORANGE, "could be here")):
+    for named, colour, label in ((True, VERMILION, "missing effect"), (False, ORANGE, "possible place")):
         if any(mark.named == named for mark in marked):
             handles.append(Line2D([], [], color=colour, lw=6, label=label))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
@@ -92,7 +92,7 @@ def _network(outcome: Outcome, network: Network) -> Captioned:
     return (
         figure,
         "The network of the model, flow from left to right. A circle is a measured site, as dark as its largest |z|; "
-        f"the letters are what was measured there. {f'Marked: {places}.' if places else 'No place is marked.'}",
+        f"the letters are the measured signals. {f'Marked: {places}.' if places else 'No place is marked.'}",
     )
 
 
@@ -100,7 +100,7 @@ def _network(outcome: Outcome, network: Network) -> Captioned:
 
 
 def _z_map(outcome: Outcome) -> Captioned:
-    """Channels by harmonics, in classes of |z|; a frame around what is significant."""
+    """Channels by harmonics, in classes of |z|; significant entries are framed."""
     harmonics = harmonics_shown(outcome)
     names = [channel.name for channel in outcome.channels[: outcome.z_map.shape[1]]]
     size = (float(np.clip(2.4 + 0.3 * harmonics, 7.2, 13.0)), 1.3 + 0.24 * len(names))
@@ -118,8 +118,8 @@ def _z_map(outcome: Outcome) -> Captioned:
             axes.add_patch(Rectangle(corner, 1.0, 1.0, fill=False, ec=BLACK, lw=1.6, zorder=3, clip_on=False))
     return (
         figure,
-        "Residual over its standard deviation, |z|, of every channel and harmonic before anything was added. Framed: "
-        "the loudest that are significant once all channels and harmonics looked at are taken into account.",
+        "|z|, the residual over its standard deviation, of every channel and harmonic before an effect was added. "
+        "Framed: the largest that are significant after correction for all channels and harmonics.",
     )
 
 
@@ -135,17 +135,17 @@ def _isolability(isolability: Isolability) -> Captioned:
     axes.set_xticks(range(n), labels, rotation=90, fontsize=fontsize)
     axes.set_yticks(range(n), labels, fontsize=fontsize)
     axes.tick_params(length=0)
-    axes.set_xlabel("if this is refitted instead")
+    axes.set_xlabel("refitted effect")
     axes.set_ylabel("true effect, of typical size")
     return (
         figure,
-        f"Separation d′ of every pair of {n} effects by these sensors, each where it shows most. Below "
-        f"{INSEPARABLE:g}, the effect of a row cannot be told from that of the column.",
+        f"Separation d′ of every pair of {n} effects by these sensors, each at its most visible place. Below "
+        f"{INSEPARABLE:g}, the effect of a row is not distinguishable from that of the column.",
     )
 
 
 def _classes(values: Array, scale: Scale, size: tuple[float, float]) -> tuple[Picture, Axes]:
-    """A map of values by the classes of a scale, which the legend says; what is not a number is grey."""
+    """A map of values by the classes of a scale, with a legend; NaN is grey."""
     figure = Picture(figsize=size, layout="constrained")
     axes = figure.add_subplot(facecolor="#e6e6e6")
     rows, columns = values.shape
@@ -176,7 +176,7 @@ def _waveforms(outcome: Outcome) -> Captioned:
 
 
 def _loops(outcome: Outcome) -> Captioned:
-    """Pressure against radius of every site that has both."""
+    """Pressure against radius of every site with both."""
     beats = {c.name: (c.measured, c.before, c.after) for c in outcome.channels}
     pairs = {
         site: [
@@ -189,7 +189,7 @@ def _loops(outcome: Outcome) -> Captioned:
 
 
 def _curves(outcome: Outcome) -> tuple[Curve, ...]:
-    """Measured, before, and after where something was added."""
+    """Measured, before, and after if an effect was added."""
     return _CURVES if any(channel.after is not None for channel in outcome.channels) else _CURVES[:2]
 
 
@@ -217,7 +217,7 @@ def _gap(outcome: Outcome) -> Captioned:
 
 
 def _gaps_of(axes: Axes, pairs: Sequence[tuple[float, float] | None], label: str, marker: str, colour: str) -> None:
-    """The gaps of the channels that have one, a row each."""
+    """The gaps of the channels, a row each."""
     known = [(row, *pair) for row, pair in enumerate(pairs) if pair is not None]
     if known:
         rows, fitted, held_out = zip(*known, strict=True)

@@ -1,4 +1,4 @@
-"""A learned law in words and files; where there is none, what acts at the places of the source map as a table."""
+"""A learned law in words and files; without a law, the terms of the source map as a table."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ..findings.learned_law import LearnedLaw
 from ..findings.map_marks import label_text, places_text
 from ..findings.outcome import Outcome
 from ..findings.shown_map import SourceMapShown
+from .map_text import joined
 
 MODEL, FMU, TABLE = "model_learned.toml", "model_learned.fmu", "source.csv"
 DESCRIBED, ITS_FMU = "model_described.toml", "model_described.fmu"
@@ -21,12 +22,13 @@ FILES = (MODEL, FMU, DESCRIBED, ITS_FMU, TABLE)
 
 
 def law_text(law: LearnedLaw) -> str:
-    """A law in two sentences: its formula and numbers, what it does, and how far it holds; tables in one."""
+    """A law in two sentences: its formula with the parameters and the gap that it closes, and its range of validity.
+    Tables over the beat take one sentence."""
     if not law.explains:
         return (
-            f"No law was found for it; {law.formula}, as tables over the beat, closes {number(100.0 * law.closed, 2)} "
-            f"% of the gap to held-out beats (from {number(law.before[1])} to {number(law.after[1])} times the noise): "
-            f"a description of this record ({DESCRIBED}), not an explanation."
+            f"No law was found for it. Tables over the beat ({law.formula}) close {number(100.0 * law.closed, 2)} % of "
+            f"the gap to held-out beats (from {number(law.before[1])} to {number(law.after[1])} times the noise): "
+            f"{DESCRIBED} describes this record and is not an explanation."
         )
     numbers = ", ".join(f"{name} = {each}" for name, each in law.parameters.items())
     before, after = number(law.before[1]), number(law.after[1])
@@ -36,19 +38,19 @@ def law_text(law: LearnedLaw) -> str:
         f"A law learned from this record for the {'outlet' if law.of_outlet else 'wall'} of {places_text(law.where)}"
         f"{beside} closes "
         f"{number(100.0 * law.closed, 2)} % of the gap to held-out beats (from {before} to {after} times the noise): "
-        f"{law.formula}, {numbers}. It was seen at {_seen(law)}, and is held beyond; no other record has borne it out."
+        f"{law.formula}, {numbers}. The record covers {_seen(law)}; no other record has confirmed the law."
     )
 
 
 def with_law(outcome: Outcome, law: LearnedLaw | None) -> Outcome:
-    """An outcome with a law, if there is one, which its sentence says, too."""
+    """An outcome with the law, if there is one, and with the law's sentences."""
     if law is None:
         return outcome
-    return replace(outcome, learned=law, sentence=f"{outcome.sentence} {law_text(law)}")
+    return replace(outcome, learned=law, sentence=joined(outcome.sentence, law_text(law)))
 
 
 def _seen(law: LearnedLaw) -> str:
-    """The range that it was learned from."""
+    """The range of states from which the law was learned."""
     lows, highs, rates = zip(*law.seen.values(), strict=True)
     low, high, rate = min(lows), max(highs), max(rates)
     if law.of_outlet:
@@ -57,8 +59,8 @@ def _seen(law: LearnedLaw) -> str:
 
 
 def learned_files(law: LearnedLaw | None, shown: SourceMapShown | None) -> dict[str, str | bytes]:
-    """The network with the law or the tables, which says where that comes from, and its FMU; without a law, what acts
-    at the places of the map as a table with its band, too: a description, not an explanation."""
+    """The network with the law or the tables, with its origin in a comment, and its FMU. Without a law also the terms
+    of the source map as a table with its band, which describes the record and is not an explanation."""
     files: dict[str, str | bytes] = {}
     if law is not None:
         model, fmu = (MODEL, FMU) if law.explains else (DESCRIBED, ITS_FMU)

@@ -1,4 +1,4 @@
-"""The figure of the source map: the network with the places marked, and what acts there over one beat."""
+"""The figure of the source map: the network with marked places, and the terms g(t) over one beat."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> tup
     marked = [(mark(place, colour is not ORANGE), colour) for place, colour in found]
 
     def colour_at(kind: str, place: str) -> str | None:
-        """Of the first mark at a place."""
+        """The colour of the first mark at a place."""
         return next((colour for mark, colour in marked if mark.is_at(kind, place)), None)
 
     beside = max(max(lane.x0, lane.x1) for lane in lanes(network)) <= _COLUMNS
@@ -52,13 +52,13 @@ def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> tup
     _beats(figure, axes, shown, beside)
     handles = [Line2D([], [], color=_colour(i), lw=6, label=a.place.label) for i, a in enumerate(shown.acting)]
     if len(found) > len(shown.acting):
-        handles.append(Line2D([], [], color=ORANGE, lw=6, label="cannot be told from it"))
+        handles.append(Line2D([], [], color=ORANGE, lw=6, label="not distinguishable"))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-    beats = " and what acts there over one beat, with a band of ± 1 standard deviation" if shown.signals else ""
+    beats = " and the missing terms over one beat, with a band of ± 1 standard deviation" if shown.signals else ""
     return figure, (
-        "The network of the model, flow from left to right, with the places where something acts that it lacks"
+        "The network of the model, flow from left to right, with the places where the missing physics acts"
         f"{beats}. Marked: {', '.join(a.place.label for a in shown.acting)}. A circle is a measured site; the letters "
-        "are what was measured there."
+        "are the measured signals."
     )
 
 
@@ -66,7 +66,7 @@ def sites(
     axes: Axes, network: Network, drawn: Mapping[str, Lane], channels: Iterable[str],
     edge: Callable[[str, str], str | None], face: Callable[[list[str]], str] = lambda names: "white", size: float = 7.0,
 ) -> None:  # fmt: skip
-    """The measured sites, with the letters of what was measured there. face : by the channels of a site."""
+    """The measured sites, with the letters of the measured signals. face : by the channels of a site."""
     measured = list(channels)
     for site in network.sites:
         names = [name for name in measured if name.rpartition(".")[0] == site.name]
@@ -79,7 +79,7 @@ def sites(
 
 
 def mark(place: Place, named: bool) -> Mark:
-    """Where to mark a place: a number's at its artery or outlet."""
+    """The position of a mark; for an outlier its artery or outlet."""
     if place.kind == NUMBER:
         owner, *rest = place.name.split(".")
         return Mark("outlet" if "outlet" in rest[:-1] else "segment", owner, named, place.label)

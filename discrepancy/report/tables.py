@@ -1,4 +1,4 @@
-"""Numbers of a study as text, in the units that people read, and the tables of the page that take more than that."""
+"""Numbers of a study as text in display units, and the tables of the page."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from ..findings.outcome import ChannelBeats, Outcome
 
 Array = np.ndarray
 
-_LOUD = 3.0  # |z| that is worth a column of the z map
+_LOUD = 3.0  # smallest |z| for which the z map has a column
 _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
-_LONG_ODDS = 1000.0  # -2 ln: what is beyond is as good as ruled out
-_OF_A_SPREAD = 0.1  # the finest that a deviation is told to
+_LONG_ODDS = 1000.0  # -2 ln of odds; larger values are printed as "> 1000"
+_OF_A_SPREAD = 0.1  # resolution of a printed deviation, in spreads
 
 
 # --- classes of |z| and of separations: the same in figures and on the page --------------------------------------
@@ -34,7 +34,7 @@ _OF_A_SPREAD = 0.1  # the finest that a deviation is told to
 
 @dataclass(frozen=True)
 class Scale:
-    """Classes of a number that is not negative: class i holds bounds[i] … bounds[i+1], the last all that is above."""
+    """Classes of a non-negative number: class i from bounds[i] to bounds[i+1], the last without an upper bound."""
 
     name: str
     bounds: tuple[float, ...]
@@ -60,7 +60,7 @@ Z = Scale("|z|", (0.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0))
 APART = Scale("separation d′", (0.0, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0))
 
 
-# --- what there is ------------------------------------------------------------------------------------------------
+# --- contents of an outcome ---------------------------------------------------------------------------------------
 
 
 def loop_sites(outcome: Outcome) -> list[str]:
@@ -85,7 +85,7 @@ def channel_z(outcome: Outcome) -> dict[str, float]:
 
 
 def harmonics_shown(outcome: Outcome) -> int:
-    """Rows of the z map up to the last that is loud, the mean included, and a few at least."""
+    """Number of rows of the z map, the mean included: up to the last one with a large |z|, and a few at least."""
     loud = np.flatnonzero((np.abs(np.nan_to_num(outcome.z_map)) > _LOUD).any(axis=1))
     wanted = max(_FEWEST_HARMONICS, int(loud[-1]) if loud.size else 0)
     return min(len(outcome.z_map), wanted + 1)
@@ -95,24 +95,24 @@ def harmonics_shown(outcome: Outcome) -> int:
 
 
 def estimate_text(name: str, estimate: Estimate) -> tuple[str, str]:
-    """(value with unit, 95 % interval) of a parameter in the unit that people read, to the digits the interval has."""
+    """(value with unit, 95 % interval) of a parameter in its display unit, rounded to the digits of the interval."""
     return _estimate_text(estimate, _quantity(name))
 
 
 def _quantity(name: str) -> Quantity | None:
-    """What the catalogue says of a parameter of an effect."""
+    """The quantity in the catalogue of a parameter of an effect."""
     key = name.rpartition(".")[2]
     return next((e.terms[key] for e in effects.ALL if key in e.terms), None)
 
 
 def description(name: str) -> str:
-    """What the catalogue calls a parameter of an effect."""
+    """The description in the catalogue of a parameter of an effect."""
     quantity = _quantity(name)
     return quantity.description if quantity else ""
 
 
 def _estimate_text(estimate: Estimate, quantity: Quantity | None, least: float = 0.0) -> tuple[str, str]:
-    """The same of a quantity; a ratio to another, with a unit of its own, is none. least : width [SI] that it has."""
+    """The same for a quantity, None for a ratio with another unit. least : smallest width [SI] of the interval."""
     display = quantity.display if quantity and quantity.unit == estimate.unit else None
     unit, factor = readable(estimate.unit, display)
     value, low, high = (factor * x for x in (estimate.value, *estimate.ci95))
@@ -124,27 +124,27 @@ def _estimate_text(estimate: Estimate, quantity: Quantity | None, least: float =
 
 
 def percent(value: float | None) -> str:
-    """A part in per cent, never rounded to certainty."""
+    """A fraction in per cent, never rounded to 100 %."""
     if value is None or not math.isfinite(value):
         return DASH
     return "> 99 %" if value >= 0.995 else f"{100 * value:.0f} %"
 
 
 def p_text(value: float) -> str:
-    """A p-value, with the least that is worth telling apart."""
+    """A p-value, with a lower limit of 1e-16."""
     return "p < 10⁻¹⁶" if value < 1e-16 else f"p = {number(value, 2)}"
 
 
 def gap_unit(outcome: Outcome) -> str:
-    """What a gap is counted in, and why that on the held-out beats is another."""
-    said = "A gap is the RMS of model less mean beat, over channels and harmonics, in units of the noise of that mean."
+    """The unit of a gap, and the reason why fitted and held-out beats have different gaps."""
+    said = "A gap is the RMS of model minus mean beat, over channels and harmonics, in units of the noise of that mean."
     beats = outcome.provenance.get("beats")
     if not beats:
         return said
     fitted, held_out = beats["fitted"], beats["held_out"]
     return (
-        f"{said} The mean of {held_out} held-out beats is noisier than that of {fitted} fitted ones: the same misfit "
-        f"is a gap {number(math.sqrt(fitted / held_out), 2)} times smaller there."
+        f"{said} The mean of {held_out} held-out beats is noisier than that of {fitted} fitted beats, and so the same "
+        f"misfit gives a gap {number(math.sqrt(fitted / held_out), 2)} times smaller there."
     )
 
 
@@ -159,7 +159,7 @@ def times_noise(value: float) -> str:
 
 
 def class_texts(outcome: Outcome) -> list[str]:
-    """Every hypothesis of the class in words, its effects together; none where nothing else cannot be ruled out."""
+    """Every hypothesis of the class in words, with its effects together; none for a class of one."""
     if len(outcome.members) < 2:
         return []
     return [" with ".join(effect_text(name, where) for name, where in member) for member in outcome.members]
@@ -172,12 +172,12 @@ def pulse_text(channel: ChannelBeats) -> str:
 
 
 def rms_text(channel: str, pair: tuple[float, float] | None) -> str:
-    """What is left of a channel over the held-out beats, in the unit that people read."""
+    """The residual of a channel over the held-out beats, in its display unit."""
     return DASH if pair is None else size_text(channel, pair[1])
 
 
 def odds_text(behind: float) -> str:
-    """-2 ln of odds, as far as they are worth telling apart."""
+    """-2 ln of odds, with an upper limit."""
     return f"> {_LONG_ODDS:g}" if behind > _LONG_ODDS else number(behind)
 
 
@@ -205,7 +205,7 @@ def _z_cell(name: str, harmonic: int, z: float, located: Mapping[tuple[str, int]
 
 
 def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Every number of every artery and outlet: the file's, or a calibration's, and this animal's."""
+    """Every parameter of every artery and outlet: the value of the file, or of a calibration, and this animal's."""
     rows, quantities = [], _quantities(outcome)
     for name, own in (outcome.walls.arteries if outcome.walls else {}).items():
         known = quantities.get(name)
@@ -226,27 +226,27 @@ def _quantities(outcome: Outcome) -> Mapping[str, Quantity]:
 
 
 def _shifted(quantity: Quantity | None) -> bool:
-    """Whether a number deviates by a shift, not by a factor: it may be negative."""
+    """True if a parameter deviates by a shift, not by a factor, because it may be negative."""
     return quantity is not None and quantity.low < 0.0
 
 
 def spread_text(outcome: Outcome) -> str:
-    """How much the arteries of this animal differ, by quantity, beside what was stated, in a sentence."""
+    """A sentence with the spread between the arteries of this animal, by quantity, beside the stated spread."""
     spread = outcome.walls.spread if outcome.walls else {}
     if outcome.walls is None or not spread:
         return ""
     if not any(found for _, found in spread.values()):
-        return "No differences between arteries were found beyond what all have in common."
+        return "Beyond the common changes, the arteries do not differ."
     quantities = _quantities(outcome)
     shifted = {n.rpartition(".")[2] for n in outcome.walls.arteries if _shifted(quantities.get(n))}
     each = "; ".join(f"{key} {number(found, 2)} (stated {number(told, 2)})" for key, (told, found) in spread.items())
     absolute = ", ".join(key for key in spread if key in shifted)
-    parts = "as parts of the number" + (f", of {absolute} absolute" if absolute else "")
+    parts = "relative" + (f", absolute for {absolute}" if absolute else "")
     return f"Standard deviations between arteries, {parts}: {each}."
 
 
 def beats(outcome: Outcome) -> dict[str, Any]:
-    """The mean beats for the interactive plot, in the units people read, closed and thinned out; ``first``: loudest."""
+    """The mean beats for the interactive plot, in display units, closed and thinned; ``first``: the largest |z|."""
     time = outcome.time
     if len(time) < 2 or not outcome.channels:
         return {}

@@ -1,4 +1,4 @@
-"""What page and terminal say of an outcome in words: what was asked, what these sensors see, what was left out."""
+"""Sentences about an outcome, for page and terminal: options of the study, visible effects, effects not compared."""
 
 from __future__ import annotations
 
@@ -15,56 +15,56 @@ from ..findings.outcome import Detectable, NamedEffect, Outcome
 from ..name.verdict import Naming
 
 _NOT_DETECTABLE = "not detectable in its allowed range"
-_OUTLET = "another kind of outlet, which is refitted only where no other effect explains the record"
-_ANIMAL = "where every artery has walls of its own, it is this subject: see the table of walls"
-_TIME = "the time limit was over before it was simulated"
-_BREAKS = "the model cannot be simulated with it"
+_OUTLET = "another kind of outlet, refitted only if no other effect explains the record"
+_ANIMAL = "a property of this subject, because every artery has its own walls: see the table of walls"
+_TIME = "not simulated within the time limit"
+_BREAKS = "the simulation fails with it"
 
 
 def of_sensors(outcome: Outcome) -> bool:
-    """Whether all that was added belongs to the measurement."""
+    """True if all added effects belong to the measurement."""
     return bool(outcome.effects) and all(of_sensor(effect.name) for effect in outcome.effects)
 
 
 def more_time(outcome: Outcome) -> str:
-    """What to do where the search was cut short."""
+    """The advice after an incomplete search."""
     limit = outcome.provenance.get("asked", {}).get("time_limit")
-    had = "" if limit is None else f" (it was {limit['value']:g} {limit['unit']})"
+    had = "" if limit is None else f" than {limit['value']:g} {limit['unit']}"
     return f"Run the study again with a longer --time-limit{had}: {not_compared(outcome)}."
 
 
 def of_fit(outcome: Outcome) -> str:
-    """What the RMS of what remains is counted over, which a gap is not."""
-    return " (of all data that were fitted; 1 is noise)" if "RMS" in (outcome.remains or outcome.reason or "") else ""
+    """The data over which the RMS of the residual is taken; a gap is taken over other data."""
+    return " (over all fitted data; 1 is noise)" if "RMS" in (outcome.remains or outcome.reason or "") else ""
 
 
 def late(outcome: Outcome) -> str:
-    """What drives the model late, where that is the simplest reading of what was added; else ""."""
+    """The channels that drive the model late, if that is the simplest reading of the added effects; else ""."""
     return late_drive(outcome.effects, [c.name for c in outcome.channels]) if outcome.kind == "network" else ""
 
 
 def why_walls(outcome: Outcome) -> str:
-    """Why the walls are common or individual: what was asked for, or what the record says."""
+    """Why the walls are common or individual: an option, or the evidence of the record."""
     asked = outcome.provenance.get("asked", {})
     if "prior" in asked:
-        return f"as calibrated in {asked['prior']['file']}"
+        return f"calibrated in {asked['prior']['file']}"
     walls = outcome.walls.kind if outcome.walls else "common"
     if asked.get("walls") == walls:
-        return f"asked for by --walls {walls}"
+        return f"set by --walls {walls}"
     if not outcome.complete:
-        return "as far as the search came"
+        return "the search is incomplete"
     if walls == "individual":
-        return "the record is more probable so"
-    return "the record gives no reason for more"
+        return "the record is more probable with individual walls"
+    return "the record gives no evidence for individual walls"
 
 
 def names(labels: tuple[str, ...]) -> str:
-    """Effects in words, each once, without the places."""
+    """Names of effects in words, without repetition and without places."""
     return ", ".join(dict.fromkeys(plain(label.partition(" at ")[0]) for label in labels))
 
 
 def separating_measurement(naming: Naming) -> str | None:
-    """What the catalogue says separates the best of the class from the others; None for a class of one."""
+    """The measurement that separates the members of the class, by the catalogue; None for a class of one."""
     if len(naming.members) < 2:
         return None
     effects = list(dict.fromkeys(t.effect for n in naming.members for t in n.fit.terms))
@@ -74,23 +74,23 @@ def separating_measurement(naming: Naming) -> str | None:
         channels = [t.place for n in naming.members for t in n.fit.terms if t.is_sensor]
         named = " and ".join(dict.fromkeys(channels))
         return (
-            f"Calibrate {named}: feed its sensor a known wave, or record the same beats with a second sensor there; "
-            f"a fault of the measurement shows without the artery."
+            f"Calibrate {named}: apply a known wave to its sensor, or record the same beats with a second sensor "
+            f"there; this reveals a sensor fault without the artery."
         )
     if len(effects) == 1:
         return (
-            f"The effect is clear, its place is not ({', '.join(places)}): record pressure, flow and radius between "
-            f"these places."
+            f"The effect is certain, but its place is not ({', '.join(places)}): record pressure, flow and radius "
+            f"between these places."
         )
-    said = dict.fromkeys(entry(e).separator for e in effects)
-    return f"Measure what tells them apart: {'; '.join(said)}."
+    separators = dict.fromkeys(entry(e).separator for e in effects)
+    return f"To distinguish the candidates, measure: {'; '.join(separators)}."
 
 
-# --- what these sensors see -------------------------------------------------------------------------------------
+# --- effects that these sensors show ----------------------------------------------------------------------------
 
 
 def change_text(label: str, least: Detectable) -> str:
-    """The least change with its sign and unit; the numbers of the catalogue where a search counts by others."""
+    """The smallest detectable change with its sign and unit, in the parameters of the catalogue."""
     effect = entry(label.partition(" at ")[0])
     if not math.isfinite(least.change):
         return _NOT_DETECTABLE
@@ -108,7 +108,7 @@ def change_text(label: str, least: Detectable) -> str:
 
 
 def not_judged(outcome: Outcome) -> dict[str, str]:
-    """Effects that nothing can be said of, in words, by the reason."""
+    """Effects without a judgement, in words, by the reason."""
     reasons: dict[str, list[str]] = {}
     for name in outcome.not_judged:
         reasons.setdefault(_why(outcome, entry(name)), []).append(plain(name))
@@ -116,7 +116,7 @@ def not_judged(outcome: Outcome) -> dict[str, str]:
 
 
 def not_compared(outcome: Outcome) -> str:
-    """What a search that was cut short left out, in words: how much of the catalogue, where that is known."""
+    """The part of the catalogue that an incomplete search did not compare, in words, as far as it is known."""
     table = outcome.isolability
     tried = {name for candidate in outcome.candidates for name in candidate.name.split(" + ")}
     seen = table is not None and table.labels  # then only another kind of outlet waits for its turn
@@ -144,10 +144,10 @@ def _why(outcome: Outcome, effect: Effect) -> str:
 
 
 def late_drive(effects: Iterable[NamedEffect], channels: Sequence[str]) -> str:
-    """ "inlet.Q is 22 ms late", if all pressures and radii among the channels are early by delays that agree within
-    their intervals; flows without a delay are then late with it. Else "".
+    """ "inlet.Q is 22 ms late", if all pressure and radius channels are early, by delays that agree within their
+    intervals; flows without a delay are then late, like inlet.Q. Else "".
 
-    effects : that were added to a model driven by inlet.Q.
+    effects : the effects added to a model that inlet.Q drives.
     """
     delays = {e.where[0]: ends for e in effects if (ends := _delay(e)) is not None}
     others = {name for name in channels if not name.endswith(".Q")}
@@ -162,7 +162,7 @@ def late_drive(effects: Iterable[NamedEffect], channels: Sequence[str]) -> str:
 
 
 def _delay(effect: NamedEffect) -> tuple[float, float, float] | None:
-    """Value and ends [s] of an effect that is nothing but a delay of its channel."""
+    """Value and 95 % limits [s] of an effect that is a pure delay of its channel; else None."""
     sensor = entry(effect.name)
     if not isinstance(sensor, Sensor) or len(effect.where) != 1:
         return None

@@ -1,7 +1,7 @@
-"""Show: free runs of FMUs through fmpy, the gap that they leave to the record, and what of a name that bears out.
+"""Validation of a name by FMUs: free runs through fmpy, their gap to the record, and the test of the name.
 
-The FMU is driven by the most probable wave: the inflow, or the pressure of a bench, as the whole record says it
-was, not only the one noisy sensor. What is left is divided by the sensors' own noise: 1 is noise. Nothing is named that
+The FMU is driven by the most probable wave, the inflow or the pressure of a bench, inferred from the whole record and
+not only from its one noisy sensor. The gap is divided by the noise of the sensors: 1 is noise. No effect is named that
 does not shrink the gap to held-out beats. The FMU is the model that inference compared: one model has one gap.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from fitting.check.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Fit
 from fitting.inference.models.bench_observation import mean_wander, sense
-from fitting.inference.models.simulator import filters
+from fitting.inference.models.simulator import as_shown, filters
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels.amounts import changes, sizes
 from fitting.records.channels.noise import check_flow_driven
@@ -38,7 +38,7 @@ from ..name.verdict import Naming
 Array = np.ndarray
 
 _OWN_BEATS = 2
-_AT_REST = 1e-4  # of a pressure: where none varies by more, there are no waves to compare
+_AT_REST = 1e-4  # of a pressure: if all vary by less, there are no waves to compare
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Run:
-    """A free run: X : (K+1, m) coefficients of the channels as their sensors show them, beats : (N,) each."""
+    """A free run. X : (K+1, m) coefficients of the channels after their sensors, beats : (N,) each."""
 
     X: Array
     beats: Mapping[str, Array]
@@ -60,7 +60,7 @@ class Run:
 
 
 def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str, float]) -> Run:
-    """Run an FMU under a wave and compare it. ``fit`` says what the sensors do; starts : by FMU variable.
+    """Run an FMU under a wave and compare it with the record. ``fit`` gives the sensor model; starts : by FMU variable.
 
     Raises RunFailed with the FMU's sentence.
     """
@@ -80,7 +80,7 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
 
 
 def compared(study: Study, fit: Fit, X: Array) -> Run:
-    """The run of coefficients X : (n, m) as the FMU gives them."""
+    """The run with coefficients X : (n, m) as the FMU gives them."""
     names = study.problem.signals
     X = sensed(study, fit, X[: min(study.problem.K, len(X) - 1) + 1])
     beats = {name: np.fft.irfft(x, study.fitted.N, norm="forward") for name, x in zip(names, X.T, strict=True)}
@@ -88,7 +88,7 @@ def compared(study: Study, fit: Fit, X: Array) -> Run:
 
 
 def gap(study: Study, X: Array) -> Gap:
-    """What coefficients X : (K+1, m) as sensors show them leave of the record."""
+    """The gap between coefficients X : (K+1, m), after sensors, and the record."""
     K = len(X) - 1
     weight, each, sizes = _weights(K), [], []
     for part in (study.fitted, study.held_out):
@@ -104,11 +104,11 @@ def gap(study: Study, X: Array) -> Gap:
 
 
 def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
-    """By how much χ² of the held-out beats falls from one run to another, and the standard deviation of that.
+    """The decrease of χ² of the held-out beats from one run to another, and its standard deviation.
 
     With the coefficients b and a of the runs and y of the mean of n beats, Σ w (|b - y|² - |a - y|²)/S is linear in y:
-    its noise is that of 2 Σ w Re((a - b)* y)/S, whose scatter from beat to beat is seen. Means, which drift, have that
-    of :func:`compared`.
+    its noise is that of 2 Σ w Re((a - b)* y)/S, estimated from the scatter between beats. Means, which drift, have the
+    variance S of :func:`gap`.
     """
     names, K = study.problem.signals, len(before.X) - 1
     S, w = _noise(study, study.held_out, K), _weights(K)
@@ -125,14 +125,14 @@ def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
 
 
 def _pulsation(part: Beats, name: str, K: int) -> Array:
-    """(n_beats, K) coefficients 1 … K of the beats of a channel, with the mean beat in gaps."""
+    """(n_beats, K) coefficients 1 … K of the beats of a channel, with gaps filled by the mean beat."""
     beats = part.values[name]
     whole = np.where(np.isnan(beats), part.mean(name), beats)
     return np.fft.rfft(whole, norm="forward")[:, 1 : K + 1]
 
 
 def _noise(study: Study, part: Beats, K: int) -> Array:
-    """(K+1, m) variance of the coefficients of the mean of some beats, by the noise that the fitted ones show."""
+    """(K+1, m) variance of the coefficients of the mean of some beats, from the noise of the fitted ones."""
     noise = study.problem.noise[: K + 1] * (study.fitted.n_beats / part.n_beats)
     if part is not study.fitted:
         noise[0] = np.maximum(noise[0], mean_wander(part, study.fitted, study.problem.signals))
@@ -140,18 +140,19 @@ def _noise(study: Study, part: Beats, K: int) -> Array:
 
 
 def _weights(K: int) -> Array:
-    """(K+1, 1) of real and of complex coefficients."""
+    """(K+1, 1) 1 for the real mean, 2 for complex coefficients."""
     return np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
 
 
 def sensed(study: Study, fit: Fit, X: Array) -> Array:
-    """What the measurement chain of a hypothesis makes of the coefficients, through the filters that are known."""
+    """The coefficients after the measurement chain of a hypothesis and the known filters."""
     names, T = study.problem.signals, study.fitted.T
-    return sense(fit.member, names, X * filters(study.problem.network, names, T, len(X) - 1), T)
+    return sense(fit.member, names, as_shown(study.problem.network, names, T, X), T)
 
 
 def parity(network: Network, study: Study, wave: Array, run: Run, settings: Settings) -> float:
-    """Largest difference of the FMU's free run (without sensors) from the direct solver, of a channel's pulse."""
+    """Largest difference of the FMU's free run (without sensors) from the direct solver, relative to a channel's
+    pulse."""
     T, names = study.fitted.T, study.problem.signals
     N, k = len(wave), np.arange(len(wave) // 2 + 1)
     amplitude = np.fft.rfft(wave, norm="forward") * np.where((k > 0) & (2 * k != N), 2.0, 1.0)
@@ -170,9 +171,9 @@ def parity(network: Network, study: Study, wave: Array, run: Run, settings: Sett
 def own_parity(fmu: Path, network: Network) -> float | None:
     """Largest difference of an FMU from the direct solver over two beats from rest under the network's own inflow.
 
-    Of an output's pulse; for an FMU that no record drives: that of a network of which one artery was on the bench.
-    None where that inflow moves nothing: of two networks at rest, any two agree.
-    Raises RunFailed with the FMU's sentence, NonPhysicalState if the solution breaks down, ValueError where a pressure
+    As a fraction of an output's pulse. For an FMU that no record drives: a network of which one artery was on the
+    bench. None if that inflow causes no motion: any two networks at rest agree.
+    Raises RunFailed with the FMU's sentence, NonPhysicalState if the solution breaks down, ValueError if a pressure
     drives the inlet.
     """
     check_flow_driven(network)
@@ -198,16 +199,16 @@ def own_parity(fmu: Path, network: Network) -> float | None:
     return worst
 
 
-# --- what the runs bear out -------------------------------------------------------------------------------------------
+# --- the test of a name by the runs -----------------------------------------------------------------------------------
 
 
 def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
-    """The naming, if the free runs bear it out; else without a name, the reason made of the numbers.
+    """The naming if the free runs support it; otherwise without a name, with the numbers as the reason.
 
-    χ² of held-out beats falls by more than chance over all recordings together and in each in which the effect has a d'
-    of 12, with which it does in 96 %, and rises by more than chance in none; over those that were held out whole
-    likewise. Of a part it closes most of the gap. Nor is it ``none`` where the model meets the record only as an animal
-    that there hardly is. each : recording, with what its runs leave. before, after : over all that are fitted.
+    χ² of held-out beats must fall by more than chance over all recordings together and in each in which the effect has
+    a d' of 12 (it then falls in 96 %), and rise by more than chance in none; likewise over those held out whole. A
+    partial effect must close most of the gap. A verdict ``none`` becomes unknown if the model explains the record only
+    with implausible parameters. each : results per recording. before, after : over all fitted ones.
     """
     naming = _borne_out(naming, each, before, after)
     odd = implausible(naming.base.fit) if naming.verdict == "none" else {}
@@ -234,7 +235,7 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
 
 
 def _not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
-    """Why some recordings do not bear a name out; "" where they do, or are none."""
+    """The reason why some recordings do not support a name; "" if they do, or if there are none."""
     told = [(r, r.fallen, r.sd) for r in each if r.fallen is not None and r.sd is not None]
     if not told:
         return ""
@@ -249,26 +250,26 @@ def _not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
 
 
 def met_only_with(odd: Mapping[str, float]) -> str:
-    """Numbers that no animal has, with their distances in stated spreads."""
+    """Implausible parameters with their distances in stated spreads, in words."""
     them = ", ".join(f"{name} {abs(x):.2g} stated spreads {'above' if x > 0 else 'below'}" for name, x in odd.items())
-    return f"the model meets the record only with {them} the file's"
+    return f"the model fits the record only with {them} the file's"
 
 
 def _no_fall(fallen: float, sd: float) -> str:
-    """What χ² of the held-out beats does, with its standard deviation, where it does not fall by more than chance."""
+    """The change of χ² of the held-out beats with its standard deviation, if it does not fall by more than chance."""
     if fallen < -at.FALL * sd:
         return f"chi2 rises by {-fallen:.3g} ± {sd:.2g}"
     return f"chi2 {'rises' if fallen < 0.0 else 'falls'} by {abs(fallen):.3g} ± {sd:.2g}, no more than chance"
 
 
 def _without(naming: Naming, verdict: str, reason: str) -> Naming:
-    """Without a name, as sure as the name was not, and no surer than not."""
+    """The naming without a name. The confidence is the probability that the name was wrong, at most INCOMPLETE."""
     doubt = 1.0 - naming.confidence if naming.verdict in ADDED else naming.confidence
     return replace(naming, verdict=verdict, members=(), confidence=min(doubt, at.INCOMPLETE), reason=reason)
 
 
 def change(before: Gap, after: Gap) -> str:
-    """How the gap to held-out beats changes, in words that follow the numbers."""
+    """The change of the gap to held-out beats, in words after the subject."""
     first, last = (number(each.total[1]) for each in (before, after))
     if first == last:
         return f"stays at {first}"
@@ -276,13 +277,13 @@ def change(before: Gap, after: Gap) -> str:
 
 
 def changed(before: Gap, after: Gap) -> str:
-    """The same with its unit and, in brackets, what channels leave before and after: "Ao.P from 1.3 to 0.9 mmHg"."""
+    """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"."""
     rms = changes(_held_out(before.rms), _held_out(after.rms), _held_out(before.channels))
     return f"{change(before, after)} times the noise" + (f" ({rms})" if rms else "")
 
 
 def left(gap: Gap) -> str:
-    """The gap to held-out beats with its unit and, in brackets, what the channels leave: "1.3 mmHg of Ao.P"."""
+    """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P"."""
     rms = sizes(_held_out(gap.rms), _held_out(gap.channels))
     return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
 
@@ -292,9 +293,9 @@ def _held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
 
 
 def agreement(study: Study, fit: Fit, wave: Array, run: Run) -> Agreement | None:
-    """An FMU's run beside what inference holds of the same hypothesis under the same wave; None where it holds nothing.
+    """An FMU's run against the inferred solution of the same hypothesis under the same wave; None if there is none.
 
-    Both solve the same equations, by steps in time and by harmonic balance.
+    Both solve the same equations, by time steps and by harmonic balance.
     """
     X = study.problem.answer(wave, fit)
     if X is None:

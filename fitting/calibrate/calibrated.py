@@ -21,7 +21,7 @@ from ..results.provenance import engine, software
 Array = np.ndarray
 Interval = tuple[float, float]
 
-_ALL_PRIOR = 0.95  # of a prior's standard deviation: above it, the data add no information
+_ALL_PRIOR = 0.95  # posterior over prior standard deviation: above it, the data add no information
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ class Calibration:
     explains the record; the covariance includes them. singular_values : of the whitened Jacobian in prior units,
     largest first, 0 below its own error. report : undetermined parameters, active bounds, misfit, one sentence each.
     history : cost after each iteration of both searches. simulations : number of simulated parameter sets. others : the
-    network's fixed parameters [SI]. Intervals are Student's t with 4 (beats - 1) degrees of freedom per recording, from
+    network's fixed parameters [SI]. zeros : values and intervals [SI] of sensors' zeros, which are no parameters of an
+    FMU ("C.P.zero"). Intervals are Student's t with 4 (beats - 1) degrees of freedom per recording, from
     the estimate of the noise.
     """
 
@@ -83,6 +84,7 @@ class Calibration:
     others: Mapping[str, float]
     laws: Mapping[str, str]
     model_errors: tuple[float, float] = (0.0, 0.0)
+    zeros: Mapping[str, tuple[float, Interval]] = field(default_factory=dict)
 
     @property
     def cost(self) -> float:
@@ -161,6 +163,8 @@ class Calibration:
             "model_errors": dict(zip(("means", "harmonics"), self.model_errors, strict=True)),
             "channels": self.channels,
             "rms": {name: {"value": rms, "unit": SIGNAL_UNITS[name[-1]]} for name, rms in self.rms.items()},
+            **({"zeros": {n: {"value": v, "ci95": list(ends), "unit": SIGNAL_UNITS[n.removesuffix(".zero")[-1]]}
+                          for n, (v, ends) in self.zeros.items()}} if self.zeros else {}),
             "undetermined": sorted(self.undetermined),
             **({"recordings": {each.label: _plain(each) for each in self.recordings}} if more else {}),
             "report": list(self.report),
@@ -170,12 +174,12 @@ class Calibration:
         return ParameterSet(name or f"{self.network} calibrated", values, self.laws, provenance)
 
     def _of_all(self, i: int) -> bool:
-        """Whether an unknown affects every recording."""
+        """True if an unknown affects every recording."""
         return all(i in each.which for each in self.recordings)
 
 
 def _over_all(rms: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The root mean square of each channel's over the recordings that have it."""
+    """The root mean square of each channel over the recordings that have it."""
     squares: dict[str, list[float]] = {}
     for each in rms:
         for name, value in each.items():
@@ -199,7 +203,7 @@ def labels_of(sources: Sequence[str]) -> list[str]:
 
 
 def _plain(each: Recording) -> dict[str, Any]:
-    """For the provenance of a parameter set; SI."""
+    """One recording, for the provenance of a parameter set; SI."""
     fit: dict[str, Any] = {
         "chi2_over_dof": each.chi2 / each.dof,
         "rms": dict(each.rms),

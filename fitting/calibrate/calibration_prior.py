@@ -54,7 +54,7 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
     """
     if not Path(path).is_file():
         raise InputError(f"{path}: there is no such file; {_AGAIN}.")
-    if Path(path).suffix.lower() != ".json":  # an .ssv file has values alone
+    if Path(path).suffix.lower() != ".json":  # an .ssv file contains only values
         raise InputError(f"{path}: is not a .json file, and other files contain no covariance; {_AGAIN}.")
     found = read_set(path)
     origin = found.provenance
@@ -91,7 +91,7 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
 
 
 def _told(found: ParameterSet) -> tuple[list[Coordinate], Array]:
-    """The unknowns of a calibration and their covariance. Raises any of several errors where they are not there."""
+    """The unknowns of a calibration and their covariance. Raises any of several errors if these are invalid."""
     unknowns: Mapping[str, Any] = found.provenance["unknowns"]
     coordinates = []
     for name, each in unknowns.items():

@@ -24,7 +24,7 @@ Array = np.ndarray
 
 OTHER_STARTS = 8
 _SEED = 1
-_FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
+_FIRST_ERROR = 1e-3  # of a channel's pulse: larger than the solver's own error
 FAR = 0.05  # of the RMS of the pulsation
 ENOUGH = 3  # 6 of 100 synthetic tubes need other starts (own start far off or without a beat), and none needs more
 
@@ -80,7 +80,7 @@ def left(problem: Problem, found: Ended) -> float:
 
 
 def far(problem: Problem, found: Ended) -> bool:
-    """Whether a search ended so far from the record that it may be in a wrong minimum."""
+    """True if a search ended so far from the record that it may be in a wrong minimum."""
     return left(problem, found) > FAR and bool(found.errors.any())
 
 
@@ -90,6 +90,6 @@ def _said(problem: Problem, ended: Mapping[int, Ended], best: int) -> str:
     then = (
         f"from other start {best} it leaves {leaves[best]}"
         if best
-        else f"from none of {len(ended) - 1} others it comes near"
+        else f"none of {len(ended) - 1} other starts ends closer to the record"
     )
     return f"from the network's own values {why}; {then}"

@@ -45,7 +45,7 @@ def judge(
     channels: Sequence[str] | None = None,
     settings: Settings | None = None,
 ) -> HeldOut:
-    """The residual of a calibration in another recording of the same animal.
+    """The residual of a calibration in another recording of the same subject.
 
     network, channels, settings : those of the calibration. Raises ValueError as
     :func:`fitting.calibrate.network_calibration.calibrate`.

@@ -37,7 +37,7 @@ _SHOWN_VALUES = 4  # unknowns in such a sentence
 class Minimum:
     """A minimum: the calibration of the first start that ended there, and the numbers of these starts, from 0.
 
-    settled : whether any of their searches converged there.
+    settled : True if any of their searches converged there.
     """
 
     found: Calibration
@@ -103,7 +103,7 @@ class Starts:
         values = ", ".join(dict.fromkeys(other.value(int(i)) for i in np.argsort(-off, kind="stable")[:_SHOWN_VALUES]))
         cost, lowest = other.found.cost, self.minima[0].found.cost
         return (
-            f"{len(other.starts)} of {self.starts} starts settled elsewhere, with cost {cost:.4g} instead of "
+            f"{len(other.starts)} of {self.starts} starts ended in another minimum, with cost {cost:.4g} instead of "
             f"{lowest:.4g}: {values} (SI)"
             + ("; the record cannot distinguish the two" if cost - lowest < _ALIKE else "")
         )

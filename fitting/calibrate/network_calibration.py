@@ -23,7 +23,8 @@ import numpy as np
 from solver import Settings
 from solver.errors import InputError
 from solver.network.description import Network
-from solver.quantities.units import INFLOW
+from solver.quantities.legible import number
+from solver.quantities.units import INFLOW, of_signal
 from solver.simulate import BROKEN
 
 from ..inference.gauss_newton import Point, Rules
@@ -32,6 +33,7 @@ from ..inference.models.calibration import CHANCE, DERIVATIVE_ERROR, Ended, Prob
 from ..inference.runs import Meter
 from ..inference.unknown import Unknown, bounds, parameter_intervals, parameter_values
 from ..inference.unknown_text import parse_unknowns, varied
+from ..inference.zeros import apart
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.channels.amounts import sizes
@@ -43,8 +45,8 @@ from .first_search import first_error, first_search
 Array = np.ndarray
 Progress = Callable[[float, str], None]
 
-# Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none.
-# Where the model lacks more than noise, a tenth is none
+# Gain at which a search ends, as squared fractions of a standard deviation. From a tenth, one step with the second
+# weights reaches the minimum; a hundredth is negligible. If the model lacks more than noise, a tenth is, too
 _NEAR, _SETTLED = 1e-2, 1e-4
 _FEWEST_STEPS = 20  # of the solver in a beat
 
@@ -193,20 +195,22 @@ def _result(
     own = {variable for i, u in enumerate(unknowns) if i not in common for variable in u.variables}
     recordings = _recordings(problem, point, x, known, labels, [u.name for u in asked], own)
     shared, covariance = tuple(unknowns[i] for i in common), known.covariance[np.ix_(common, common)]
-    values = {n: float(v) for n, v in parameter_values(shared, network, x[common]).items() if n not in own}
+    every = {n: float(v) for n, v in parameter_values(shared, network, x[common]).items() if n not in own}
+    values, zeros = apart(every, network)
     noise = noise_known([part.beats.n_beats for part in problem.parts])
     ci95 = parameter_intervals(shared, network, x[common], covariance, noise)
     sd = np.sqrt(np.diag(known.covariance))
     terms = [f"ln {u.name}" if u.kind == "scale" else u.name for u in unknowns]
     report = [
-        *(f"{name} stopped at the end of its allowed range" for name in at_bound),
+        *(f"{name} reached a bound of its allowed range" for name in at_bound),
         *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known, terms),
+        *(_zero(name, value, ci95[name]) for name, value in zeros.items()),
         *_misfit(chi2 / dof, dof, recordings, best.errors),
         *said,
         *dict.fromkeys(text.rstrip(".") for part in problem.parts for text in part.beats.warnings),
     ]
     if not best.search.converged:
-        report.append("the search did not settle: no further step lowered the misfit, or the iterations were used up")
+        report.append("the search did not converge: no step lowered the misfit, or it reached its iteration limit")
     return Calibration(
         network=network.name,
         recordings=recordings,
@@ -234,12 +238,13 @@ def _result(
             "network.elastic_law": network.elastic_law,
             "network.viscous_law": network.viscous_law,
         },
+        zeros={name: (value, ci95[name]) for name, value in zeros.items()},
         model_errors=(float(best.errors[0]), float(best.errors[1])),
     )  # fmt: skip
 
 
 def _known(problem: Problem, best: Ended, ratio: float) -> Determined:
-    """The parameters that the data determine, given the model error; ratio : χ²/dof without it."""
+    """The parameters that the data determine, with the model error; ratio : χ²/dof without it."""
     if not best.errors.any():
         return problem.determined(problem.point(best.search.x, best.batches), max(1.0, ratio))
     weighted = granted(problem, best.errors)
@@ -253,7 +258,7 @@ def _recordings(
 ) -> tuple[Recording, ...]:  # fmt: skip
     """Each recording: the fit to its data, and its own values."""
     found, one = [], problem.determined(point)
-    paid = np.einsum("np,pq,nq->n", point.J, one.covariance, point.J)  # of each datum, for the unknowns
+    paid = np.einsum("np,pq,nq->n", point.J, one.covariance, point.J)  # leverage of each datum
     paid *= one.effective / max(float(paid.sum()), np.finfo(float).tiny)
     for part, rows, batch, label in zip(problem.parts, problem.rows(), point.memory, labels, strict=True):
         assert part.target is not None
@@ -270,6 +275,15 @@ def _recordings(
     return tuple(found)
 
 
+def _zero(name: str, value: float, ci95: tuple[float, float]) -> str:
+    """A sentence on a sensor's zero that was found, and where it belongs."""
+    channel = name.removesuffix(".zero")
+    unit, factor = of_signal(channel)
+    shown, low, high = (number(factor * each) for each in (value, *ci95))
+    known = f'--filter "{channel}=zero {shown} {unit}"'
+    return f"the zero of {channel} is {shown} {unit} ({low} to {high}); to other commands it is known by {known}"
+
+
 def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: Array) -> list[str]:
     """A sentence if χ²/dof is significantly above 1."""
     if ratio <= 1.0 + CHANCE * math.sqrt(2.0 / dof):
@@ -279,9 +293,12 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
     where = f"{worst} of {one.label}" if len(recordings) > 1 else worst
     there = " there" if len(recordings) > 1 else ""
     means, rest = (f"{100.0 * a:.2g} %" for a in errors)
-    weighed = f"weighed as if harmonics were off by {rest} of each channel's pulsation (rms), means by {means} (sd)"
+    allowed = (
+        f"the intervals allow a model error of {rest} of each channel's pulsation in the harmonics (rms) and {means} "
+        "in the means (sd)"
+    )
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
         f"({one.channels[worst]:.3g} times its noise); rms residual{there}: {sizes(one.rms, one.channels)}; "
-        + (weighed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
+        + (allowed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
     ]

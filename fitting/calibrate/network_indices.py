@@ -15,6 +15,7 @@ from ..inference.models.calibration import STEP
 from ..inference.models.simulator import HARMONICS_BEYOND, Simulator
 from ..inference.runs import Runs
 from ..inference.unknown import finite_steps, parameter_values
+from ..inference.zeros import apart, unmoved
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.channels.inflow import inflow
@@ -64,13 +65,14 @@ def indices_at(
 ) -> Array:
     """The indices of ``indices.OF_LAW`` at every site for unknowns x : (B, p) -> (B, n_sites, 7), in one batch."""
     settings = settings or Settings()
-    parameters = parameter_values(calibration.unknowns, network, x)
+    parameters, _ = apart(parameter_values(calibration.unknowns, network, x), network)
+    parameters = parameters or unmoved(network, len(x))
     outputs = tuple(f"{site.name}.{kind}" for kind in "PR" for site in network.sites)
-    alone = replace(network, channels=())  # the arteries', as no sensor shows them
+    alone = replace(network, channels=())  # outputs of the arteries, without sensors
     simulator = Simulator(alone, inflow(beats, settings.dt, network), beats.T, outputs, MAX_HARMONICS, settings,
                           tolerance=_TOLERANCE, beyond=HARMONICS_BEYOND)  # fmt: skip
     X = simulator.coefficients(alone, parameters, Runs())
-    if np.isnan(X).any():  # with those of the search there was one
+    if np.isnan(X).any():  # the balance with the K of the search was found
         X = replace(simulator, K=calibration.harmonics).coefficients(alone, parameters, Runs())
     waves = np.fft.irfft(X, _SAMPLES, axis=1, norm="forward").swapaxes(1, 2)
     P, R = np.split(waves, 2, axis=1)

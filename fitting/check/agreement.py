@@ -90,7 +90,7 @@ def compare_channel(name: str, waveform: Waveform, S: Array, H: Array | None) ->
 
 
 def _whitened(x: Array, S: Array, H: Array | None) -> dict[str, Any]:
-    """Residual x : (K + 1,) over what the noise of channel and drive gives it."""
+    """Residual x : (K + 1,) divided by its noise from channel and drive."""
     if H is None:
         return {}
     own = S[:, 0, 0].real

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from solver.errors import InputError
-from solver.laws.catalogue import filtered
+from solver.laws.catalogue import filtered, zero_of
 from solver.network.description import Network
 from solver.network.files import read_network
 from solver.quantities.units import INFLOW
@@ -89,7 +89,7 @@ class CheckReport:
         agrees = (loudest.worst_z or 0.0) < _LOUD and all((c.whitened or 0.0) < _WHITE for c in noisy)
         verdict = "agrees to the noise" if agrees else "differs by more than the noise"
         where = "mean" if loudest.worst_harmonic == 0 else f"harmonic {loudest.worst_harmonic}"
-        return f"{verdict}; {said}; furthest from the noise {loudest.name}, {where}: z = {loudest.worst_z:.1f}"
+        return f"{verdict}; {said}; largest deviation {loudest.name}, {where}: z = {loudest.worst_z:.1f}"
 
     def to_json(self) -> str:
         """Everything but the waveforms."""
@@ -289,9 +289,9 @@ def _warnings(
 
 
 def _shown(network: Network, name: str, values: Array, beats: Beats) -> Array:
-    """(N,) a simulated beat after the known filter of its channel."""
+    """(N,) a simulated beat after the known filter of its channel, with its known zero."""
     X = np.fft.rfft(fourier(values, beats.N))
-    return np.fft.irfft(X * filtered(network, name, beats.omega * np.arange(len(X))), beats.N)
+    return np.fft.irfft(X * filtered(network, name, beats.omega * np.arange(len(X))), beats.N) + zero_of(network, name)
 
 
 def _response(

@@ -140,7 +140,7 @@ def nonlinear_viscosity(values: Cells) -> Claim:
 
 
 def negligible_elastic_bend(values: Cells, margin: float = NEGLIGIBLE) -> Claim:
-    """Whether E_NL ε² is negligible beside E ε: E_NL/E times each loop's own mean strain, within the margin."""
+    """Whether E_NL ε² is negligible against E ε: E_NL/E times each loop's own mean strain, within the margin."""
     name, statement = "nonlinear elasticity", "E_NL is negligible"
     parts = _parts(values)
     verdict, smallest, where = _equivalence(parts, margin)

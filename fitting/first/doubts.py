@@ -1,4 +1,4 @@
-"""What is doubtful in a recording, seen before any model: clocks, zeros and units that no channel shows by itself."""
+"""Doubts about a recording before any model: clocks, zeros and units that no single channel reveals."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ _SAMPLES = 200  # a beat, of the comparison
 
 @dataclass(frozen=True)
 class Shown:
-    """A channel of the record beside that of the model: means, pulses and the rms of the difference [SI]."""
+    """A channel of the record compared with the model: means, pulses and the rms of the difference [SI]."""
 
     channel: str
     mean: tuple[float, float]
@@ -80,7 +80,7 @@ def first_model(
     distances : of sites from the root, along the vessels [m]; they give the wave speed. paths : "Ao,CA" and "Ao,FA",
     the sites along each path; by default one path in the order of the delays. Of two estimates of C, the model uses the
     one that fits the pressure at the root better.
-    Raises ValueError, one sentence that says what is needed.
+    Raises ValueError, one sentence with the missing data.
     """
     channel = root_pressure(beats)
     root = channel.removesuffix(".P").replace("inlet", "")

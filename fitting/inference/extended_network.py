@@ -1,4 +1,4 @@
-"""A fit as a network: its terms at their fitted sizes, the nuisances refitted, and estimates of what was added."""
+"""A fit as a network: its terms at their fitted sizes, the nuisances refitted, and estimates of the added effects."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def extended(network: Network, fit: Fit) -> Network:
 
 
 def allowed(network: Network, fit: Fit) -> Fit | None:
-    """A hypothesis; None if a network may not have its values, some of which go by the values of others."""
+    """The hypothesis; None if its values are outside the ranges of a network, some of which depend on other values."""
     try:
         extended(network, fit)
     except InputError:
@@ -45,7 +45,7 @@ def allowed(network: Network, fit: Fit) -> Fit | None:
 
 
 def frequency(fit: Fit) -> float:
-    """The highest frequency [Hz] that a sensor of a hypothesis is named by; 0 without one."""
+    """The highest frequency [Hz] of the sensor faults of a hypothesis; 0 without one."""
     chains = [(_sensor(t), _searched(t, fit.x[_places(fit, t)])) for t in fit.terms if t.is_sensor]
     return max((sensor.frequency(numbers) for sensor, numbers in chains), default=0.0)
 
@@ -56,7 +56,7 @@ def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
 
 
 def _places(fit: Fit, term: Term) -> list[int]:
-    """Where a fit has the unknowns of a term."""
+    """The indices of the unknowns of a term in a fit."""
     names = [u.name for u in fit.unknowns]
     return [names.index(u.name) for u in term.unknowns]
 
@@ -80,11 +80,11 @@ def _sensor(term: Term) -> Sensor:
 def estimates(
     network: Network, fit: Fit, term: Term, quantile: float, reaches: Mapping[str, Reach] | None = None
 ) -> dict[str, Estimate]:
-    """Values and 95 % intervals of a term's parameters: those of :func:`extended`, with what the nuisances add to them.
+    """Values and 95 % intervals of a term's parameters: those of :func:`extended`, including the changes by nuisances.
 
-    quantile : half an interval in standard deviations; reaches : how far those of some unknowns go down and up, by name
-    (:mod:`fitting.inference.intervals.profile`). One that acts everywhere is reported once where it is the same
-    everywhere: that of walls as the ratio to their refitted moduli.
+    quantile : half an interval in standard deviations; reaches : lower and upper reach of some intervals, by name
+    (:mod:`fitting.inference.intervals.profile`). An effect with the same value everywhere is reported once; an effect
+    of walls as the ratio to their refitted moduli.
     """
     known = {u.name: (reaches or {}).get(u.name, (quantile, quantile)) for u in term.unknowns}
     if term.is_sensor:
@@ -106,7 +106,7 @@ def estimates(
 def _everywhere(
     network: Network, fit: Fit, unknown: Unknown, found: dict[str, Estimate], reach: Reach
 ) -> dict[str, Estimate]:
-    """One number where it is the same everywhere, else ``found``, one by one."""
+    """One estimate if it is the same everywhere, else all of ``found``."""
     if unknown.ratio is None:
         first, *others = found.values()
         return {unknown.name: first} if all(other == first for other in others) else found
@@ -117,7 +117,7 @@ def _everywhere(
 
 
 def _of_sensor(fit: Fit, term: Term, reaches: Mapping[str, Reach]) -> dict[str, Estimate]:
-    """Those of a measurement chain: the least and the most of each over what the searched numbers may be together.
+    """The estimates of a measurement chain: minimum and maximum of each over the joint region of the searched numbers.
 
     On the ellipsoid of their covariance C, linear in x, those of slope s lie at x ± C s/√(sᵀ C s).
     """
@@ -142,7 +142,7 @@ def _of_sensor(fit: Fit, term: Term, reaches: Mapping[str, Reach]) -> dict[str, 
 
 
 def _ratio(fit: Fit, unknown: Unknown, reach: Reach) -> Estimate:
-    """A ratio such as φ0/E to the modulus as it was refitted; its interval by the derivatives of all that move it."""
+    """A ratio such as φ0/E to the refitted modulus; its interval by the derivatives of all unknowns that change it."""
     names = [u.name for u in fit.unknowns]
     slope, i = np.zeros(len(names)), names.index(unknown.name)
     nuisance = {u.name: (j, u.size) for j, u in enumerate(fit.unknowns) if j != i and u.kind == SCALE}

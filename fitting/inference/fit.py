@@ -1,4 +1,4 @@
-"""A hypothesis refitted to a record, and what the whitened residual of a refit says."""
+"""A hypothesis refitted to a record, and the test of its whitened residual."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class Fit:
 
     unknowns : nuisances first, then those of ``terms``; x : (p,). z : (n,) whitened residual, N(0, 1) if the hypothesis
     is true; J : (n, p) its derivatives. order : (n,) the harmonic of each entry of z. signal : (n,) the channel of each
-    entry. converged : whether the search settled. log_volume : log det of the covariance that whitened z, where it
-    depends on the hypothesis. widths : of the priors of groups, in their stated spreads, where the record was asked.
+    entry. converged : whether the search converged. log_volume : log det of the covariance of z, if it depends on the
+    hypothesis. widths : of the priors of groups, in their stated spreads, if they were estimated.
     """
 
     terms: tuple[Term, ...]
@@ -53,7 +53,7 @@ class Fit:
 
     @property
     def member(self) -> Member:
-        """Where it is."""
+        """The point of the fit."""
         return Member(self.terms, self.unknowns, self.x)
 
     @property
@@ -73,19 +73,19 @@ class Fit:
 
     @property
     def odd(self) -> bool:
-        """Whether an unknown is so far from what it is beforehand that another minimum may be the better one."""
+        """True if an unknown is so far from its prior mean that another minimum may be better."""
         return bool(np.any(self.prior * self.x**2 > _ODD**2))
 
     @property
     def cost(self) -> float:
-        """-2 log of likelihood and priors, up to a constant: what the search minimises."""
+        """-2 log of likelihood and priors, up to a constant: the cost function of the search."""
         return self.chi2 + penalty(self.prior, self.x) + self.log_volume
 
     @property
     def covariance(self) -> Array:
         """(p, p) of x - truth: A⁻¹ with A = JᵀJ + Λ and the curvature Λ of the priors.
 
-        x was found by the stated spreads. Where true values spread by ``widths`` w of those, x - truth = A⁻¹ (Jᵀn - Λ
+        x was fitted with the stated spreads. If true values spread by ``widths`` w of those, x - truth = A⁻¹ (Jᵀn - Λ
         truth) with noise n has the covariance A⁻¹ (JᵀJ + w² Λ) A⁻¹.
         """
         data, own = self.J.T @ self.J, precision(self.prior, self.x)
@@ -97,7 +97,7 @@ class Fit:
 
 
 def taken_over(terms: tuple[Term, ...], unknowns: tuple[Unknown, ...], start: Fit | None) -> Member:
-    """A hypothesis where another one ended, as far as they share unknowns, and else at zero; within the bounds."""
+    """A start for one hypothesis: the values of another fit for shared unknowns, zero for the rest, within bounds."""
     known = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
     return Member(terms, unknowns, np.clip([known.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
 
@@ -108,7 +108,7 @@ def sizes_of(fit: Fit, term: Term) -> list[float]:
 
 
 def begun(member: Member, term: Term) -> list[Member]:
-    """Points from which a search of one of a member's terms may begin: where it is, and the term's own starts."""
+    """Start points of a search for one term of a member: the present point, and the starts of the term."""
     at = [i for i, u in enumerate(member.unknowns) if u in term.unknowns]
     trials = [member]
     for values in term.starts:
@@ -119,7 +119,7 @@ def begun(member: Member, term: Term) -> list[Member]:
 
 
 def projected(J: Array, prior: Array, columns: Array) -> Array:
-    """What of whitened columns (n, q) a refit of the unknowns J : (n, p) under their priors cannot absorb."""
+    """The part of whitened columns (n, q) that a refit of the unknowns J : (n, p) with their priors cannot absorb."""
     tall = np.concatenate([J, np.diag(np.sqrt(prior))])
     q = np.linalg.qr(tall)[0]
     padded = np.concatenate([columns, np.zeros((len(prior), columns.shape[1]))])
@@ -127,12 +127,13 @@ def projected(J: Array, prior: Array, columns: Array) -> Array:
 
 
 def misfit(fit: Fit, dof_of_noise: float) -> float:
-    """How far the residual is from noise, as the standard normal deviate that is as improbable.
+    """The significance of the residual, as a standard normal deviate of equal probability.
 
-    Missing physics sits at low harmonics, so that the sum over all of them would drown it: for every channel, and for
-    all together, Σ z² - 1 over harmonics up to k for each k (an adaptive Neyman test, Fan 1996), each over its standard
-    deviation. The noise itself is known from ``dof_of_noise`` degrees of freedom only, which widens that. Of noise, the
-    largest T of so many has P(T > t) = 1 - exp(-n (1 - Φ(t))), with n of them as good as independent.
+    Missing physics mainly affects low harmonics, so a sum over all harmonics would hide it. For every channel, and for
+    all together, the test takes Σ z² - 1 over harmonics up to k, for each k (an adaptive Neyman test, Fan 1996), each
+    divided by its standard deviation, which includes that of the noise estimate with ``dof_of_noise`` degrees of
+    freedom. For pure noise the largest value T has P(T > t) = 1 - exp(-n (1 - Φ(t))), with n effectively independent
+    values.
     """
     worst = -np.inf
     signals = np.unique(fit.signal)

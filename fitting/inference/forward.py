@@ -1,6 +1,6 @@
-"""What a forward model is: a record and the model that it is compared with, on the bench or in a network.
+"""The protocol of a forward model: a record with the model for comparison, on the bench or in a network.
 
-Hypotheses are simulated with an explicit state: ``runs`` is what was simulated before, to start from and to count on.
+Hypotheses are simulated with an explicit state: ``runs`` counts the simulations and sets their deadline.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Drive:
     """How a wave drives an FMU.
 
     variable : the input. first : the sample at which a run from rest begins. values : start values. imposed : the
-    channel that the wave itself is, if any. beats : that are run; None: until they repeat.
+    channel that equals the wave, if any. beats : number of beats; None: until they repeat.
     """
 
     variable: str
@@ -43,11 +43,11 @@ class Drive:
 
 
 class Forward(Protocol):
-    """A record and the model that it is compared with.
+    """A record with the model for comparison.
 
-    kind : "bench" or "network", as reports say it. site : the only artery that is compared, if it is one. signals :
-    the channels, and K : the highest harmonic that are compared. What has a body here is right where the model is exact
-    and has one weighting, or is that of the first of several recordings.
+    kind : "bench" or "network", the word of reports. site : the artery of a bench. signals : the compared channels; K :
+    their highest harmonic. The methods with a body here are the defaults of an exact model with one weighting; for
+    several recordings they belong to the first one.
     """
 
     network: Network
@@ -57,7 +57,7 @@ class Forward(Protocol):
 
     @property
     def kind(self) -> str:
-        """What it is."""
+        """The kind of model."""
         return self.first.kind
 
     @property
@@ -67,19 +67,19 @@ class Forward(Protocol):
 
     @property
     def dof_of_noise(self) -> float:
-        """Degrees of freedom that the noise is known from."""
+        """Degrees of freedom of the noise estimate."""
 
     @property
     def highest(self) -> float:
-        """Half the sampling rate [Hz]: no sensor is named by a frequency above it."""
+        """Half the sampling rate [Hz]: no sensor fault with a higher frequency is named."""
 
     def shows(self, fit: Fit) -> bool:
-        """Whether the record can show a hypothesis: the frequencies that its sensors are named by."""
+        """True if the record resolves the frequencies of the sensor faults of a hypothesis."""
         return frequency(fit) <= self.highest
 
     @property
     def rules(self) -> Rules:
-        """Of its searches."""
+        """The rules of its searches."""
         return self.first.rules
 
     @property
@@ -100,26 +100,26 @@ class Forward(Protocol):
         columns: Mapping[str, Array] | None = None,
         known: float = math.inf,
     ) -> list[Fit | None]:
-        """The most probable unknowns of every hypothesis; those that stay far above a ``known`` cost need not be."""
+        """The most probable unknowns of every hypothesis; searches far above a ``known`` cost may end early."""
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        """Every fit searched on from where it is, with fresh derivatives, fit for intervals."""
+        """Continue every fit from its point with fresh derivatives, to the precision that intervals need."""
         return list(fits)
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        """Every fit searched on from where it is, with the derivatives that it has; what may have one value is held."""
+        """Continue every fit from its point with its stored Jacobian; parameters with equal bounds stay fixed."""
 
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> Forward:
-        """The same record weighted and simulated as a fit needs it."""
+        """The same problem with the weights and the mesh that a fit requires."""
         return self
 
     def restated(self, fits: Sequence[Fit], before: Any) -> list[Fit]:
-        """Fits under the weights of another model of this record, where they are, under these."""
+        """Fits with the weights of another model of this record, at the same points, with the present weights."""
         return list(fits)
 
     @property
     def weights(self) -> Any:
-        """What :meth:`restored` makes a problem of this record of, weighted as this one is: plain data."""
+        """The present weights as plain data, the argument of :meth:`restored`."""
         return ()
 
     def restored(self, weights: Any) -> Forward:
@@ -130,61 +130,62 @@ class Forward(Protocol):
         """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
 
     def rewhitened(self, columns: Mapping[str, Array], before: Any) -> Mapping[str, Array]:
-        """Columns that were whitened for another model of this record, for this one."""
+        """Columns whitened for another model of this record, whitened for this one."""
         return columns
 
     @property
     def deviations(self) -> tuple[Unknown, ...]:
-        """What every artery and outlet has of its own; nothing where all have it in common."""
+        """The individual deviations of arteries and outlets; none for common walls."""
         return ()
 
     def individual(self) -> Forward:
-        """The same with deviations of every artery and outlet; itself where there is but one."""
+        """The same problem with individual deviations of arteries and outlets; itself for a single artery."""
         return self
 
     # --- errors of the model --------------------------------------------------------------------------------------
 
     def widened(self, errors: Array) -> Forward:
-        """The same record with ``errors`` of the model (:class:`~fitting.inference.model_discrepancy.Beside`) allowed
-        for."""
+        """The same problem with model ``errors`` (:class:`~fitting.inference.model_discrepancy.Beside`) in the
+        covariance."""
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
-        """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""
+        """A term that acts everywhere, with a separate size for every segment; None if it has no such form."""
         return None
 
     def held_out(self, beats: Beats, fitted: Beats) -> Forward:
-        """Other beats of the same record, with the noise that the fitted ones showed."""
+        """Other beats of the same record, with the noise of the fitted beats."""
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
-        """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
+        """χ² of this record with the parameters of fits to another record, and the number of data; NaN if a simulation
+        fails."""
 
     def without_each(self, fit: Fit) -> list[Rest]:
-        """The linear problem of a fit without one part of the data, each in turn: a site, or on a bench a harmonic."""
+        """The linear problems of a fit, each without one part of the data: a site, or on a bench a harmonic."""
 
     def left_out(self, fit: Fit) -> dict[str, float]:
-        """Whitened RMS of each site, predicted from the others; of none where there are no others."""
+        """Whitened RMS of each site, predicted from the other sites; empty for a single site."""
         return {}
 
     # --- the FMU that stands for the model ----------------------------------------------------------------------------
 
     def part(self, network: Network) -> Network:
-        """What of a network the FMU holds: all of it (the same object), or the artery on the bench."""
+        """The part of a network in the FMU: all of it (the same object), or the artery on the bench."""
         return network
 
     def measured_wave(self, beats: Beats) -> Array:
-        """(N,) what drives the FMU, as it was measured."""
+        """(N,) the measured drive of the FMU."""
         return self.first.measured_wave(beats)
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
-        """(N,) what drives the FMU, as the whole record says that it most probably was under a hypothesis."""
+        """(N,) the most probable drive of the FMU under a hypothesis, given the whole record."""
 
     def answer(self, wave: Array, fit: Fit) -> Array | None:
-        """(K+1, m) what inference holds that the sensors of a hypothesis show under a wave that drives it, to compare
-        with the FMU's; None where a wave drives nothing there, or the simulation breaks down."""
+        """(K+1, m) sensor outputs of a hypothesis under a drive, simulated as in the inference, to compare with the
+        FMU's; None if the model has no such drive or the simulation fails."""
         return None
 
     def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
-        """(K+1, m) coefficients of the mean of some beats, as a beat that repeats has them."""
+        """(K+1, m) coefficients of the mean of some beats, corrected to a periodic beat."""
         return mean_beat(beats, self.signals, K)
 
     def driven(self, wave: Array) -> Drive:
@@ -193,9 +194,9 @@ class Forward(Protocol):
 
     @property
     def noise(self) -> Array:
-        """(K+1, m) variance of the mean beats by the sensors alone, which gaps are counted in."""
+        """(K+1, m) variance of the mean beats from sensor noise alone, the unit of gaps."""
         return self.first.noise
 
     def covariance(self, beats: Beats) -> Array:
-        """(n, m, m) of what a free run leaves of the signals at harmonic 0 … n - 1, by all that is noise."""
+        """(n, m, m) covariance of the residual of a free run at harmonics 0 … n - 1, from all sources of noise."""
         return self.first.covariance(beats)

@@ -5,11 +5,11 @@ A search minimises, over unknowns x within their bounds,
     C(x) = |z(x)|² + Σ ρ(x_i) + log V(x),    ρ : the priors (:func:`fitting.inference.unknown.penalty`)
 
 by steps s with (JᵀJ + W + λ diag JᵀJ) s = -(Jᵀz + W x), where W is the precision of the priors at x. An unknown that
-would leave its range stops at its end, and no step is longer than the reach, which shrinks where the cost rises, and
-where there is no z. Where the cost rises again, λ grows, too (D. W. Marquardt, J. SIAM 11 (1963) 431). The search ends
-where the linear problem promises less than a gain of g². If C is quadratic, each unknown is then within g of its
-standard deviation from the minimum, as s_i² ≤ (A⁻¹)_ii sᵀA s with A = JᵀJ + W. J is found anew at every
-point, or kept up to date from the residuals (C. G. Broyden, Math. Comput. 19 (1965) 577) and found anew now and then.
+would leave its range stops at its bound. No step exceeds the reach, which shrinks if the cost rises or if z is
+undefined. If the cost rises again, λ increases as well (D. W. Marquardt, J. SIAM 11 (1963) 431). The search ends if the
+linear problem predicts a gain of less than g². If C is quadratic, each unknown is then within g of its
+standard deviation from the minimum, as s_i² ≤ (A⁻¹)_ii sᵀA s with A = JᵀJ + W. J is computed at
+every point, or updated from the residuals (C. G. Broyden, Math. Comput. 19 (1965) 577) and recomputed at intervals.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ _BROKEN, _VAIN = 0.5, 0.3
 _DAMPED, _MOST_DAMPING = 0.05, 1e6  # λ where the cost rises again, and λ that leaves no step
 _ALL_FRESH = 2  # times that derivatives are found anew without those of every artery's own: many that change little
 _FEW = 100  # derivatives, which are all found anew at once
-_ABSURD = 1e6  # times the root of the cost: a residual as good as broken down, which says nothing of slopes
-_STEEPEST = 1e100  # slope of a residual: a steeper one has broken down beside the point, and its square overflows
+_ABSURD = 1e6  # times the root of the cost: a residual as good as broken down, which carries no information on slopes
+_STEEPEST = 1e100  # slope of a residual: a steeper one indicates a failed neighbour, and its square overflows
 
 
 def bounded_step(
     J: Array, z: Array, prior: Array, x: Array, low: Array, high: Array, damping: float = 0.0, tails: float = TAILS
 ) -> Array:
-    """The step (p,) to the minimum of |z + J s|² + Σ w (x + s)², those that would leave their range held there.
+    """The step (p,) to the minimum of |z + J s|² + Σ w (x + s)² within the bounds.
 
     w : the precision of the priors at x. damping : of the columns' squares.
     """
@@ -49,10 +49,10 @@ def bounded_step(
 
 
 def held_step(normal: Array, gradient: Array, x: Array, low: Array, high: Array) -> Array:
-    """The step (p,) with normal s = -gradient, where those that would leave their range stop at its end.
+    """The step (p,) with normal s = -gradient; unknowns that would leave their range stop at its bound.
 
-    One that was held stays held, which costs a few per cent of the gain of scipy.optimize.lsq_linear at worst, and a
-    hundredth of its time. One that may have one value only does not move.
+    An unknown at its bound stays there, which loses at most a few per cent of the gain of scipy.optimize.lsq_linear and
+    takes a hundredth of its time. Unknowns with equal bounds stay fixed.
     """
     free, step = low < high, np.zeros(len(x))
     for _ in range(int(free.sum())):
@@ -72,7 +72,7 @@ def linear_step(fit: Fit, J: Array, z: Array) -> Array:
 
 
 def promised(z: Array, start: Fit | None) -> float:
-    """χ² of a residual (n,), or what it promises to be where the unknowns of ``start`` follow."""
+    """χ² of a residual (n,), or its prediction by the linear problem if the unknowns of ``start`` are refitted."""
     if start is not None and len(start.x):
         z = z + start.J @ linear_step(start, start.J, z)
     return float(z @ z)
@@ -80,16 +80,16 @@ def promised(z: Array, start: Fit | None) -> float:
 
 @dataclass(frozen=True)
 class Rules:
-    """What differs between kinds of search.
+    """The settings of a kind of search.
 
-    gain : of the cost, for each unit of cost per datum, that is worth no further step. tails : of the priors, as in
-    :func:`fitting.inference.unknown.penalty`. rounds : evaluations of a search at most. fresh : of them after which
-    derivatives are found anew, kept up to date between; 0 where every evaluation brings its own. error : of a column
-    of J, relative, which λ is at least the square of: a step along what errors make up would be a leap in the dark.
-    latent : a point has hidden unknowns, which move beside x with every step; the search ends where a step gained too
-    little, not where one promises it, and lets them settle once where a step was in vain. hopeless : by how much a
-    search may promise to stay above the best of its batch and still go on. afar : it begins where derivatives say
-    little of where it will end: it may promise anything until it has moved so far that all of them are found anew.
+    gain : predicted gain of the cost, per unit of cost per datum, at which a search ends. tails : of the priors, as in
+    :func:`fitting.inference.unknown.penalty`. rounds : maximum number of evaluations. fresh : number of evaluations
+    after which derivatives are recomputed, with Broyden updates between; 0 if every evaluation computes them. error :
+    relative error of a column of J; λ is at least its square, which damps directions that J does not determine.
+    latent : a point has hidden unknowns, which change with every step; the search then ends after a step with too
+    small a gain, and relaxes them once after a step without gain. hopeless : a search continues only if its predicted
+    cost is at most this far above the best of its batch. afar : the search starts far from its minimum, so that its
+    prediction counts only after all derivatives were recomputed.
     """
 
     gain: float
@@ -102,15 +102,15 @@ class Rules:
     afar: bool = False
 
     def goes_on(self, promise: float, best: float, turn: int) -> bool:
-        """Whether a search that promises a cost is worth another evaluation beside the best of its batch."""
+        """True if a search with this predicted cost deserves another evaluation, given the best of its batch."""
         return (self.afar and turn < _ALL_FRESH * self.fresh) or promise < best + self.hopeless
 
 
 @dataclass(frozen=True)
 class Point:
-    """The linear problem at some x. z : (n,) whitened residual, J : (n, q) its derivatives by the unknowns asked for.
+    """The linear problem at some x. z : (n,) whitened residual, J : (n, q) its derivatives by the requested unknowns.
 
-    log_volume : log det of the covariance that whitened z, where it depends on x. memory : of who evaluates.
+    log_volume : log det of the covariance of z, if it depends on x. memory : data of the caller.
     """
 
     z: Array
@@ -121,8 +121,8 @@ class Point:
 
 @dataclass(frozen=True)
 class Trial:
-    """Where a search asks. by : (q,) unknowns whose derivatives it needs. before : the point that it steps from by
-    ``step`` : (p,), if any."""
+    """A point to evaluate. by : (q,) unknowns whose derivatives are needed. before : the previous point, from which
+    ``step`` : (p,) leads here, if any."""
 
     member: Member
     by: Array
@@ -134,10 +134,10 @@ Evaluate = Callable[[Sequence[Trial]], list[Point | None]]  # None where a trial
 
 
 class Search:
-    """One search: where it is, the linear problem there, and the step that it takes next.
+    """One search: its point, the linear problem there, and the next step.
 
-    known : whitened derivatives (n,) by name of the unknown, which need not be found where it begins.
-    history : the cost at every point that it kept. failed : no residual where it began. converged : ended at a minimum.
+    known : whitened derivatives (n,) by name of the unknown, known at the start.
+    history : the cost at every accepted point. failed : no residual at the start. converged : ended at a minimum.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class Search:
 
     @property
     def x(self) -> Array:
-        """(p,) where it is."""
+        """(p,) the present point."""
         return self.member.x
 
     def settle(self, x: Array, here: Point) -> None:
@@ -166,13 +166,13 @@ class Search:
         self.history.append(self.cost)
 
     def fit(self, order: Array, signal: Array) -> Fit:
-        """Where it is, as a fit. order, signal : (n,) harmonic and channel of every entry of z."""
+        """The present point as a fit. order, signal : (n,) harmonic and channel of every entry of z."""
         assert self.here is not None
         m, here = self.member, self.here
         return Fit(m.terms, m.unknowns, m.x, here.z, here.J, order, signal, self.converged, here.log_volume)
 
     def asked(self, everything: bool) -> Array:
-        """(q,) the unknowns whose derivatives are to be found where it is."""
+        """(q,) the unknowns whose derivatives are needed at the present point."""
         new = [everything or not u.group if self.here else u.name not in self.known for u in self.member.unknowns]
         return np.flatnonzero(new)
 
@@ -188,11 +188,11 @@ class Search:
         return not self.ended
 
     def promised(self) -> float:
-        """The cost that the linear problem promises after one step."""
+        """The predicted cost after one step, by the linear problem."""
         return self.cost - self._promised(0.0, LARGEST)[1]
 
     def _promised(self, damping: float, reach: float) -> tuple[Array, float]:
-        """The step (p,), and what the linear problem gains by it."""
+        """The step (p,) and its gain in the linear problem."""
         assert self.here is not None
         z, J, s, x = self.here.z, self.here.J, self.size, self.x
         damping = max(damping, self.rules.error**2)
@@ -210,7 +210,7 @@ class Search:
         return self.rules.gain * max(1.0, (self.cost - self.here.log_volume) / len(self.here.z))
 
     def answer(self, found: Point | None) -> None:
-        """Take what the trial found: the step, or a shorter one next."""
+        """Use the result of the trial: accept the step, or propose a shorter one."""
         assert self.here is not None
         if self.settling:
             self.settling, self.settled = False, True
@@ -223,7 +223,7 @@ class Search:
             return
         x = self.x + self.step
         gained, enough = self.cost - self._cost(found, x), self._enough
-        if self.rules.fresh:  # Broyden: the Jacobian that would have foretold the residual
+        if self.rules.fresh:  # Broyden: the Jacobian that would have predicted the residual
             missed = found.z - self.here.z - self.here.J @ self.step
             J = self.here.J + np.outer(missed, self.step) / float(self.step @ self.step)
             found, self.here = replace(found, J=J), replace(self.here, J=J)
@@ -243,9 +243,9 @@ class Search:
 
 
 def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf) -> None:
-    """Steps of all searches, one batch after the other, until none has any worth its evaluation.
+    """Advance all searches, batch by batch, until none has a step worth its evaluation.
 
-    known : the cost of a hypothesis found before; a search that promises to stay far above it ends.
+    known : the cost of an earlier hypothesis; a search with a much larger predicted cost ends.
     """
     derive(evaluate, [s for s in searches if s.here is None])
     for turn in range(max((s.rules.rounds for s in searches), default=0)):
@@ -266,9 +266,9 @@ def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf
 
 
 def derive(evaluate: Evaluate, searches: Sequence[Search], everything: bool = True) -> None:
-    """Residuals and derivatives of searches where they are; where a search begins, those that it does not know.
+    """Residuals and derivatives of searches at their points; at the start only the unknown derivatives.
 
-    everything : else columns of what every artery has of its own, once found, are kept up to date.
+    everything : recompute all columns; else the columns of individual deviations are updated, not recomputed.
     """
     by = [s.asked(everything) for s in searches]
     trials = [Trial(s.member, i, s.here, np.zeros(len(s.x))) for s, i in zip(searches, by, strict=True)]

@@ -1,16 +1,15 @@
-"""The evidence of a hypothesis, by Laplace's approximation, and the widths of priors that the record itself tells.
+"""The evidence of a hypothesis, by Laplace's approximation, and the widths of priors estimated from the record.
 
     -2 ln p(data | hypothesis) = |z|² + ln det C - 2 ln(priors) + ln det(JᵀJ + Λ) - p ln 2π   at the maximum,
 
-with the whitened residual z, its Jacobian J and the curvature Λ of the priors. What is refitted has a prior about 0.
-The size x of an effect, in typical ones, has one that favours no decade: from hardly visible to some typical, sizes are
-equally likely on a logarithmic scale, and from X = 10 on ever less so, as 1/(x (1 + (x/X)²)); it is integrated over its
-range alone. Every unknown so pays for what the data made of its prior; BIC is the limit of many data.
+with the whitened residual z, its Jacobian J and the curvature Λ of the priors. Nuisances have a prior about 0.
+The size x of an effect, in units of its typical size, has a prior that favours no decade: it is uniform on a
+logarithmic scale, and decreases beyond X = 10, as 1/(x (1 + (x/X)²)); the evidence integrates over the allowed range
+only. So every unknown is penalised by the ratio of posterior to prior width; BIC is the limit of many data.
 
 Unknowns of a group share the width of their Gaussian priors: the one that makes the record most probable (empirical
-Bayes), or 0, which means that there are no deviations. D. J. C. MacKay, Neural Computation 4 (1992) 415. A number that
-stands out from its kind has a width of its own, far beyond the stated spread: without it one outlier would hide in the
-width of its group.
+Bayes), or 0, which means that there are no deviations. D. J. C. MacKay, Neural Computation 4 (1992) 415. An outlier
+has its own width, far beyond the stated spread; otherwise it would widen its whole group.
 """
 
 from __future__ import annotations
@@ -29,33 +28,33 @@ Array = np.ndarray
 
 DECADES = 3.0  # over which the sizes of an effect are spread
 LARGE = 10.0  # X, typical sizes of an effect, from which ever fewer are expected: judgement
-WIDTHS = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0, 1.4, 2.0)  # that a group may have, in its stated spreads
-APART = (2.0, 4.0, 8.0, 16.0, 32.0)  # that a number may have which stands out from its group, equally likely
+WIDTHS = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0, 1.4, 2.0)  # possible widths of a group, in its stated spreads
+APART = (2.0, 4.0, 8.0, 16.0, 32.0)  # possible widths of an outlier, equally likely
 DOUBT = 1.0  # standard deviation of the logarithm of a width about the stated spread
 COMMON = 0.5  # probability beforehand that a group has no deviations
 _SWEEPS = 3
-_FREE = 1e-9  # precision that stands for none
+_FREE = 1e-9  # precision of a flat prior
 LOG_RANGE = DECADES * math.log(10.0)
 
 
 @dataclass(frozen=True)
 class Widths:
-    """Of every group, in its stated spreads. score : -2 ln evidence there."""
+    """The width of every group, in its stated spreads. score : -2 ln evidence with these widths."""
 
     of: Mapping[str, float]
     score: float
 
 
 class Linear:
-    """Unknowns p about a point as a linear problem: what widths do to its evidence, in a fraction of a millisecond.
+    """The linear problem of p unknowns about a point, with the evidence as a function of the widths (fast).
 
     normal : (p+1, p+1) [J y]ᵀ [J y] of the whitened residual y + J x. x : (p,) the point. log_volume : ln det C.
 
-    Of the q unknowns that are not held at an end of their range:
-    gram : (q, q) JᵀJ. right : (q,) Jᵀy. free : (q,) which are sizes of effects. groups : (q,) names, "" where there is
-    none. signs : (q,) 2 of a size that may be negative, else 1. sd : (q,) of the priors of what has no group.
-    held : -2 ln of the priors of the others, where they are held. rest : what widths do not change, with yᵀy, ln det C
-    and ``held``.
+    Of the q unknowns inside their ranges (the others are fixed at a bound):
+    gram : (q, q) JᵀJ. right : (q,) Jᵀy. free : (q,) True for sizes of effects. groups : (q,) names, "" without a
+    group. signs : (q,) 2 for a size that may be negative, else 1. sd : (q,) of the priors of unknowns without a group.
+    held : -2 ln of the priors of the fixed unknowns. rest : the part independent of the widths, with yᵀy, ln det C and
+    ``held``.
     """
 
     def __init__(self, normal: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0) -> None:
@@ -67,7 +66,7 @@ class Linear:
         self.held = sum(
             _price(u, x[i], sd[i], downhill[i]) if u.of_size else penalty(prior[[i]], x[[i]]) for u, i in still
         )
-        # y goes on from where the others are held
+        # the fixed unknowns contribute to y
         gone = np.concatenate([np.where(moves, 0.0, x), [1.0]])
         self.gram, self.right = normal[:-1, :-1][np.ix_(moves, moves)], (normal @ gone)[:-1][moves]
         rest, x, prior = float(gone @ normal @ gone), x[moves], prior[moves]
@@ -81,13 +80,13 @@ class Linear:
         local = precision(prior, x)
         plain = ~self.free & ~grouped
         self.sd = np.where(self.free, 1.0, np.sqrt(1.0 / local))
-        # the tails of the priors of what all have in common, to second order about x
+        # the tails of the priors of common nuisances, to second order about x
         self.rest = rest + log_volume + penalty(prior[plain], x[plain]) - float(local[plain] @ x[plain] ** 2)
         self.rest += float(np.log(local[plain]).sum() - np.log(prior[plain]).sum()) + self.held
 
     @classmethod
     def of(cls, fit: Fit) -> Linear:
-        """Of a fit, about where it is."""
+        """The linear problem of a fit, about its point."""
         return cls.of_columns(fit.z, fit.J, fit.x, fit.unknowns, fit.log_volume)
 
     @classmethod
@@ -105,7 +104,7 @@ class Linear:
         return np.array([widths.get(g, s) if g else s for g, s in zip(self.groups, self.sd, strict=True)])
 
     def _of_widths(self, found: Mapping[str, float], group: str) -> Array:
-        """-2 ln evidence of every width that a group may have, the others as found."""
+        """-2 ln evidence for every possible width of a group, with the other widths fixed."""
         widths, prior = _CHOICES[group in self.apart]
         w = np.tile(self._sds(found), (len(widths), 1))
         w[:, [g == group for g in self.groups]] = widths[:, None]
@@ -131,7 +130,7 @@ class Linear:
         return np.asarray(value + sizes - len(ends) * math.log(2.0 * math.pi))
 
     def inferred(self) -> Widths:
-        """The most probable widths, one group after the other, a few times."""
+        """The most probable widths, by a few sweeps over the groups."""
         found = {g: APART[-1] if g in self.apart else 1.0 for g in dict.fromkeys(self.groups) if g}
         best = math.inf
         for _ in range(_SWEEPS):
@@ -145,8 +144,8 @@ class Linear:
         return Widths(found, self.at(found) + sum(beforehand(w, g in self.apart) for g, w in found.items()))
 
     def spreads(self) -> dict[str, float]:
-        """Of every group the root of the mean square of its width, over all that it may be, the others as inferred."""
-        found, many = self.inferred().of, np.zeros(len(WIDTHS))  # WIDTHS stand for all that a group may have
+        """Per group the root mean square of its width over its posterior, with the other widths fixed."""
+        found, many = self.inferred().of, np.zeros(len(WIDTHS))  # WIDTHS represent the continuous range of a width
         many[1:] = 2.0 * math.log(np.exp(-0.5 * _CHOICES[False][1][1:]).sum() / (1.0 - COMMON))
         spread = {}
         for group in found:
@@ -158,15 +157,15 @@ class Linear:
 
 
 def _held(downhill: Array, x: Array, unknowns: Sequence[Unknown]) -> Array:
-    """(p,) which unknowns stand at an end of their range that the data would have them leave."""
+    """(p,) True for unknowns at a bound whose gradient points out of the range."""
     low, high = bounds(unknowns)
     return np.asarray(((x <= low) & (downhill < 0.0)) | ((x >= high) & (downhill > 0.0)))
 
 
 def _free_sds(normal: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:
-    """(p,) standard deviations of unknowns at x beside all others, if none had a range.
+    """(p,) marginal standard deviations of the unknowns at x, without their ranges.
 
-    Raises LinAlgError where sources took up all but round-off of one, which may be below 0.
+    Raises LinAlgError if sources absorb an unknown to round-off, which may give a negative variance.
     """
     local = np.where([u.of_size for u in unknowns], _FREE, precision(prior, x))
     A = normal[:-1, :-1] + np.diag(local)
@@ -182,16 +181,16 @@ def _signs(unknown: Unknown) -> float:
 
 
 def _share(x: Array, sd: Array, low: Array, high: Array) -> Array:
-    """The part of a Gaussian that lies in a range : (…, n); its maximum is in it, or at an end."""
+    """The fraction of a Gaussian that lies in a range : (…, n); its maximum is in it, or at an end."""
     x = np.clip(x, low, high)
     return np.asarray(ndtr((high - x) / sd) - ndtr((low - x) / sd))
 
 
 def _price(unknown: Unknown, x: float, sd: float, downhill: float) -> float:
-    """-2 ln ∫ exp(-g u - u²/2 sd²) du/(signs max(|x|, sd) (1 + (x/X)²) ln range) over u >= 0 of a size held at its end.
+    """-2 ln ∫ exp(-g u - u²/2 sd²) du/(signs max(|x|, sd) (1 + (x/X)²) ln range) over u >= 0 for a size at its bound.
 
-    u : into the range. sd : that it would have without the end. downhill : ±g, by which -ln p falls beyond the end.
-    What may have one value only pays as if it were as large as its own standard deviation, in no range.
+    u : distance into the range. sd : without the bound. downhill : ±g, the slope of -ln p beyond the bound.
+    A parameter with equal bounds pays as if its size equalled its standard deviation, without a range.
     """
     if unknown.low == unknown.high:
         return 2.0 * math.log(_signs(unknown) * LOG_RANGE / math.sqrt(2.0 * math.pi))
@@ -202,7 +201,7 @@ def _price(unknown: Unknown, x: float, sd: float, downhill: float) -> float:
 def beforehand(width: float, apart: bool = False) -> float:
     """-2 ln of the prior of a width: 0 for a group without deviations, else log-normal about the stated spread.
 
-    apart : of a number that stands out.
+    apart : for an outlier.
     """
     if apart:
         return 2.0 * math.log(len(APART))
@@ -211,7 +210,7 @@ def beforehand(width: float, apart: bool = False) -> float:
     return (math.log(width) / DOUBT) ** 2 - 2.0 * math.log(1.0 - COMMON)
 
 
-# (n,) the widths that a group may have, and -2 ln of their priors; of a number that stands out: True
+# (n,) possible widths and -2 ln of their priors; key True: for an outlier
 _CHOICES = {
     apart: (np.array(widths), np.array([beforehand(w, apart) for w in widths]))
     for apart, widths in ((False, WIDTHS), (True, APART))
@@ -219,7 +218,7 @@ _CHOICES = {
 
 
 def with_widths(fit: Fit) -> Fit:
-    """A fit whose covariance goes by the widths of its groups, averaged as the record tells; it is linear in w²."""
+    """A fit with the widths of its groups, averaged over their posterior, in its covariance, which is linear in w²."""
     return replace(fit, widths=Linear.of(fit).spreads())
 
 

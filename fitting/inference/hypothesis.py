@@ -1,7 +1,7 @@
-"""Hypotheses: which effect acts where, with its unknowns and their typical sizes.
+"""Hypotheses: effects at places, with their unknowns and typical sizes.
 
-Every unknown is one number x, 0 where the effect is absent. |x| = 1 is an effect of typical size, and for a nuisance
-one standard deviation of its prior. The facts are those that effects and quantities state of themselves
+Every unknown is one number x, 0 if the effect is absent. |x| = 1 is an effect of typical size, and for a nuisance
+one standard deviation of its prior. Effects and quantities define these facts
 (:class:`solver.laws.effect.Effect`, :class:`solver.quantities.quantity.Quantity`).
 """
 
@@ -21,22 +21,22 @@ from solver.quantities.quantity import Quantity
 
 from .unknown import Unknown, with_prior
 
-PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
+PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes; it only regularises the search
 HOW_WIDTH = 2.0  # of how it acts, in typical steps
-WHERE_WIDTH = 4.0  # of where along a segment, in typical steps: as good as anywhere, a tenth of it or all of it
+WHERE_WIDTH = 4.0  # of a position or length along a segment, in typical steps: nearly flat
 EVERY = "every segment"
 OWN = "of its own"
-_WIDEST = 2.0  # of a nuisance's logarithm: an artery of seven times the modulus is not that animal's
-_WIDEST_ALONE = 5.0  # the same on a bench, where a search may pass through what costs a network minutes
-_SPREAD = 0.2  # between arteries, of what is missing in all of them, where its quantity states none
-_LONGER = 3.0  # times the usual length, from which a part is looked for, too: it is no short one moved a little
-_MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
+_WIDEST = 2.0  # range of a nuisance's logarithm: seven times the modulus is not the same animal's
+_WIDEST_ALONE = 5.0  # the same on a bench, where a search may pass through values that cost a network minutes
+_SPREAD = 0.2  # between arteries, of an effect in all of them whose quantity states no spread
+_LONGER = 3.0  # times the usual length: a start for long parts, beside that for short ones
+_MARGIN = 1e-3  # distance of a shifted nuisance from its bounds
 
 
 @dataclass(frozen=True)
 class Term:
-    """An effect at a place; that of a channel effect is its channel. starts : points from which its search may begin,
-    beside zero, where it has more than one valley."""
+    """An effect at a place; the place of a channel effect is its channel. starts : start points of its search beside
+    zero, for an effect with several minima."""
 
     effect: str
     place: str
@@ -54,27 +54,27 @@ class Term:
 
     @property
     def rewires(self) -> bool:
-        """Whether the network itself becomes another one: its outlet has another condition."""
+        """True if it replaces the outlet condition, and so changes the network."""
         return effect_of(self).rewires
 
     @property
     def remembers(self) -> bool:
-        """Whether it adds states to the solution."""
+        """True if it adds states to the solution."""
         return effect_of(self).remembers
 
     @property
     def moves_along(self) -> bool:
-        """Whether it may lie elsewhere along its segment."""
+        """True if its position along its segment may vary."""
         return any(u.name.rpartition(".")[2] in effect_of(self).along for u in self.unknowns)
 
     @property
     def cuts(self) -> bool:
-        """Whether the network's mesh becomes another one."""
+        """True if it changes the mesh of the network."""
         return bool(effect_of(self).cuts) or self.moves_along
 
 
 def effect_of(term: Term) -> Effect:
-    """The effect of a term. Raises ValueError where the catalogue has it no more."""
+    """The effect of a term. Raises ValueError if it is no longer in the catalogue."""
     found = next((effect for effect in effects.ALL if effect.name == term.effect), None)
     if found is None:
         raise InputError(f"{term.effect}: no effect of the catalogue.")
@@ -82,7 +82,7 @@ def effect_of(term: Term) -> Effect:
 
 
 def joins(term: Term, others: Sequence[Term]) -> bool:
-    """Whether a term can act beside others: not on the numbers of an outlet that another one replaces."""
+    """True if a term can act beside others: it must not change an outlet that another term replaces."""
     gone = tuple(f"{other.place}.outlet." for other in others if other.rewires)
     return not any(variable.startswith(gone) for u in term.unknowns for variable in u.variables)
 
@@ -91,13 +91,13 @@ def joins(term: Term, others: Sequence[Term]) -> bool:
 
 
 def term_at(network: Network, effect: Effect, place: str, bench: bool = False) -> Term | None:
-    """An effect at a place; None where the network leaves it nothing to act on. bench : P and R of one wall alone."""
+    """An effect at a place; None if it has no owner to act on there. bench : only P and R of one wall."""
     unknowns = tuple(searched(effect, c) for c in effect.coordinates(network, place, bench))
     return Term(effect.name, place, (place,), unknowns, effect.search.starts) if unknowns else None
 
 
 def searched(effect: Effect, coordinate: Coordinate) -> Unknown:
-    """A size, which may be anything; or how and where an effect acts, known beforehand to a few typical steps."""
+    """An unknown with its prior: flat for a size, a few typical steps wide for the shape and position of an effect."""
     key = coordinate.name.rpartition(".")[2]
     if key in effect.along:
         return with_prior(coordinate, WHERE_WIDTH)
@@ -125,13 +125,13 @@ def sensor_terms(network: Network, channel: str, bench: bool = False) -> tuple[T
 
 
 def followers(network: Network, site: str | None, present: Sequence[Term]) -> tuple[Term, ...]:
-    """What can act only now that ``network`` has what it needs: terms whose place had nothing to act on before."""
+    """Terms that ``network`` enables: they had no owner to act on before."""
     known = {term.label for term in present}
     return tuple(t for t in candidates(network, (), site) if t.label not in known and effect_of(t).needs is not None)
 
 
 def refined(network: Network, term: Term, x: Sequence[float]) -> Term | None:
-    """An effect of walls everywhere with sizes of its own for every segment, from the common sizes x; else None."""
+    """An effect of all walls with a separate size for every segment, from the common sizes x; else None."""
     effect = effect_of(term)
     if term.place != ALL_PLACES or effect.owner != "segment":
         return None
@@ -142,7 +142,7 @@ def refined(network: Network, term: Term, x: Sequence[float]) -> Term | None:
 
 
 def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | None:
-    """An effect of walls everywhere whose size differs between segments by a part of what they have in common, x."""
+    """An effect of all walls whose size varies between segments by a fraction of the common size x."""
     effect = effect_of(term)
     if term.place != ALL_PLACES or effect.owner != "segment" or not all(x) or len(term.unknowns[0].moves) < 2:
         return None
@@ -150,7 +150,7 @@ def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | Non
     for unknown, size in zip(term.unknowns, x, strict=True):
         for variable, step in unknown.moves:
             spread = effect.terms[variable.rpartition(".")[2]].individual or _SPREAD
-            moves, low = ((variable, spread * size * step),), -1.0 / spread  # not of the other sign
+            moves, low = ((variable, spread * size * step),), -1.0 / spread  # same sign as the common size
             each = Unknown(f"{variable} {OWN}", SHIFT, moves, low, -low, unknown.unit, ratio=unknown.ratio)
             own.append(replace(each, group=variable.rpartition(".")[2]))
     unknowns = (*term.unknowns, *own)
@@ -158,10 +158,10 @@ def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | Non
 
 
 def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
-    """An effect of a part of a segment that may lie elsewhere along it, from the sizes x of the usual part; or one that
-    may also have another length, from where it is.
+    """A localised effect with a free position, from the sizes x of the usual part; or, if its position is free, with a
+    free length.
 
-    None where there is no such thing.
+    None for other effects.
     """
     effect = effect_of(term)
     there = {u.name for u in term.unknowns}
@@ -176,7 +176,7 @@ def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
 
 
 def rewired(network: Network, terms: Iterable[Term]) -> Network:
-    """The network with the terms in it, at zero size; a rewiring one at the size where its search begins."""
+    """The network with the terms at zero size; a rewiring term at the start of its search."""
     for term in terms:
         effect = effect_of(term)
         if effect.rewires:
@@ -194,9 +194,9 @@ def rewired(network: Network, terms: Iterable[Term]) -> Network:
 
 
 def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
-    """What is refitted under priors, each by one factor or shift for all that have it; on a bench, that of its wall.
+    """Nuisances: parameters refitted with priors, one factor or shift for all owners; on a bench, those of its wall.
 
-    What is counted relative to a number that is scaled keeps its ratio: that is how the paper compares walls.
+    A parameter defined relative to a scaled one keeps its ratio, as in the paper's comparison of walls.
     """
     found: dict[str, list[tuple[str, Quantity, float]]] = {}
     for prefix, owner in network.owners():
@@ -213,10 +213,10 @@ def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
 
 
 def deviations(network: Network) -> tuple[Unknown, ...]:
-    """What every artery and outlet may have of its own, about what all have in common: one unknown for each number.
+    """Individual deviations of arteries and outlets about the common values: one unknown per parameter.
 
-    x = 1 is the spread that its quantity states; those of one quantity are a group. The thickness h has none: the wall
-    law has it nowhere but as a factor of E and of φ0 (and φNL), which deviate.
+    x = 1 is the spread that the quantity states; deviations of one quantity form a group. The thickness h has none,
+    because the wall law contains it only as a factor of E and of φ0 (and φNL), which deviate.
     """
     found = []
     for prefix, owner in network.owners():
@@ -228,7 +228,7 @@ def deviations(network: Network) -> tuple[Unknown, ...]:
 
 
 def _with_followers(prefix: str, owner: Any, key: str) -> list[tuple[str, Quantity, float]]:
-    """Variable, quantity and value of a number of an owner, and of those that keep their ratio to it."""
+    """Variable, quantity and value of a parameter, and of the parameters that keep their ratio to it."""
     quantities = quantities_of(owner)
     values, q = {other: value_of(owner, other) for other in quantities}, quantities[key]
     same = [other for other, each in quantities.items() if other == key or each.ratio_to == key]
@@ -236,7 +236,7 @@ def _with_followers(prefix: str, owner: Any, key: str) -> list[tuple[str, Quanti
 
 
 def _moved(name: str, moved: Sequence[tuple[str, Quantity, float]], step: float, widest: float = _WIDEST) -> Unknown:
-    """A factor, or a shift where a number may be negative, of prior standard deviation ``step``."""
+    """A factor, or a shift if the parameter may be negative, with prior standard deviation ``step``."""
     q, moves = moved[0][1], tuple((variable, step) for variable, _, _ in moved)
     if q.low >= 0.0:
         return Unknown(name, SCALE, moves, -widest / step, widest / step, "1", step, 1.0)

@@ -1,6 +1,6 @@
-"""How far estimates move when a part of the data is left out: what an error that is alike in many data does to them.
+"""The change of estimates without a part of the data: the effect of errors that are correlated over many data.
 
-And what the rest says of a site that is left out.
+Also the prediction of a site from the others.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ Rest = tuple[Array, Array]  # (J, z) of what stays, whitened by its own covarian
 def jackknife(fit: Fit, without: Sequence[Rest]) -> Array:
     """(p,) standard deviations √((m - 1)/m Σ_g (x_g - x̄)²) of the unknowns, each x_g without one of m parts of data.
 
-    The problem is linear about the fit. An error of the model is seldom independent from harmonic to harmonic, as its
-    covariance takes it to be; then this is larger than what the covariance says.
+    The problem is linear about the fit. The covariance assumes that model errors of harmonics are independent; they
+    seldom are, and then these standard deviations are larger than those of the covariance.
     B. Efron, The Jackknife, the Bootstrap and Other Resampling Plans (SIAM 1982).
     """
     steps = np.array([linear_step(fit, J, z) for J, z in without])
@@ -64,8 +64,8 @@ def _within(whole: Target, fit: Fit, chosen: Array) -> Rest:
 
 
 def without_each_site(whole: Target, fit: Fit) -> list[Rest]:
-    """The linear problem of a fit without one site, each in turn; not without one whose sensor is a term of the fit, as
-    the others say nothing of it."""
+    """The linear problem of a fit without one site, each in turn; sites whose sensor is a term of the fit stay, because
+    the others do not determine it."""
     sites, faulty = _sites(whole, fit)
     return [_within(whole, fit, sites != site) for site in dict.fromkeys(sites.tolist()) if site not in faulty]
 
@@ -79,7 +79,7 @@ def _sites(whole: Target, fit: Fit) -> tuple[Array, set[str]]:
 def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
     """Whitened RMS of each site, predicted from the others: the hypothesis refitted without it, linearised at its fit.
 
-    None for a single site; what a measurement chain does at a site cannot be predicted from others.
+    None for a single site; the measurement chain of a site cannot be predicted from others.
     """
     sites, faulty = _sites(whole, fit)
     if len(set(sites)) < 2 or not len(fit.x):
@@ -88,7 +88,7 @@ def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
     for site in (s for s in dict.fromkeys(sites.tolist()) if s not in faulty):
         (J, z), (there_J, there_z) = (_within(whole, fit, chosen) for chosen in (sites != site, sites == site))
         left = there_z + there_J @ linear_step(fit, J, z)
-        # what the others know of the unknowns is uncertain, too
+        # the uncertainty of the unknowns, estimated from the others, adds to the covariance
         spread = np.linalg.pinv(J.T @ J + np.diag(precision(fit.prior, fit.x)), hermitian=True)
         V = np.eye(len(left)) + there_J @ spread @ there_J.T
         found[site] = float(np.sqrt(left @ np.linalg.solve(V, left) / len(left)))

@@ -1,15 +1,15 @@
-"""What no hypothesis of a bench explains, as a random error of its model: its size from the residual, by evidence.
-In a network the error of the model is free terms at places (:mod:`fitting.inference.source_maps.beside`).
+"""The model discrepancy of a bench: the unexplained residual as a random error, with its size estimated by evidence.
+In a network the discrepancy consists of free terms at places (:mod:`fitting.inference.source_maps.beside`).
 
 Harmonics of the error are independent with the standard deviation a s_k, where s_k is the size of the pressure's own
-harmonics and a a part that the record tells: one for the harmonics, and one for the mean. In the whitened residual its
-covariance is
+harmonics and a is a fraction estimated from the record: one for the harmonics, and one for the mean. In the whitened
+residual its covariance is
 
     C = 1 + Σ_c a_c² B_c B_cᵀ
 
-A Gaussian process of the harmonics. The parts are those of restricted maximum likelihood: what the unknowns can take up
-is taken out of the residual first. H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545; M. C. Kennedy, A. O'Hagan,
-J. R. Stat. Soc. B 63 (2001) 425.
+This is a Gaussian process of the harmonics. The fractions maximise the restricted likelihood, after projecting out the
+part of the residual that the unknowns can absorb. H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545; M. C.
+Kennedy, A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ PART = 2.0  # -2 ln of the odds beforehand of each part that is not zero: judgem
 LARGEST = 1.0  # of a part: an error as large as the pulse
 _SMALLEST = 1e-6
 _STEPS = 40
-_TAKEN = 0.02  # of an error: where the unknowns take up all but this, the residual tells nothing about it
+_TAKEN = 0.02  # smallest fraction of an error that the unknowns leave, for the residual to determine it
 _SETTLED = 1e-2  # relative change of a part that ends the search
 
 
 @dataclass(frozen=True)
 class Beside:
-    """A hypothesis with an error of the model beside it, integrated out.
+    """A hypothesis with a model discrepancy, integrated out.
 
-    fit : whitened with it. errors : as ``widened`` of its problem takes them. cost : -2 ln of what is chosen of them
-    beforehand. places : of the network, where they act.
+    fit : whitened with it. errors : the argument of ``widened`` of its problem. cost : -2 ln of the prior odds of the
+    chosen errors. places : of the network, where they act.
     """
 
     fit: Fit
@@ -71,7 +71,7 @@ def sizes(X: Array) -> Array:
 
 
 def beside(fit: Fit, blocks: Sequence[Block], n_parts: int) -> Beside:
-    """A fit with the errors of its model that make the record most probable."""
+    """A fit with its most probable model discrepancy."""
     parts = estimated(fit, blocks, n_parts)
     return Beside(widened(fit, blocks, parts), parts, PART * float(np.count_nonzero(parts)))
 
@@ -97,7 +97,7 @@ def estimated(fit: Fit, blocks: Sequence[Block], n_parts: int) -> Array:
     """(n_parts,) the parts a_c that make the residual of a fit most probable, its unknowns refitted.
 
     The fixed point of D. A. Harville (J. Am. Stat. Assoc. 72, 1977, 320): a² <- a² (zᵀP B Bᵀ P z)/tr(Bᵀ P B), with P
-    the inverse covariance less what the unknowns take up.
+    the inverse covariance, projected on the residuals of the unknowns.
     """
     parts = np.full(n_parts, 0.03)
     for _ in range(_STEPS):

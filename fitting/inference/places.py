@@ -1,5 +1,5 @@
-"""Places of a network where something may be missing: a wall, a stretch of a segment, a junction, an outlet, a sensor,
-a number that stands out. All follow from the network, from what effects say of themselves, and from the record.
+"""Places of a network where physics may be missing: a wall, a stretch of a segment, a junction, an outlet, a sensor, an
+outlier among the parameters. They follow from the network, from the facts of the effects, and from the record.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from .unknown import Unknown
 NUMBER = "number"
 STRETCHES = (0.1, 0.3, 0.5, 0.7, 0.9)  # x/L of the middles of stretches of a segment
 _HALF = 0.05  # of a segment, half a stretch
-_SHAPES = (1.0, 0.5, 0.2)  # relative sizes of a wall's pressure that is even, linear and parabolic along it
+_SHAPES = (1.0, 0.5, 0.2)  # relative sizes of a uniform, a linear and a parabolic wall pressure along a segment
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where something may act.
+    """A place where missing physics may act.
 
     kind : of its sources, as effects name it (:attr:`solver.laws.effect.Effect.source`), or NUMBER. name : the segment,
     outlet, junction or channel, or "all". sources : of unit amplitude, with their sizes ``relative`` to one another.
-    at : x/L of a stretch. channel : that shows a signal of its own. unknown : the number that stands out.
+    at : x/L of a stretch. channel : of an additional signal. unknown : the outlier.
     """
 
     kind: str
@@ -40,7 +40,7 @@ class Place:
 
     @property
     def label(self) -> str:
-        """In a sentence."""
+        """The place in a sentence."""
         if self.unknown is not None:
             return f"{self.name} itself"
         of = {WALL: "the wall of", DROP: "a drop of pressure in", OUTFLOW: "a loss of flow along",
@@ -51,22 +51,22 @@ class Place:
 
     @property
     def segment(self) -> str:
-        """The segment that it is of, or ends at."""
+        """The segment of the place, or the one that ends there."""
         return self.name.partition(".")[0]
 
     @property
     def key(self) -> tuple[str, str, float | None]:
-        """What tells places apart."""
+        """A key that identifies the place."""
         return self.kind, self.name, self.at
 
     @property
     def columns(self) -> int:
-        """Of how many signals its sources consist."""
+        """The number of signals of its sources."""
         return len(self.relative)
 
 
 def places(network: Network, channels: Sequence[str], unknowns: Sequence[Unknown]) -> tuple[Place, ...]:
-    """Every place of a record's network. channels : what was measured. unknowns : those of groups may stand out."""
+    """Every place of a record's network. channels : the measured ones. unknowns : those in groups may be outliers."""
     kinds = {effect.source for effect in effects.ALL} | {OUTLET}
     found = [place for kind, of in _OF_KIND.items() if kind in kinds for place in of(network)]
     if CHANNEL in kinds:
@@ -105,7 +105,7 @@ def _junctions(network: Network) -> list[Place]:
     found = []
     for j in network.junctions:
         steps = [Step(s, 1) for s in j.inflow] + [Step(s, 0) for s in j.outflow]
-        steps = steps[1:] if len(steps) == 2 else steps  # of one in and one out, both are the same drop
+        steps = steps[1:] if len(steps) == 2 else steps  # at a junction of two segments, both drops are the same
         found.append(Place(JUNCTION, j.name, tuple(steps), (1.0,) * len(steps)))
     return _and_all(JUNCTION, found)
 
@@ -115,7 +115,7 @@ def _outlets(network: Network) -> list[Place]:
 
 
 def _and_all(kind: str, each: list[Place]) -> list[Place]:
-    """With one that is all of a kind, whose sources have one amplitude."""
+    """The places, and one more for all of a kind, with a common amplitude."""
     if len(each) < 2:
         return each
     sources, relative = (tuple(x for p in each for x in getattr(p, part)) for part in ("sources", "relative"))

@@ -1,8 +1,8 @@
-"""A calibration as a prior: deviations along the directions in which it left the walls uncertain.
+"""A calibration as a prior: deviations along the principal directions of its uncertainty.
 
 With the unknowns x of the calibration, their covariance Σ = V Λ Vᵀ and what they move, unknown i of the prior moves
 variable v by √λ_i Σ_j V_ji step_jv and has the standard deviation 1, which the record does not change. Factors and
-shifts have a Σ each: what they have in common is left out, which makes the prior wider.
+shifts have separate Σ: their mutual covariance is neglected, which widens the prior.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from .unknown import Unknown
 
 Array = np.ndarray
 
-CALIBRATION = "calibration"  # the group of unknowns that a calibration left uncertain
-_LEAST = 1e-4  # of the largest standard deviation: a smaller one is none
+CALIBRATION = "calibration"  # the group of unknowns of a calibration
+_LEAST = 1e-4  # of the largest standard deviation: smaller ones are neglected
 
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What a calibration left uncertain. single : variables that had an unknown to themselves."""
+    """The uncertainty of a calibration. single : variables with an unknown of their own."""
 
     unknowns: tuple[Unknown, ...]
     single: frozenset[str]
@@ -69,8 +69,8 @@ def _range(
 
 
 def possible(network: Network, prior: Calibrated | None) -> tuple[Unknown, ...]:
-    """What every artery and outlet may have of its own: by a calibration, and, of what that did not ask for one by one,
-    by the spreads that quantities state."""
+    """Individual deviations of arteries and outlets: from a calibration, and for parameters that it did not fit
+    separately, from the stated spreads."""
     stated = deviations(network)
     return stated if prior is None else (
         *prior.unknowns, *(u for u in stated if not prior.single & set(u.variables))
@@ -78,11 +78,11 @@ def possible(network: Network, prior: Calibrated | None) -> tuple[Unknown, ...]:
 
 
 def of_animal(network: Network, own: Sequence[Unknown]) -> list[Unknown]:
-    """What every animal has of its own: what all arteries have in common, and ``own`` deviations of those numbers that
-    the network has. Where a calibration moved all that a common factor would, that is left out.
+    """The unknowns of an animal: common changes, and ``own`` deviations of the parameters in the network. A common
+    factor whose variables were all calibrated is omitted.
 
-    Of a direction with an outlet that another one replaced, the rest stays: together they have the covariance of what
-    is left.
+    A direction that includes a replaced outlet keeps its other variables; together the directions have their remaining
+    covariance.
     """
     there = network.parameters()
     moves = {u.name: tuple(move for move in u.moves if move[0] in there) for u in own}
@@ -92,5 +92,5 @@ def of_animal(network: Network, own: Sequence[Unknown]) -> list[Unknown]:
 
 
 def calibrated(unknowns: Sequence[Unknown]) -> set[str]:
-    """The variables that a calibration left uncertain."""
+    """The variables of the calibration."""
     return {variable for u in unknowns if u.group == CALIBRATION for variable in u.variables}

@@ -1,4 +1,4 @@
-"""How simulations run: counted, until a deadline, and by which processes."""
+"""The resources of simulations: a counter, a deadline and worker processes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TIME_IS_OVER = "the time limit is over before the search was complete; allow mor
 
 @dataclass
 class Meter:
-    """Counts what is simulated. tell : told the number of parameter sets so far, after every batch."""
+    """Counts simulations. tell : called with the number of parameter sets after every batch."""
 
     tell: Callable[[int], None] = lambda _: None
     simulations: int = 0
@@ -26,12 +26,12 @@ class Meter:
 
 
 class OutOfTime(Exception):
-    """The deadline of some simulations is over; what was found before stands."""
+    """The deadline of the simulations has passed; earlier results remain valid."""
 
 
 @dataclass(frozen=True)
 class Runs:
-    """How simulations are run together: counted, until when, and by which processes.
+    """The resources of simulations: a counter, a deadline and worker processes.
 
     deadline : of ``clock`` [s]; no batch runs beyond it. None: no limit.
     """

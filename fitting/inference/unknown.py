@@ -20,13 +20,14 @@ from solver.quantities.coordinate import SCALE, Coordinate
 from solver.quantities.quantity import Quantity
 
 from ..results.estimate import Estimate
+from .zeros import zero_quantities, zero_values
 
 Array = np.ndarray
-Reach = tuple[float, float]  # how far an interval goes down and up, in standard deviations
+Reach = tuple[float, float]  # lower and upper reach of an interval, in standard deviations
 
-_ANYTHING = 10.0  # half an interval of a logarithm: a factor e^20 from end to end says nothing
-WIDER = 2.0  # starts than priors: they are to be farther apart than what animals are
-ANYWHERE = 5.0  # the same without a prior, in default ones: a factor of 3 is then usual
+_ANYTHING = 10.0  # half an interval of a logarithm: a wider one carries no information
+WIDER = 2.0  # width of starts relative to priors: starts vary more than animals
+ANYWHERE = 5.0  # the same without a prior, relative to the default one
 WIDEST = 1.0  # of a logarithm, whatever its prior: at ten times its length or more a network is slow, and no animal's
 TAILS = 15.0  # degrees of freedom of the priors of a hypothesis
 
@@ -35,10 +36,10 @@ TAILS = 15.0  # degrees of freedom of the priors of a hypothesis
 class Unknown(Coordinate):
     """A coordinate and its prior about 0.
 
-    prior_sd : standard deviation of x, or None. typical_sd : of the default prior; the size of x against which a datum
-    without prior is judged, and that finite differences go by. group : those with one name share the width of their
-    priors, which the record tells; or are ``stated`` to have the width of 1. apart : stands out from its kind, and is a
-    group of its own. of_size : the size of an effect, any decade of which is equally likely beforehand.
+    prior_sd : standard deviation of x, or None. typical_sd : of the default prior; the unit of x for unknowns without
+    prior and for finite differences. group : unknowns of one group share the width of their priors, which is estimated
+    from the record, or is 1 if ``stated``. apart : an outlier, a group of its own. of_size : the size of an effect,
+    with a prior uniform on a logarithmic scale.
     """
 
     prior_sd: float | None = 1.0
@@ -49,11 +50,11 @@ class Unknown(Coordinate):
     of_size: bool = False
 
     def set_apart(self) -> Unknown:
-        """The same as a number that stands out from its kind."""
+        """The same unknown as an outlier."""
         return replace(self, group=f"{self.name} alone", apart=True)
 
     def within(self, spreads: float) -> Unknown:
-        """The same in no wider range than so many standard deviations of its prior."""
+        """The same within this number of standard deviations of its prior."""
         if self.prior_sd is None or not math.isfinite(spreads):
             return self
         most = spreads * self.prior_sd
@@ -83,12 +84,12 @@ def bounds(unknowns: Sequence[Coordinate]) -> tuple[Array, Array]:
 
 
 def free(unknowns: Sequence[Coordinate]) -> Array:
-    """(p,) which may have more than one value."""
+    """(p,) True if the bounds differ."""
     return np.array([u.low < u.high for u in unknowns], bool)
 
 
 def absent(unknowns: Sequence[Coordinate]) -> Array:
-    """(p,) x at the network's own values, or what is held otherwise."""
+    """(p,) x at the network's own values, or the value of unknowns with equal bounds."""
     return np.clip(np.zeros(len(unknowns)), *bounds(unknowns))
 
 
@@ -106,8 +107,9 @@ def precisions(unknowns: Sequence[Unknown]) -> Array:
 def penalty(prior: Array, x: Array, tails: float = TAILS) -> float:
     """-2 log of the priors: Student's t of ``tails`` degrees of freedom (∞: Gaussian) with precision ``prior`` at 0.
 
-    An animal four standard deviations from the network file is odd, not impossible: with a Gaussian prior its oddity
-    alone would be taken for an effect. Ten are none: with longer tails every offset of the radius would be one of R0.
+    An animal four standard deviations from the network file is unusual, not impossible; a Gaussian prior would turn it
+    into an effect. Ten standard deviations are implausible; longer tails would explain every offset of the radius by
+    R0.
     """
     square = prior * x**2
     return float(np.sum(square if math.isinf(tails) else tails * np.log1p(square / tails)))
@@ -141,8 +143,8 @@ def starting_points(unknowns: Sequence[Unknown], starts: int, seed: int) -> Arra
 def values(unknowns: Sequence[Coordinate], x: Array, nominal: Mapping[str, float]) -> dict[str, Array]:
     """Values [SI] of all variables that move; x : (…, p) gives arrays (…,).
 
-    What is shifted as a ratio to another number follows that number's scale. nominal : values at x = 0; of variables
-    that it lacks, those of the unknowns that move them.
+    A ratio to another parameter follows the factor of that parameter. nominal : values at x = 0; default those of the
+    unknowns.
     """
     nominal = {variable: each.nominal for each in unknowns for variable, _ in each.moves} | dict(nominal)
     scale: dict[str, Array] = {}
@@ -161,22 +163,27 @@ def values(unknowns: Sequence[Coordinate], x: Array, nominal: Mapping[str, float
 
 
 def reference(unknown: Coordinate, variable: str) -> str:
-    """The variable that one of an unknown's is counted relative to; nothing where it is counted by itself."""
+    """The reference variable of a ratio; nothing for other unknowns."""
     return f"{variable.rpartition('.')[0]}.{unknown.ratio}" if unknown.ratio else ""
 
 
 def parameter_values(unknowns: Sequence[Coordinate], network: Network, x: Array) -> dict[str, Array]:
     """Values [SI] of the parameters of a network that move, within their ranges; x : (…, p) gives arrays (…,)."""
-    nominal, known = network.parameters(), network.parameter_quantities()
+    nominal, known = _numbers(network)
     moved = values(unknowns, np.asarray(x, float), nominal)
     return {n: np.clip(value, known[n].low, known[n].high) for n, value in moved.items() if n in nominal}
+
+
+def _numbers(network: Network) -> tuple[dict[str, float], dict[str, Quantity]]:
+    """The parameters of a network and the zeros of its outputs: their values, and what they are."""
+    return network.parameters() | zero_values(network), network.parameter_quantities() | zero_quantities(network)
 
 
 def interval(
     unknowns: Sequence[Coordinate], variable: str, nominal: float, quantity: Quantity, x: Array, covariance: Array,
     quantile: float | Reach,
 ) -> Estimate:  # fmt: skip
-    """A variable that moves, by the delta method: of its logarithm where unknowns only scale it.
+    """The interval of a variable by the delta method, of its logarithm if unknowns only scale it.
 
     nominal : its value at x = 0. covariance : (p, p) of x. quantile : how far it goes, in standard deviations, or how
     far down and up. What is shifted as a ratio follows that number's scale, as
@@ -215,7 +222,7 @@ def parameter_intervals(
 
     covariance : (p, p) of x; dof : its degrees of freedom (Student's t).
     """
-    nominal, known = network.parameters(), network.parameter_quantities()
+    nominal, known = _numbers(network)
     names = dict.fromkeys(variable for u in unknowns for variable, _ in u.moves)
     half = quantile(dof)
     return {n: interval(unknowns, n, nominal[n], known[n], np.asarray(x), covariance, half).ci95 for n in names}

@@ -21,24 +21,26 @@ from solver.quantities.quantity import Quantity
 
 from .hypothesis import OWN
 from .unknown import Unknown
+from .zeros import zero_quantities, zero_values
 
 
 def parse_unknown(text: str, network: Network) -> Unknown:
     """The unknown of a text TARGET.PARAMETER[:PRIOR].
 
     TARGET : "all" (every segment, or every outlet, that has the parameter), names joined by "+" ("CA+FA"), "fluid" or
-    "network". PARAMETER : "E", "phi0" …, "outlet.R_t" …. PRIOR : its standard deviation (0.1), or "none".
+    "network"; or CHANNEL.zero, "C.P.zero". PARAMETER : "E", "phi0" …, "outlet.R_t" …. PRIOR : its standard deviation
+    (0.1), or "none".
     Raises ValueError for a name that the network has not, a prior that is not positive, or a value 0 to be scaled.
     """
     name, colon, prior = (part.strip() for part in text.partition(":"))
     target, dot, key = name.partition(".")
-    known = network.parameter_quantities()
+    known = network.parameter_quantities() | zero_quantities(network)
     if target == "all":
         names = [f"{s.name}.{key}" for s in network.segments if f"{s.name}.{key}" in known]
     else:
         names = [f"{part.strip()}.{key}" for part in target.split("+")]
     _check_names(name, names, known, network.name)
-    nominal = network.parameters()
+    nominal = network.parameters() | zero_values(network)
     quantity = known[names[0]]
     shift = quantity.low < 0.0
     steps, unit = _steps(names, quantity, nominal) if shift else ((1.0,) * len(names), "1")
@@ -90,6 +92,8 @@ def varied(
             raise InputError(f"--varies {pattern}: it names none of the unknowns {names}; name one, or free it, too.")
     for unknown in unknowns:
         own = len(labels) > 1 and any(named(unknown, pattern) for pattern in varies)
+        if own and unknown.name.endswith(".zero"):
+            raise InputError(f"--varies {unknown.name}: all recordings have a sensor's zero in common; leave it out.")
         for label, numbers in zip(labels, which, strict=True):
             if own or numbers is which[0]:
                 found.append(replace(unknown, name=f"{unknown.name} of {label}") if own else unknown)

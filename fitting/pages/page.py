@@ -11,7 +11,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from solver.quantities.legible import number
 from solver.quantities.units import readable
 
-_LONGEST = 400  # characters of an entry: longer ones are for programs, in the JSON beside the page
+_LONGEST = 400  # characters of an entry; longer ones are only in the JSON file
 
 
 def environment(folder: Path) -> Environment:

@@ -15,8 +15,8 @@ from .threads import single_threaded
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
-CONNECT = 10.0  # s in which a scheduler is to answer
-APPEAR = 60.0  # s in which it is to have a worker
+CONNECT = 10.0  # s, timeout of a scheduler
+APPEAR = 60.0  # s, timeout for its first worker
 
 
 def stream(function: Callable[[Task], Answer], tasks: Sequence[Task], scheduler: str) -> Iterator[tuple[int, Answer]]:
@@ -54,9 +54,9 @@ def _client(make: Callable[..., Any], scheduler: str) -> Any:
     if host is None or port is None:
         raise InputError(f"--scheduler {scheduler}: not an address; write it like tcp://192.168.0.1:8786.")
     try:
-        socket.create_connection((host, port), CONNECT).close()  # a client that fails goes on trying for a while
+        socket.create_connection((host, port), CONNECT).close()  # a failing client would keep trying for a while
         return make(scheduler, timeout=CONNECT, set_as_default=False)
-    except OSError as error:  # a time that is over is one, too
+    except OSError as error:  # a timeout is an OSError
         raise InputError(
             f"--scheduler {scheduler}: no scheduler answers there ({error.strerror or error}); start one with "
             "dask scheduler, or check the address."

@@ -180,6 +180,6 @@ def serve(tasks: BinaryIO, answers: BinaryIO) -> None:
 
 if __name__ == "__main__":
     pipe = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a module prints is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # printed text must not mix with results
     importlib.import_module(sys.argv[1])
     serve(sys.stdin.buffer, pipe)

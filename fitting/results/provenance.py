@@ -16,7 +16,7 @@ def software() -> str:
 
 
 def engine() -> str:
-    """What makes beats here: "native", the compiled engine, or "numpy" and why."""
+    """The backend of beats: "native", the compiled engine, or "numpy" with the reason."""
     try:
         library()
     except NoEngine as reason:

@@ -1,4 +1,4 @@
-"""The wall of one site: its law, its fit, and what the fit says of the vessel."""
+"""The wall of one site: its law, its fit, and physiological indices of the vessel."""
 
 from typing import Any
 

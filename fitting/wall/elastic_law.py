@@ -57,7 +57,7 @@ class LawEvidence:
             )
         chances = " and ".join(f"{law} {100.0 * p:.0f} %" for law, p in self.probability.items())
         return (
-            f"the data cannot tell the elastic laws apart: {self.kept} leads by {self.lead:.2g} in ln evidence "
+            f"the data cannot distinguish the elastic laws: {self.kept} leads by {self.lead:.2g} in ln evidence "
             f"(decided from {DECIDED:.1f}); {chances} probable; intervals hold either law{refused}"
         )
 

@@ -48,11 +48,11 @@ def solve(
 ) -> Solution:
     """Iterate from ``start`` until a step is a thousandth of its standard deviation, or ``steps`` are done.
 
-    lag : of P behind R to start from [s], if it is to be found, too.
-    Raises NoFit if the parameters leave what a wall can have (E, R0, φ0 > 0), do not converge in 200 steps, or if P is
+    lag : start value [s] of a fitted delay of P relative to R.
+    Raises NoFit if the parameters leave their range (E, R0, φ0 > 0), do not converge in 200 steps, or if P is
     a function of R to rounding, which leaves nothing to weigh the two by.
     """
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what is not finite is refused below
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # non-finite values are rejected below
         return _iterate(loop, model, start, lag, steps)
 
 
@@ -115,7 +115,7 @@ def _linearised(loop: Loop, D: Array, R: Array, at: Evaluated, lag_free: bool) -
 
 
 def plain(loop: Loop, model: WallModel, start: Values, R: Array) -> dict[str, float]:
-    """Ordinary least squares of P on the loop with the radius R as it is: what ignoring the noise of R gives."""
+    """Ordinary least squares of P on the loop with the measured radius R, which ignores the noise of R."""
     values, R_t = dict(start), spectral.derivative(R, loop.T)
     for _ in range(_ITERATIONS):
         at = evaluate(model, values, R, R_t)

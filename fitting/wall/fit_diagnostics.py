@@ -28,7 +28,7 @@ def _law(fitted: WallFit) -> str:
     if fitted.evidence is None or fitted.evidence.decided:
         return ""
     E = " and ".join(f"{1e-6 * f.values['E']:.4g} MPa by the {f.model.elastic} law" for _, f in fitted.laws)
-    return f"E is {E}, which the data cannot tell apart; E_inc hardly depends on the law."
+    return f"E is {E}: the data cannot distinguish the laws; E_inc hardly depends on the law."
 
 
 def _unusual(fitted: WallFit) -> str:
@@ -101,7 +101,7 @@ def _noise_free(loop: Loop) -> bool:
 
 def _undetermined(fitted: WallFit) -> str:
     wide = [n for n in fitted.model.free if fitted.ci95(n)[0] < 0.0 < fitted.ci95(n)[1]]
-    return f"the interval of {' and '.join(wide)} contains 0: the loop does not show it." if wide else ""
+    return f"the interval of {' and '.join(wide)} contains 0: the loop does not determine it." if wide else ""
 
 
 def _loose(fitted: WallFit) -> str:

@@ -1,4 +1,4 @@
-"""The component without FMI: parameters by name, any communication step, and the ports by which others couple to it."""
+"""The arteries as a component without FMI: parameters by name, any communication step, and ports for coupling."""
 
 from __future__ import annotations
 
@@ -27,29 +27,30 @@ from .stretch import Drive, Position, Stretch, rounded
 
 Array = np.ndarray
 
-_ON_GRID = 1e-6  # a communication step nearer to a multiple of dt than this part of dt counts as one
-_LONGEST = 4.0 / 3.0  # internal step, in dt, where the communication step is no multiple of dt
-_FURTHEST = 2.0  # communication steps, of the length of the last one, over which the inflow is extrapolated
-_RENEWED = 9.9e-3  # s after which the impedances of the ports are made anew
+_ON_GRID = 1e-6  # tolerance, in dt, for a communication step that is a multiple of dt
+_LONGEST = 4.0 / 3.0  # maximum internal step, in dt, for other communication steps
+_FURTHEST = 2.0  # number of communication steps of extrapolated inflow
+_RENEWED = 9.9e-3  # s after which the impedances of the ports are recomputed
 _MOST_STEPS = 1_000_000  # internal steps in one communication step
 
 
 class CoSimulation(Component):
-    """Each communication step is cut into equal internal steps: of length dt where it is a multiple of dt, else of at
-    most 4/3 dt. They end at its end, so a jump of the inflow lies between internal steps.
+    """The component. Each communication step is divided into equal internal steps: of length dt if it is a multiple of
+    dt, else of at most 4/3 dt. They end with it, so a jump of the inflow lies between internal steps.
 
-    What drives the inlets in a communication step from t to t + h is, by ``inlet.interpolation``,
+    The drive of an inlet in a communication step from t to t + h is, by ``inlet.interpolation``,
 
-    hold     the value that is set before the step;
-    linear   a straight line from the value of the step before to that one, which then is Q(t + h);
-    smooth   a straight line from Q(t), which is set before the step, to an extrapolated value. What was extrapolated
-             in the step before is taken back: that step is repeated with the value that is now known. So the arteries
-             see straight lines between the Q(t), and only what is shown at the newest time is provisional.
+    hold     the value set before the step;
+    linear   a straight line from the previous value to that value, which is Q(t + h);
+    smooth   a straight line from Q(t), set before the step, to an extrapolated value. The next step first repeats this
+             one with the true value. So the arteries receive straight lines between the Q(t), and only the outputs at
+             the newest time are provisional.
 
-    With ``inlet.drive`` = network the network's own flows and pressures drive it, at every instant as the solver takes
-    them; what is set is ignored, and so is the interpolation.
+    With ``inlet.drive`` = network, the network's own flows and pressures drive it, evaluated as in the solver; inputs
+    at the inlets and the interpolation are ignored.
 
-    P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
+    P_venous is constant during a step. No state is changed in place, so a snapshot of the attributes is one of the
+    component.
     """
 
     remade = frozenset("network settings parameters port_names venous drives means report weights found own".split())
@@ -75,7 +76,7 @@ class CoSimulation(Component):
         self.own = self._own()
         self.interpolation = "linear" if self.own else values["inlet.interpolation"]  # a flow that is known
         self.unset = self._driving(values).tolist() if self.own else None  # until a host sets what is ignored
-        # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
+        # the last position with known inflow, and that of the outputs: the same except with ``smooth``
         self.known = self.shown = Position(self.model, self._start(t0, values), self._drive_at(t0, values), 0.0)
         self.slope = np.zeros(len(self.drives))  # of the inflows in the last communication step [m³/s²]
         self.last = self._stretch(self.dt, values)
@@ -91,18 +92,18 @@ class CoSimulation(Component):
         return periodic_state(self.model, lambda t: np.stack([drive(t) for drive, _ in beats], axis=1), T, t0)
 
     def _own(self) -> Drive | None:
-        """What the network gives at its inlets, where that is to be taken."""
+        """The network's own drives of its inlets, if they are selected."""
         return None if self.beats is None else own_drive(self.network, self.beats)
 
     def retune(self, changed: Mapping[str, Any]) -> None:
-        """Take over values that were changed between steps, by name; raises ValueError and keeps the old ones if bad.
+        """Apply values that were changed between steps, by name; raises ValueError and keeps the old ones if invalid.
 
-        Of the inputs those that are parameters too (P_venous) matter: the Jacobian at rest is made with them.
+        Inputs that are also parameters (P_venous) matter, because the Jacobian at rest depends on them.
         """
         fresh = self.known is self.shown
         self._use(self.model.with_parameters({name: v for name, v in changed.items() if name in self.parameters}))
         self.shown = self.shown.under(self.model)
-        if fresh:  # else what is known is still to be taken to where the outputs are, by the old parameters
+        if fresh:  # else the known position must first reach the outputs, with the old parameters
             self.known = self.shown
 
     def _built(self, laws: Mapping[str, str], settings: Mapping[str, Any], parameters: Mapping[str, float]) -> Model:
@@ -150,8 +151,8 @@ class CoSimulation(Component):
             self.basis, self.basis_time, self.found = (known, shown, stretch), self.time, None
 
     def _received(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The inputs. Some masters that run all FMUs side by side set every input to 0 before the first step, when
-        nothing has been sent yet: the pressures at the start then go on."""
+        """The inputs. Some masters that run all FMUs in parallel set every input to 0 before the first step; the start
+        pressures then remain."""
         first = self.interpolation == "smooth" and self.known is self.shown
         if first and not any(values[name] for name in (*self.drives, *self.venous)):
             pressures = dict(zip(self.venous, self.last.P_venous.tolist(), strict=True))
@@ -160,22 +161,22 @@ class CoSimulation(Component):
         return values
 
     def _driving(self, values: Mapping[str, Any]) -> Array:
-        """What the host sets at the inlets : (n_inlets,)."""
+        """The inputs at the inlets : (n_inlets,)."""
         return np.array([values[name] for name in self.drives], float)
 
     def _drive_at(self, t: float, values: Mapping[str, Any]) -> Array:
-        """What drives the inlets at the start : (n_inlets,)."""
+        """The drives of the inlets at the start : (n_inlets,)."""
         return self._driving(values) if self.own is None else self.own(np.full((1, 1), t))[0, :, 0]
 
     def _unheard(self, values: Mapping[str, Any]) -> str:
-        """A sentence at the first step for which the host has set what is ignored."""
+        """A sentence at the first step after the host has set an ignored input."""
         if self.unset is None or self._driving(values).tolist() == self.unset:
             return ""
         self.unset = None
         return f"{' and '.join(self.drives)} is ignored: inlet.drive = network; take input to drive the network by it."
 
     def _driven(self, stretch: Stretch, Q: Array) -> tuple[Position, Position, Array]:
-        """What the next ``known``, ``shown`` and ``slope`` are after a communication step with the inlets at Q."""
+        """The next ``known``, ``shown`` and ``slope`` after a communication step with the inlets at Q."""
         if self.own is not None:
             after = stretch.run_along(self.known.under(stretch.model), self.time, self.own)
             return after, after, 0.0 * Q
@@ -200,11 +201,11 @@ class CoSimulation(Component):
         return after, after, (Q - Q_start) / stretch.h
 
     def outputs(self) -> list[float]:
-        """The outputs at the last communication point, in the order of the variable table, but for the ports."""
+        """The outputs at the last communication point, in the order of the variable table, without the ports."""
         return [*self.report(self.shown.state)[0].tolist(), self.V, self.V_venous, self.Q_venous]
 
     def ports(self) -> dict[str, float]:
-        """The ports by name, over the next communication step, which is taken to be as long as the last one."""
+        """The ports by name, over the next communication step, assumed as long as the last one."""
         if self.found is None:
             self.found = self._impedances()
         stretch = replace(self.last, model=self.model)
@@ -212,7 +213,7 @@ class CoSimulation(Component):
         return dict(zip(self.port_names, values, strict=True))
 
     def _trial(self, stretch: Stretch) -> Position:
-        """What comes of the next step under the extrapolated drive; where it breaks down, the present position."""
+        """The result of the next step under the extrapolated drive; the present position if it fails."""
         Q = self.shown.drive + self.slope * stretch.h
         try:
             if self.own is not None:
@@ -222,7 +223,7 @@ class CoSimulation(Component):
             return self.shown
 
     def _impedances(self) -> Impedances:
-        """About the basis, or those of endless tubes where the arteries break down there."""
+        """The impedances about the basis, or those of infinite tubes if the simulation fails there."""
         try:
             return impedances(self.basis, self.interpolation)
         except NonPhysicalState:
@@ -254,7 +255,7 @@ class CoSimulation(Component):
 
 
 def _beats(inlet: Inlet, values: Mapping[str, Any]) -> tuple[Callable[[Array], Array], float]:
-    """What drives an inlet in the beats that a periodic start is near, and their period [s], 0 of a steady drive."""
+    """The drive of an inlet in the beats of a periodic start, and their period [s], 0 for a steady drive."""
     if inlet.causality == "pressure":
         return (lambda t: values[inlet.variable("P_mean")] + 0.0 * t), 0.0
     pulse = inlet_with(inlet, values)

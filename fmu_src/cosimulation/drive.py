@@ -1,4 +1,4 @@
-"""What drives the inlets: the inputs that a host sets, or the network's own beats (``inlet.drive``)."""
+"""The drives of the inlets: inputs from a host, or the network's own beats (``inlet.drive``)."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def inlet_with(inlet: Inlet, values: Mapping[str, Any]) -> Inlet:
 
 
 def own_drive(network: Network, values: Mapping[str, Any]) -> Callable[[Array], Array]:
-    """What the network itself gives at its inlets at times t : (n, 4) [s], as (n, n_inlets, 4) [m³/s or Pa].
+    """The network's own drives of its inlets at times t : (n, 4) [s], as (n, n_inlets, 4) [m³/s or Pa].
 
-    Raises ValueError for a pressure inlet whose pressure the network does not give.
+    Raises ValueError for a pressure inlet without a pressure in the network.
     """
     inlets = [inlet_with(inlet, values) for inlet in network.inlets]
     for inlet in inlets:

@@ -1,18 +1,18 @@
-"""Ports: how pressure and flow at an end of the network answer each other over the next communication step.
+"""Ports: the relation between pressure and flow at an end of the network over the next communication step.
 
-An artery answers a flow at once, through its impedance. A partner that sends a flow and reads the pressure back one
-step later closes a loop whose gain does not fall with the step. One that solves its own law together with
+The pressure of an artery responds to a flow at once, through its impedance. A partner that sends a flow and reads the
+pressure one step later closes a loop whose gain does not decrease with the step. A partner that solves its own law with
 
     P(t + h) = P_0 + Z_0 Q(t) + Z Q(t + h)                at an inlet,
     P_venous(t + h) = P_0 - Z Q_venous(t + h)             at an outlet, Q_venous the flow to P_venous,
 
-is coupled implicitly. An inlet whose pressure is given answers with its flow instead,
+is coupled implicitly. A pressure-driven inlet responds with its flow instead,
 
     Q(t + h) = Q_0 + Y_0 P(t) + Y P(t + h),
 
-and what follows holds for both. P_0 is exact at an extrapolated flow, by a trial of the step that is thrown away. Z is
-the answer to a small change of the flow, made anew every 10 ms: an error ΔZ makes an error of ΔZ times the difference
-between the flow and the extrapolated one, which is of second order in h. With ``smooth`` it must be right to some 20 %.
+and the following holds for both. P_0 is exact at an extrapolated flow, by a discarded trial step. Z is the response to
+a small change of the flow, recomputed every 10 ms: an error ΔZ makes an error of ΔZ times the difference between the
+flow and the extrapolated one, which is of second order in h. With ``smooth`` it must be accurate to about 20 %.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Array = np.ndarray
 
 INLET_PORTS = {"flow": ("P_0", "Z", "Z_0"), "pressure": ("Q_0", "Y", "Y_0")}  # by its causality
 _SMALL = 1e-3  # of A0 c0 and ρ c0², flow and pressure at the wave speed: small, yet far above round-off
-# what impedances are made about: the last position whose inflow is known, that of the outputs, the next stretch
+# basis of the impedances: the last position with known inflow, that of the outputs, the next stretch
 Basis = tuple[Position, Position, Stretch]
 
 _CLOSED = 1e15  # Pa·s/m³, of an outlet that no pressure opens
@@ -59,14 +59,14 @@ def port_names(network: Network) -> list[str]:
 
 
 def is_port(name: str) -> bool:
-    """Whether an output is a variable of a port, which costs a trial step when it is read."""
+    """True for the variable of a port; reading it costs a trial step."""
     return name.rsplit(".", 1)[-1] in {key for keys in INLET_PORTS.values() for key in keys}
 
 
 def impedances(basis: Basis, interpolation: str) -> Impedances:
-    """The answers of the network to small changes of each inflow and of each P_venous.
+    """The response of the network to small changes of each inflow and of each P_venous.
 
-    Raises NonPhysicalState where the network breaks down in the next communication step.
+    Raises NonPhysicalState if the next communication step fails.
     """
     known, shown, stretch = basis
     stretch = stretch if interpolation == "hold" else stretch.in_at_most(_STEPS)
@@ -89,13 +89,14 @@ def impedances(basis: Basis, interpolation: str) -> Impedances:
 
 
 def _rise(model: Model, tried: Position) -> Array:
-    """By how much each inlet answers a change of its own drive : (n_inlets,); the first copy has none."""
+    """The response of each inlet to a change of its own drive : (n_inlets,); the first copy has no change."""
     answers = inlet_answers(model, tried.state)
     return np.asarray(answers[1:].diagonal() - answers[0])
 
 
 def endless(model: Model) -> Impedances:
-    """Those of endless elastic tubes, ρ c0/A0 [Pa·s/m³], or for a given pressure the inverse; outlets closed."""
+    """The impedances of infinite elastic tubes, ρ c0/A0 [Pa·s/m³], or for a given pressure the inverse; outlets
+    closed."""
     wall, at = model.wall, (0, model.mesh.inlet_element, 0)
     Z = wall.rho[at] * wall.c0[at] / wall.A0[at]
     outlets = np.full(len(model.mesh.topology.outlet_segment), _CLOSED)
@@ -103,7 +104,8 @@ def endless(model: Model) -> Impedances:
 
 
 def port_values(stretch: Stretch, at: Position, tried: Position, found: Impedances) -> list[float]:
-    """The values of :func:`port_names` over a communication step from a position, of which a trial led to ``tried``."""
+    """The values of :func:`port_names` over a communication step from a position, whose trial step ended at
+    ``tried``."""
     inlets = inlet_answers(stretch.model, tried.state)[0] - found.Z * tried.drive - found.Z_0 * at.drive
     outlets = stretch.P_venous + found.outlets * venous_flow(stretch.model, tried.state, stretch.P_venous)[0]
     both = np.column_stack([inlets, found.Z, found.Z_0]), np.column_stack([outlets, found.outlets])

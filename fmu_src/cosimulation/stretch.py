@@ -1,4 +1,4 @@
-"""One communication step of the arteries, whatever comes of it: frozen, so that it can be tried and repeated."""
+"""One communication step of the arteries as a frozen object, so that it can be tried and repeated."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def rounded(dt: float) -> float:
 
 @dataclass(frozen=True)
 class Position:
-    """Where the arteries stand: a state of a model, what drives the inlets there, and the volume V_in [m³] that came
-    in.
+    """A position of the arteries: a state of a model, the drives of the inlets, and the volume V_in [m³] that has
+    entered.
 
     drive : (n_inlets,) the flow [m³/s], or where an inlet's causality is pressure, that [Pa]. A position may be several
     of one model: then drive is (n_inlets, n) and V_in (n,), if they differ.
@@ -38,11 +38,11 @@ class Position:
     V_in: Number
 
     def copies(self, n: int) -> Position:
-        """n of it."""
+        """n copies."""
         return replace(self, state=self.state.members(np.zeros(n, int)))
 
     def under(self, model: Model) -> Position:
-        """The same under other parameters. What another compliance holds at the same pressure counts as come in."""
+        """The same position with other parameters. A change of volume by another compliance counts as entered."""
         if model is self.model:
             return self
         after = replace(self, model=model, state=adopt(model, self.state))
@@ -65,11 +65,11 @@ class Stretch:
     P_venous: Array
 
     def as_long_as(self, other: Stretch) -> bool:
-        """Whether another one has the same internal steps of the same model."""
+        """True if another one has the same internal steps of the same model."""
         return (self.steps, self.dt) == (other.steps, other.dt) and self.model is other.model
 
     def in_at_most(self, steps: int) -> Stretch:
-        """The same with at most so many internal steps."""
+        """The same with at most this number of internal steps."""
         return self if self.steps <= steps else replace(self, steps=steps, dt=rounded(self.h / steps))
 
     def run(self, at: Position, start: Array, end: Array) -> Position:
@@ -92,8 +92,8 @@ class Stretch:
         return self._run(at, curves, curves[-1, :, -1], np.zeros(()), np.ones(curves.shape[1], bool))
 
     def _run(self, at: Position, drives: Iterable[Array], end: Array, entered: Array, counted: Array) -> Position:
-        """What drives each internal step, and the last one at its end; ``entered`` is what comes in but at the inlets
-        that are ``counted``."""
+        """The drives of each internal step, and of the last one at its end; ``entered`` is the volume that enters
+        elsewhere than at the ``counted`` inlets."""
         state = at.state
         for drive in drives:
             for after in parts(self.model, state, self.dt, drive, self.P_venous):

@@ -33,9 +33,9 @@ Slave: TypeAlias = FMU2Slave | Slave3
 
 
 def instance(folder: str, description: ModelDescription, log: Callable[[int, bytes], None]) -> Slave:
-    """The FMU that was unpacked to folder, as a co-simulation slave; log : gets status and text of what it says.
+    """The FMU that was unpacked to folder, as a co-simulation slave; log : called with status and text of its messages.
 
-    Raises what FMPy raises where there is no instance.
+    Raises FMPy's exception without an instance.
     """
 
     def logger(*said: Any) -> None:  # (environment, status, category, text); FMI 2.0 gives the instance's name, too

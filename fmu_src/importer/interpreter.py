@@ -1,4 +1,4 @@
-"""The Python that an FMU runs in: which it is, its library, its numpy, and the environment that a host needs for it."""
+"""The Python of an FMU: its version, library and numpy, and the environment that a host needs."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ print(json.dumps({"executable": sys.executable, "version": list(sys.version_info
 class Interpreter:
     """A Python installation, as it describes itself.
 
-    command : what starts it. executable : where it says that it is.
+    command : its start command. executable : its own path.
     library : path of its shared library, None if it has none. numpy : version, None if it cannot be imported.
-    numpy_from : folder of numpy, or why it cannot be imported.
+    numpy_from : folder of numpy, or the reason why the import fails.
     """
 
     command: str
@@ -55,10 +55,10 @@ class Interpreter:
         return f"Python {'.'.join(map(str, self.version))}"
 
     def environment(self) -> dict[str, str]:
-        """What a host on Linux that is not Python needs around it; empty if this Python has no shared library.
+        """Environment variables for a host on Linux that is not Python; empty if this Python has no shared library.
 
-        LD_PRELOAD: the wrapper does not name the library that it needs. PATH: the library looks for the first
-        ``python3`` there, which decides where numpy is looked for.
+        LD_PRELOAD: the wrapper does not declare the library that it needs. PATH: the library searches it for
+        ``python3``, and this determines the folder of numpy.
         """
         if self.library is None:
             return {}

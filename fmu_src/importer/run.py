@@ -37,7 +37,7 @@ Input = Callable[[Array], Array]
 
 
 class FMUError(RuntimeError):
-    """A call of the FMU failed; the message is what the FMU logged."""
+    """A failed call of the FMU, with the FMU's log message."""
 
 
 def run_fmu(
@@ -50,21 +50,19 @@ def run_fmu(
     inputs: Mapping[str, Input] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Array]:
-    """Step an FMU from 0 to ``stop_time`` [s]; return "time", inputs, outputs but for the ports, each (n,) in SI.
+    """Step an FMU from 0 to ``stop_time`` [s]; return "time", inputs, outputs without the ports, each (n,) in SI.
 
     inflow : Q(t) [m³/s] for an array of times, or P(t) [Pa] of an FMU whose input is inlet.P. inlet.interpolation is
     ``linear`` and inlet.Q is set to Q(t + h) before the step from t, so the inflow is piecewise linear through the
-    samples, without the half-step delay of a held input. None: what the network itself gives at its inlets drives the
-    FMU (inlet.drive = network).
-    step : communication step [s]; the last one is shorter if the stop time asks for it.
-    start_values : parameters by FMU variable name.
-    inputs : u(t) of further inputs by name: what drives another inlet as the inflow does, or others such as
-    "AA.outlet.P_venous". Between communication points the FMU holds these, so each is set to u(t + h/2) for the step
-    from t to t + h. That is the mean of u over the step up to O(h²), so what follows from it is right to second order;
-    u(t) would act half a step late, an error of O(h). The start value is u(0). An output that follows an input at once,
-    as the pressure at a prescribed one, still lags by h/2.
-    Raises ValueError for a file that is no FMU, an unknown start value or input or times that are not positive, and
-    FMUError with the FMU's own sentence when a call fails: a run either reaches its stop time or raises.
+    samples, without the half-step delay of a held input. None: the network's own drives (inlet.drive = network). step :
+    communication step [s]; the last one ends at the stop time. start_values : parameters by FMU variable name. inputs :
+    u(t) of further inputs by name: the drive of another inlet, or others such as "AA.outlet.P_venous". Between
+    communication points the FMU keeps these constant, so each is set to u(t + h/2) for the step from t to t + h. That
+    is the mean of u over the step up to O(h²), so its effect is accurate to second order; u(t) would act half a step
+    late, an error of O(h). The start value is u(0). An output that follows an input immediately, such as a prescribed
+    pressure, still lags by h/2. Raises ValueError for a file that is no FMU, an unknown start value or input or times
+    that are not positive, and FMUError with the FMU's own sentence when a call fails: a run either reaches its stop
+    time or raises.
     """
     inputs = inputs or {}
     time = _communication_points(stop_time, step)
@@ -86,7 +84,7 @@ def run_fmu(
     held = np.column_stack([np.empty((len(middle), 0)), *columns])
     driven = [variables[name].valueReference for name in shown]
     outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output" and not is_port(v.name)}
-    # the FMU's Python is this one: it would take Ctrl-C within a call for an error of its own
+    # the FMU shares this Python, and would treat Ctrl-C within a call as its own error
     with interrupts_later() as due, _instantiated(fmu, description) as slave:
         _initialize(slave, variables, starts, driven, [values[0] for values in shown.values()])
         table = _steps(slave, time, driven, held, list(outputs.values()), progress, due)
@@ -113,7 +111,7 @@ def _sampled(name: str, u: Input, time: Array) -> Array:
 
 
 def drive_of(variables: Mapping[str, Any], fmu: str | os.PathLike[str]) -> str:
-    """What drives the inlet: inlet.Q, or inlet.P where that is an input. Raises ValueError where there is no inlet."""
+    """The driving variable: inlet.Q, or inlet.P if that is an input. Raises ValueError without an inlet."""
     if "inlet.Q" not in variables:
         raise InputError(
             f"{os.fspath(fmu)}: it has no inlet, so it is no FMU of arteries and is not run alone; arterial-fmu build "
@@ -124,7 +122,7 @@ def drive_of(variables: Mapping[str, Any], fmu: str | os.PathLike[str]) -> str:
 
 
 def _drives(name: str) -> bool:
-    """Whether an input drives an inlet, in straight lines between communication points."""
+    """True if an input drives an inlet, with linear interpolation between communication points."""
     return name.endswith(("inlet.Q", "inlet.P"))
 
 
@@ -149,7 +147,7 @@ def read_description(fmu: str | os.PathLike[str]) -> ModelDescription:
 def _start_values(
     starts: Mapping[str, Any], variables: Mapping[str, Any], fmu: str | os.PathLike[str]
 ) -> dict[str, float | int]:
-    """The start values as the FMU takes them: numbers, of an Enumeration that of its item.
+    """The start values for the FMU: numbers; for an Enumeration the number of its item.
 
     Raises ValueError for an unknown name or a wrong type.
     """
@@ -174,7 +172,7 @@ def _start_values(
 
 @contextmanager
 def _instantiated(fmu: str | os.PathLike[str], description: ModelDescription) -> Iterator[Slave]:
-    """An instance of the FMU, freed at the end. A call that fails raises FMUError with what the FMU logged."""
+    """An instance of the FMU, freed at the end. A failed call raises FMUError with the FMU's log message."""
     messages: list[str] = []
 
     def log(status: int, message: bytes) -> None:
@@ -236,9 +234,9 @@ def _steps(
     progress: Callable[[float], None] | None,
     due: Callable[[], None],
 ) -> Array:
-    """The outputs at all times : (n + 1, n_outputs), with the inputs held : (n, n_inputs) in each of the n steps.
+    """The outputs at all times : (n + 1, n_outputs), with constant inputs : (n, n_inputs) in each of the n steps.
 
-    due : raises what waits for a step to end.
+    due : raises a pending interrupt after a step.
     """
     table = np.empty((len(time), len(outputs)))
     table[0] = slave.getReal(outputs)
@@ -253,7 +251,7 @@ def _steps(
 
 
 def _sentence(message: str) -> str:
-    """What the slave said, without what the wrapper wraps around it: "Fatal py exception …\nValueError('…')"."""
+    """The message of the slave, without the text that the wrapper adds: "Fatal py exception …\nValueError('…')"."""
     match = re.fullmatch(r"Fatal py exception.*?\n\w+\((.*)\)", message, flags=re.DOTALL)
     return str(ast.literal_eval(match[1])) if match else message
 

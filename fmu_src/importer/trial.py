@@ -1,7 +1,7 @@
-"""A host of one step, with nothing but Python's own library: ``python trial.py FOLDER``, an FMU's unpacked folder.
+"""A host of one step, with Python's own library only: ``python trial.py FOLDER``, an FMU's unpacked folder.
 
-Prints one JSON object a line, ``{"done": …}`` after each stage and ``{"said": …}`` for what the FMU logs, so that what
-was reached is known even where the process dies. It is run by the doctor under the interpreter in question.
+Prints one JSON object per line, ``{"done": …}`` after each stage and ``{"said": …}`` for log messages of the FMU, so
+that the last stage is known even if the process dies. The doctor runs it with the interpreter in question.
 """
 
 import json
@@ -31,7 +31,7 @@ LOGGER_3 = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)
 
 
 class Callbacks(Structure):
-    """What the host gives the FMU: fmi2CallbackFunctions."""
+    """The callbacks of the host: fmi2CallbackFunctions."""
 
     _fields_ = [
         ("logger", LOGGER),

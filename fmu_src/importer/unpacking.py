@@ -1,4 +1,4 @@
-"""Where our own commands unpack an FMU: pythonfmu's wrapper crashes where its path must be encoded in a URI."""
+"""The folder where our own commands unpack an FMU: pythonfmu's wrapper crashes if its path must be encoded in a URI."""
 
 from __future__ import annotations
 
@@ -47,6 +47,6 @@ def places() -> Iterator[Path]:
 
 
 def undecoded(path: str | os.PathLike[str]) -> str:
-    """The characters of a path that stand encoded in its URI, where the wrapper does not decode them."""
+    """The characters of a path that are encoded in its URI and that the wrapper does not decode."""
     plain = " /\\:" if os.name == "nt" else " /"
     return "".join(c for c in os.fspath(path) if c not in plain and quote(c, errors="replace") != c)

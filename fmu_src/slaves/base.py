@@ -43,7 +43,7 @@ from .saving import INITIALIZING, INSTANTIATED, STEPPING, TERMINATED, SavingSlav
 
 @dataclass(frozen=True)
 class Subject:
-    """What the FMU of a component is: its name and description for people, and its variables.
+    """The facts of a component's FMU: its name and description for people, and its variables.
 
     version : of the program that built it. table : inputs, then parameters, then outputs. make : a new component.
     """
@@ -70,7 +70,7 @@ class ComponentSlave(SavingSlave):
     @classmethod
     @abstractmethod
     def subject(cls, data: Any) -> Subject:
-        """What this FMU is, from what its data file holds."""
+        """The subject of this FMU, from its data file."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -97,7 +97,7 @@ class ComponentSlave(SavingSlave):
         self.phase, self.t0 = INSTANTIATED, 0.0
         self.stop_time: float | None = None
         self.outdated = True  # the outputs, before initialization ends
-        self.late_due = False  # the late outputs are still to be asked for
+        self.late_due = False  # the late outputs are not computed yet
         self.changed: dict[str, float] = {}  # tunable parameters since the last step
         for variable in self.table:
             self.register_variable(_registered(variable), nested=False)
@@ -157,7 +157,7 @@ class ComponentSlave(SavingSlave):
         return False
 
     def _check_end(self, t: float, h: float) -> None:
-        """Refuse a step beyond the stop time, but for the round-off of communication points."""
+        """Reject a step beyond the stop time, within the round-off of communication points."""
         if self.stop_time is not None and t > self.stop_time + 1e-6 * abs(h) + 1e-9 * abs(t):
             raise InputError(
                 f"step to t = {t:.9g} s: the stop time is {self.stop_time:.9g} s; end there, or set up a later one."
@@ -260,7 +260,7 @@ class ComponentSlave(SavingSlave):
         self.late_due = True
 
     def _settle(self) -> None:
-        if self.resources in sys.path:  # the wrapper puts it there at every instantiation and leaves it
+        if self.resources in sys.path:  # the wrapper inserts it at every instantiation and does not remove it
             sys.path.remove(self.resources)
         self._check_code()
 

@@ -1,4 +1,5 @@
-/* The component: its phases, its values, its communication steps, as fmu_src/slaves/base.py and cosimulation.py have them. */
+/* The component: its phases, its values, its communication steps, as fmu_src/slaves/base.py and cosimulation/arteries.py
+   have them. */
 #include "component.h"
 
 #include <math.h>
@@ -18,6 +19,8 @@ int say(component *c, const char *format, ...)
     va_end(arguments);
     return 0;
 }
+
+const char *component_said(const component *c) { return c->said; }
 
 const char *text(const component *c, int32_t at) { return c->r.strings + at; }
 

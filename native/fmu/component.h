@@ -112,6 +112,7 @@ void component_reset(component *c);
 
 /* Each returns 0 with a sentence in c->said, and the numbers as before. remark : one for a warning, or "". A step in
    another phase than STEPPING returns -1. */
+const char *component_said(const component *c);
 int component_may_be(const component *c, const double *numbers); /* whether they can be the numbers of a state */
 int component_set_up(component *c, double start, int has_stop, double stop);
 int component_enter(component *c);

@@ -35,6 +35,19 @@ uint64_t digest(const void *bytes, size_t n)
     return h;
 }
 
+#if defined(__wasi__)
+/* In a page of the documentation there are no files: the page has the bytes (docs/live.js). */
+__attribute__((import_module("page"), import_name("size"))) size_t page_size(void);
+__attribute__((import_module("page"), import_name("read"))) void page_read(void *bytes);
+
+static void *bytes_of(const char *path, size_t *size)
+{
+    void *const found = malloc(*size = page_size());
+    (void)path;
+    if (found) page_read(found);
+    return found;
+}
+#else
 static FILE *opened(const char *path)
 {
 #if defined(_WIN32)
@@ -73,6 +86,7 @@ static void *bytes_of(const char *path, size_t *size)
     fclose(file);
     return found;
 }
+#endif
 
 /* An array of a kind, and how many it has; NULL where there is none such. */
 static const void *array(const resource *r, int32_t i, int32_t kind, int32_t *count)

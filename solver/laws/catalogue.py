@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from .sensors import Sensor
 
 
 def terms_of(owner: str) -> dict[str, Quantity]:
-    """The terms that an owner of a kind may have, by key, in the order of the catalogue."""
+    """The possible terms of a kind of owner, by key, in the order of the catalogue."""
     return {key: q for e in effects.ALL if e.owner == owner and not e.always for key, q in e.terms.items()}
 
 
@@ -67,12 +67,21 @@ def filtered(network: Described, channel: str, omega: Array) -> Array:
     are results of one.
     """
     H = np.ones(np.shape(omega), complex)
+    for effect, values in _known_sensors(network, channel):
+        H = H * effect.transfer(values, omega)
+    return H
+
+
+def zero_of(network: Described, channel: str) -> float:
+    """The known zero of a channel in a network, in SI; 0 if it has none."""
+    return float(sum(effect.offset(values) for effect, values in _known_sensors(network, channel)))
+
+
+def _known_sensors(network: Described, channel: str) -> Iterator[tuple[Sensor, dict[str, Array]]]:
     for own in (c for c in network.channels if c.name == channel):
         for effect in effects.ALL:
             if isinstance(effect, Sensor) and not effect.searched(channel):
-                values = {**effect.neutral, **own.terms}
-                H = H * effect.transfer({key: np.asarray(value) for key, value in values.items()}, omega)
-    return H
+                yield effect, {key: np.asarray(value) for key, value in {**effect.neutral, **own.terms}.items()}
 
 
 # --- documentation ------------------------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ from .effect import (
 from .learned import LearnedOutlet, LearnedWall
 from .localised import SideBranch, Stenosis, WallStiffness
 from .outlets import Reflection, Windkessel
-from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset, LowPass
+from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset, KnownZero, LowPass
 from .springpot import FractionalViscosity
 from .wall import Wall
 
@@ -66,10 +66,10 @@ class WallViscosity(Effect):
     )
     signature = "the P-R loop opens, its loss proportional to ω; high harmonics are damped"
     confusable = ("stress_relaxation", "channel_lag")
-    separator = "radius; two heart rates"
+    separator = "radius; a second heart rate"
 
     def scaled(self, key: str, values: Sequence[float]) -> float | None:
-        """Viscous walls become more or less so by 30 %; elastic ones become viscous."""
+        """0.3 (a change of 30 %) where all walls are viscous; None, a shift, where an elastic wall becomes viscous."""
         return 0.3 if all(value > 0.0 for value in values) else None
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
@@ -78,7 +78,7 @@ class WallViscosity(Effect):
         return () if mixed else super().coordinates(network, place, bench)
 
     def of_animal(self, network: Described, place: str) -> bool:
-        """A different viscosity is the animal's own; a viscosity that the model lacks is a discovery."""
+        """True if the model already has viscosity there: another value belongs to the animal and is no discovery."""
         return any(s.phi0 > 0.0 for s in network.segments if place in (ALL_PLACES, s.name))
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
@@ -101,9 +101,9 @@ class NonlinearWallViscosity(Effect):
     search = SearchSpec(
         typical={"phiNL": 0.5}, relative={"phiNL": ("phi0", "s")}, starts=((0.5,), (-0.5,), (-2.0,)), local=True
     )
-    signature = "even in ε̇: upstroke, second harmonic"
+    signature = "even in ε̇: acts in the upstroke and at the second harmonic"
     confusable = ("nonlinear_elasticity",)
-    separator = "phase; amplitude"
+    separator = "phase of the second harmonic; a second pulse amplitude"
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         phiNL, phi0 = np.broadcast_arrays(values["phiNL"], wall.phi0)
@@ -123,9 +123,9 @@ class NonlinearElasticity(Effect):
     neutral = {"ENL": 0.0}
     at_rest = True
     search = SearchSpec(typical={"ENL": 1.0}, relative={"ENL": ("E", "1")}, starts=((1.0,), (4.0,)), local=True)
-    signature = "curves the middle line of the P-R loop, whose area stays"
+    signature = "curves the centre line of the P-R loop without changing its area"
     confusable = ("external_pressure",)
-    separator = "pressure level"
+    separator = "a second mean pressure"
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         return replace(wall, e=values["ENL"] * wall.K_h / wall.K, bent=bool(np.any(values["ENL"] != 0.0)))
@@ -133,7 +133,7 @@ class NonlinearElasticity(Effect):
 
 class StressRelaxation(Effect):
     name = "stress_relaxation"
-    equation = "τ dσ_v/dt + σ_v = φ0 ε̇: the viscous stress has memory"
+    equation = "τ dσ_v/dt + σ_v = φ0 ε̇: the viscous stress relaxes"
     owner = "segment"
     places = ("all", "segment")
     terms = {"tau": Quantity("s", "relaxation time tau of the viscous stress", 0.0, 10.0, nominal=1e-2, display="ms")}
@@ -141,9 +141,9 @@ class StressRelaxation(Effect):
     needs = "phi0"
     remembers = True
     search = SearchSpec(typical={"tau": 0.01}, starts=((0.3,), (1.0,), (3.0,), (10.0,), (30.0,)), local=True)
-    signature = "stiffness reaches a plateau at high frequency"
+    signature = "dynamic stiffness reaches a plateau at high frequency"
     confusable = ("wall_viscosity", "channel_lag")
-    separator = "heart rate"
+    separator = "a second heart rate"
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         return replace(wall, tau=values["tau"][None], share=np.ones((1, *values["tau"].shape)))
@@ -158,9 +158,9 @@ class ExternalPressure(Effect):
     neutral = {"P_ext": 0.0}
     at_rest = True
     search = SearchSpec(typical={"P_ext": 1333.0}, local=True)
-    signature = "offset without hysteresis; exact alias of a free R0"
+    signature = "shifts the P-R loop without changing its area; indistinguishable from another R0"
     confusable = ("channel_offset",)
-    separator = "measured R0"
+    separator = "a measured R0"
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         return replace(wall, P_ref=wall.P_ref + values["P_ext"])
@@ -168,7 +168,7 @@ class ExternalPressure(Effect):
 
 class Taper(Effect):
     name = "taper"
-    equation = "R0(x) = R0 (1 + s (x/L - 1/2)), and so h and E, each linear with its own s"
+    equation = "R0(x) = R0 (1 + s (x/L - 1/2)); likewise h and E, each with its own s"
     owner = "segment"
     places = ("segment",)
     terms = {
@@ -179,12 +179,12 @@ class Taper(Effect):
     at_ends = {"R0": "taper", "h": "taper_h", "E": "taper_E"}
     at_rest = True
     search = SearchSpec(typical={"taper": 0.2})
-    signature = "amplification toward the periphery"
+    signature = "pulse amplification toward the periphery"
     confusable = ("wall_stiffness",)
-    separator = "several sites"
+    separator = "several sites along the segment"
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
-        """That of the radius: records cannot distinguish the three."""
+        """The taper of the radius alone, because records cannot distinguish the three tapers."""
         return super().coordinates(network, place, bench)[:1]
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
@@ -203,9 +203,9 @@ class FluidFriction(Effect):
     terms = {"friction_scale": Quantity("1", "friction scale s, C_f becomes s C_f", 0.0, 1e3)}
     neutral = {"friction_scale": 1.0}
     search = SearchSpec(typical={"friction_scale": 0.7}, scales=True)
-    signature = "mean pressure gradient along the path"
+    signature = "changes the mean pressure gradient along the path"
     confusable = ("terminal_reflection", "stenosis")
-    separator = "P at both ends with Q"
+    separator = "P at both ends of a segment, with Q"
 
     def friction(self, C_f: Array, values: Values) -> Array:
         return C_f * values["friction_scale"]
@@ -220,9 +220,9 @@ class VelocityProfile(Effect):
     always = True
     neutral = {"alpha": 1.0}
     search = SearchSpec(typical={"alpha": 0.2})
-    signature = "proportional to the amplitude squared; systole, inlet"
+    signature = "grows with the square of the flow; largest in systole near the inlet"
     confusable = ("junction_loss",)
-    separator = "amplitude"
+    separator = "a second pulse amplitude"
 
     def convection(self, alpha: Array, values: Values) -> Array:
         return values["alpha"]
@@ -244,13 +244,13 @@ class UnsteadyFriction(Effect):
     equation = "∂Q/∂t = … - A s (4ν/R²) Σ y_n, dy_n/dt = -j²_{2,n} (ν/R²) y_n + dU/dt (Zielke 1968)"
     owner = "fluid"
     places = ("all",)
-    terms = {"unsteady_scale": Quantity("1", "part s of the frequency-dependent wall shear", 0.0, 1e2)}
+    terms = {"unsteady_scale": Quantity("1", "factor s of the frequency-dependent wall shear", 0.0, 1e2)}
     neutral = {"unsteady_scale": 0.0}
     remembers = True
     search = SearchSpec(typical={"unsteady_scale": 1.0})
-    signature = "attenuation grows as √ω"
+    signature = "attenuation of the waves grows as √ω"
     confusable = ("terminal_reflection",)
-    separator = "friction against harmonic"
+    separator = "attenuation of each harmonic between two sites"
 
     def drag(self, values: Values, points: Points) -> Drag | None:
         per_time = points.nu / points.R0**2
@@ -272,9 +272,9 @@ class TerminalReflection(Effect):
     always = True
     neutral = {"R_t": 0.0}
     search = SearchSpec(typical={"R_t": 0.2})
-    signature = "size of the reflected wave, mean P"
+    signature = "changes the size of the reflected wave and the mean P"
     confusable = ("side_branch",)
-    separator = "distal Q"
+    separator = "Q near the outlet"
 
     def acts_on(self, owner: Any) -> bool:
         return "R_t" in quantities(owner)
@@ -284,7 +284,7 @@ class TerminalReflection(Effect):
 
 
 class TerminalCompliance(Effect):
-    """Replaces the outlet condition rather than changing one of its numbers, so it has no neutral value."""
+    """A Windkessel in place of the outlet condition. It replaces that condition, and so it has no neutral value."""
 
     name = "terminal_compliance"
     equation = "the outlet becomes P = P_C + R1 Q, C dP_C/dt = Q - (P_C - P_venous)/R2"
@@ -295,9 +295,9 @@ class TerminalCompliance(Effect):
     neutral: ClassVar[Mapping[str, float]] = {}
     rewires = True
     search = SearchSpec(typical={"R1": 0.3, "C": 0.7, "R2": 0.3})
-    signature = "diastolic decay"
+    signature = "changes the diastolic decay of P"
     confusable = ("wall_stiffness",)
-    separator = "distal Q"
+    separator = "Q near the outlet"
 
     def add(self, network: Anatomy, place: str, values: Mapping[str, float]) -> Anatomy:
         check_known(self.name, values, self.variables(network, place))
@@ -310,7 +310,7 @@ class TerminalCompliance(Effect):
         return network.with_outlet(Windkessel(place, **given))
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
-        """R1, C and R2 instead of a reflection, around the reflection's resistance for small waves."""
+        """R1, C and R2 in place of a reflection; they start from the reflection's resistance for small waves."""
         outlet = next((o for o in network.outlets if o.segment == place), None)
         if not isinstance(outlet, Reflection) or outlet.R_t > 0.99:
             return ()
@@ -334,9 +334,9 @@ class JunctionLoss(Effect):
     always = True
     neutral = {"k": 0.0}
     search = SearchSpec(typical={"k": 1.0})
-    signature = "systolic step at one junction"
+    signature = "step of the systolic pressure across one junction"
     confusable = ("stenosis",)
-    separator = "P either side"
+    separator = "P on both sides of the junction"
 
     def junction(self, numbers: Values, values: Values) -> Values:
         return {**numbers, **values}
@@ -366,5 +366,6 @@ ALL: tuple[Effect, ...] = (
     ChannelOffset(),
     CatheterResonance(),
     LowPass(),
+    KnownZero(),
 )
 BY_NAME: dict[str, Effect] = {effect.name: effect for effect in ALL}

@@ -1,4 +1,4 @@
-"""Laws of a wall and of an outlet that were learned from a record: a few terms of their state, where it was seen."""
+"""Laws of a wall and of an outlet that are learned from a record: a few terms, valid in the observed range of state."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ..quantities.quantity import Quantity, quantities
 from .effect import Array, Described, Effect, SearchSpec, Values, small_wave_impedance
 from .wall import Wall
 
-_BEYOND = 0.25  # of a range that was seen, by which it is held farther: a refit and other beats move within that
+_BEYOND = 0.25  # margin of validity, as a fraction of the observed range: a refit and other beats stay within it
 
 
 class LearnedWall(Effect):
-    """A further viscous stress, :class:`~solver.laws.wall_laws.LearnedStress`: what is found where no law of the
-    catalogue is."""
+    """An additional viscous stress (:class:`~solver.laws.wall_laws.LearnedStress`), learned where no law of the
+    catalogue explains the record."""
 
     name = "learned_wall"
     equation = (
         "σ = … + (rise u + fall (1 - u)) ε̇ + cubic ε̇³ + friction tanh(4ε̇/rate), u = (ε - low)/span in [0, 1]; beyond "
-        "±rate its slope in ε̇ is held"
+        "±rate it is linear in ε̇"
     )
     owner = "segment"
     places = ("all", "segment")
@@ -30,19 +30,19 @@ class LearnedWall(Effect):
         "learned_rise": Quantity("Pa.s", "learned viscosity at the highest strain", 0.0, 1e8, nominal=1e3),
         "learned_fall": Quantity("Pa.s", "learned viscosity at the lowest strain", 0.0, 1e8, nominal=1e3),
         "learned_cubic": Quantity("Pa.s^3", "learned stress per cube of the strain rate", 0.0, 1e10, nominal=1e3),
-        "learned_friction": Quantity(
-            "Pa", "learned stress that high strain rates do not exceed", 0.0, 1e8, nominal=1e3
+        "learned_friction": Quantity("Pa", "learned friction: its stress at high strain rates", 0.0, 1e8, nominal=1e3),
+        "learned_low": Quantity("1", "lowest strain of the learned law, constant below", -0.9, 10.0, nominal=0.1),
+        "learned_span": Quantity(
+            "1", "strain range of the learned law, constant above", 0.0, 10.0, nominal=0.1, open_low=True
         ),
-        "learned_low": Quantity("1", "lowest strain of the learned law, held below", -0.9, 10.0, nominal=0.1),
-        "learned_span": Quantity("1", "range of its strains, held above", 0.0, 10.0, nominal=0.1, open_low=True),
         "learned_rate": Quantity(
-            "1/s", "highest strain rate of the law, its slope held beyond", 0.0, 1e4, open_low=True
+            "1/s", "highest strain rate of the learned law, linear beyond", 0.0, 1e4, open_low=True
         ),
     }
     neutral = dict.fromkeys(tuple(terms)[:5], 0.0) | {"learned_span": 1.0, "learned_rate": 1.0}
     how = ("learned_low", "learned_span", "learned_rate")
     library = ("learned_rise", "learned_fall", "learned_cubic", "learned_friction")
-    # of E, as much as 0.3 of an ordinary viscosity φ0 = 0.017 s E does at strain rates of 0.5/s
+    # relative to E: the stress of 0.3 times an ordinary viscosity, φ0 = 0.017 s E, at strain rates of 0.5/s
     search = SearchSpec(
         typical={"learned_rise": 0.005, "learned_fall": 0.005, "learned_cubic": 0.02, "learned_friction": 0.0025},
         relative={
@@ -53,9 +53,9 @@ class LearnedWall(Effect):
         },
         local=True,
     )
-    signature = "a loss that no viscosity of the catalogue has"
+    signature = "a loss that no viscous law of the catalogue reproduces"
     confusable = ("nonlinear_wall_viscosity", "fractional_viscosity")
-    separator = "other pressures and heart rates"
+    separator = "a second mean pressure and heart rate"
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         return replace(wall, learned=np.stack(np.broadcast_arrays(*(values[key] for key in self.terms))))
@@ -78,9 +78,9 @@ class LearnedWall(Effect):
 
 
 class LearnedOutlet(Effect):
-    """A further flow through an outlet, whose conductance depends on the pressure. No number is below 0, so that it
-    runs down the pressure at every moment and gives out energy over no cycle. What follows P by dP/dt is a compliance,
-    which the catalogue has (``terminal_compliance``)."""
+    """An additional flow through an outlet, with a conductance that depends on the pressure. No number is negative, so
+    that the flow always follows the pressure drop and releases no energy over a cycle. A flow proportional to dP/dt is
+    a compliance, which the catalogue already has (``terminal_compliance``)."""
 
     name = "learned_outlet"
     equation = "Q = … + (open u + shut (1 - u)) (P - P_venous), u = (P - P_venous - from)/over in [0, 1]"
@@ -94,19 +94,25 @@ class LearnedOutlet(Effect):
             "m^3/(Pa.s)", "learned conductance at the lowest pressure", 0.0, 1e-3, nominal=1e-10, display="mL/(s.mmHg)"
         ),
         "learned_from": Quantity(
-            "Pa", "lowest P - P_venous of the learned law, held below", -1e6, 1e6, nominal=1e3, display="mmHg"
+            "Pa", "lowest P - P_venous of the learned law, constant below", -1e6, 1e6, nominal=1e3, display="mmHg"
         ),
         "learned_over": Quantity(
-            "Pa", "range of its pressures, held above", 0.0, 1e6, nominal=1e3, display="mmHg", open_low=True
+            "Pa",
+            "pressure range of the learned law, constant above",
+            0.0,
+            1e6,
+            nominal=1e3,
+            display="mmHg",
+            open_low=True,
         ),
     }
     neutral = {"learned_open": 0.0, "learned_shut": 0.0, "learned_from": 0.0, "learned_over": 1.0}
     how = ("learned_from", "learned_over")
     library = ("learned_open", "learned_shut")
-    search = SearchSpec(typical={"learned_open": 0.1, "learned_shut": 0.1})  # of that of small waves, 1/Z
-    signature = "an outlet that opens or shuts with the pressure"
+    search = SearchSpec(typical={"learned_open": 0.1, "learned_shut": 0.1})  # times 1/Z of small waves
+    signature = "an outlet whose conductance changes with the pressure"
     confusable = ("terminal_reflection",)
-    separator = "other pressures"
+    separator = "a second mean pressure"
 
     def acts_on(self, owner: Any) -> bool:
         return not owner.stores and bool({"R", "R_t"} & set(quantities(owner)))

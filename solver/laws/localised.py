@@ -90,9 +90,9 @@ class WallStiffness(Partial):
     longest = 0.8  # a longer part is the artery's own wall
     at_rest = True
     search = SearchSpec(typical={"E_scale": 0.3}, scales=True, starts_along=_PARTS, local=True)
-    signature = "reflections timed by place; wave speed"
+    signature = "wave speed, and reflections whose timing gives the place"
     confusable = ("taper",)
-    separator = "radius with pressure"
+    separator = "radius and pressure at one site"
 
     def of_animal(self, network: Described, place: str) -> bool:
         return True
@@ -112,9 +112,9 @@ class SideBranch(Partial):
     along = tuple(part)
     # leak: share of the flow of a progressive wave that is lost over the segment, g L Z
     search = SearchSpec(typical={"leak": 0.05}, starts_along=_PARTS, source=OUTFLOW)
-    signature = "flow is lost across the segment"
+    signature = "the flow falls along the segment"
     confusable = ("terminal_reflection",)
-    separator = "Q at both sides"
+    separator = "Q at both ends of the segment"
 
     def step(self, network: Described, owner: Any, key: str) -> float:
         if key in self.along:
@@ -126,7 +126,8 @@ class SideBranch(Partial):
 
 
 class Stenosis(Partial):
-    """A search fits its length only if a tenth of the segment leaves more than noise: most records do not reveal it.
+    """A localised loss of pressure. A search fits its length only if a length of 0.1 L leaves more than noise, because
+    most records do not reveal the length.
     Sheep, 40 dB, P, Q and R at seven sites: K = 10 over 0.2 L differs from one over 0.05 L at the same position by 0.2
     to 4 standard deviations of all data together, with K refitted (up to 11 for K = 30). If a long stenosis extends
     across a site away from its middle, it differs from a tenth of L, with position and K refitted, by up to 11 (0.2 L
@@ -141,9 +142,9 @@ class Stenosis(Partial):
     along = tuple(part)
     cuts = (0.45, 0.55)
     search = SearchSpec(typical={"K": 10.0}, starts_along=tuple((p,) for p in _POSITIONS), source=DROP)
-    signature = "systolic quadratic drop, timed reflection"
+    signature = "pressure drop quadratic in the flow, largest in systole; reflections whose timing gives the place"
     confusable = ("fluid_friction",)
-    separator = "paired P"
+    separator = "P on both sides"
 
     def drag(self, values: Values, points: Points) -> Drag | None:
         start, end = self.ends(values)

@@ -58,7 +58,7 @@ def _resistance(description: str) -> Any:
 @dataclass(frozen=True)
 class Outlet:
     """The common part of all kinds: an end of a segment. ``symbol`` and ``noun`` name the kind in drawings and
-    documents; ``stores`` : it has a stored pressure P_C."""
+    documents; ``stores`` : it has a stored pressure P_C, which follows from its ``capacity``."""
 
     segment: str
     P_venous: float = _venous_pressure("venous pressure P_venous")
@@ -68,6 +68,9 @@ class Outlet:
     symbol: ClassVar[str]
     noun: ClassVar[str]
     stores: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        cls.stores = cls.capacity.__func__ is not Outlet.capacity.__func__  # type: ignore[attr-defined]
 
     @property
     def label(self) -> str:
@@ -176,7 +179,6 @@ class Windkessel(Outlet):
 
     symbol = "RCR"
     noun = "Windkessel"
-    stores = True
 
     @classmethod
     def load(cls, numbers: Numbers, wall: Wall, tau: float) -> Load:

@@ -109,7 +109,7 @@ class ChannelGain(Sensor):
     terms = {"gain": Quantity("1", "gain g of the channel", 1e-3, 1e3)}
     neutral = {"gain": 1.0}
     search = SearchSpec(typical={"gain": 0.03}, scales=True)
-    signature = "one channel only: scale"
+    signature = "one channel only: scales mean and pulse"
     confusable = ("wall_stiffness",)
     separator = "calibration of the sensor"
 
@@ -123,7 +123,7 @@ class ChannelOffset(Sensor):
     terms = {"offset": Quantity("signal", "offset o of the channel, in the unit of its signal", -1e6, 1e6)}
     neutral = {"offset": 0.0}
     reach = {"offset": (-1e3, 1e3)}
-    signature = "one channel only: mean"
+    signature = "one channel only: shifts the mean"
     confusable = ("external_pressure",)
     separator = "calibration of the sensor"
 
@@ -136,13 +136,13 @@ class ChannelOffset(Sensor):
         return values["offset"]
 
 
-# Start catheters of a search: a resonance has many local minima
+# Start points of a search: the misfit has many local minima in the resonance
 _NATURAL_FREQUENCIES, _DAMPINGS = (8.0, 10.0, 12.0, 15.0, 18.0, 22.0, 27.0, 33.0, 40.0), (0.1, 0.35, 1.2)
 
 
 class CatheterResonance(Sensor):
-    """A search uses a = 2ζ/ω_n (slow) and b = 1/ω_n² (resonance), which are 0 for a perfect sensor, where f_n and ζ
-    diverge."""
+    """A search uses a = 2ζ/ω_n (slow) and b = 1/ω_n² (resonance): both are 0 for a perfect sensor, where
+    f_n diverges."""
 
     name = "catheter_resonance"
     equation = "Y/X = 1/(1 + 2iζ f/f_n - (f/f_n)²); f_n = 0 means none"
@@ -160,7 +160,7 @@ class CatheterResonance(Sensor):
             for zeta in _DAMPINGS
         ),
     )
-    signature = "one channel only: peak near f_n"
+    signature = "one channel only: resonance near f_n"
     confusable = ("wall_viscosity",)
     separator = "calibration of the sensor"
 
@@ -191,6 +191,30 @@ class CatheterResonance(Sensor):
         return {"slow": 2.0 * np.asarray(terms["zeta"]) * per, "resonance": per * per}
 
 
+class KnownZero(Sensor):
+    """The zero or the height of a sensor, known or found by a calibration; never a candidate of a search, which has
+    :class:`ChannelOffset`."""
+
+    name = "known_zero"
+    equation = "y(t) = x(t) + zero, known"
+    terms = {"zero": Quantity("signal", "known zero of the channel, in the unit of its signal", -1e6, 1e6)}
+    neutral = {"zero": 0.0}
+    signature = "one channel only: mean"
+    confusable = ("channel_offset", "external_pressure")
+    separator = "calibration of the sensor"
+
+    def searched(self, channel: str) -> Mapping[str, Quantity]:
+        return {}
+
+    def said(self, words: str) -> Mapping[str, str] | None:
+        """zero AMOUNT, such as zero 4 mmHg."""
+        match = re.fullmatch(r"zero\s+(.+)", words, re.IGNORECASE)
+        return match and {"zero": match[1]}
+
+    def offset(self, values: Values) -> Array | float:
+        return values["zero"]
+
+
 _HIGHEST_ORDER = 8
 
 
@@ -208,7 +232,7 @@ class LowPass(Sensor):
         "low_pass_order": Quantity("1", "order n of that filter", 1.0, _HIGHEST_ORDER, whole=True),
     }
     neutral = {"low_pass": 0.0, "low_pass_order": 1.0}
-    signature = "one channel only: high harmonics are damped and late"
+    signature = "one channel only: damps and delays high harmonics"
     confusable = ("catheter_resonance", "channel_lag")
     separator = "settings of the amplifier"
 

@@ -44,7 +44,7 @@ class FractionalViscosity(Effect):
     owner = "segment"
     places = ("all", "segment")
     terms = {
-        "springpot": Quantity("1", "share w of the viscous stress that is a springpot's", 0.0, 1.0, nominal=0.3),
+        "springpot": Quantity("1", "fraction w of the viscous stress from the springpot", 0.0, 1.0, nominal=0.3),
         "springpot_order": Quantity("1", "order a of the springpot (0 spring, 1 damper)", 0.0, 1.0, nominal=0.3),
     }
     neutral = {"springpot": 0.0, "springpot_order": 0.3}
@@ -56,9 +56,9 @@ class FractionalViscosity(Effect):
         starts=tuple(product((0.3, 1.0, 2.0), (-1.0, 0.0, 1.0, 2.0))),
         local=True,
     )
-    signature = "loss nearly independent of frequency, stiffness that grows slowly with it"
+    signature = "loss nearly independent of frequency; dynamic stiffness grows slowly with frequency"
     confusable = ("stress_relaxation", "wall_viscosity")
-    separator = "two heart rates"
+    separator = "a second heart rate"
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         w = values["springpot"]

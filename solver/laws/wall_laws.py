@@ -216,7 +216,7 @@ VISCOUS_LAWS: dict[str, ViscousLaw] = {law.name: law for law in (Quadratic(), Mo
 
 @dataclass(frozen=True)
 class LearnedStress:
-    """An additional viscous stress with a form learned from a record, beside that of the viscous law:
+    """An additional viscous stress with a form learned from a record, added to that of the viscous law:
 
         σ_L = (rise u + fall (1 - u)) ε̇ + cubic ε̇³ + friction tanh(4 ε̇/rate),    u = (ε - low)/span
 

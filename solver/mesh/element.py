@@ -80,12 +80,12 @@ class Element:
 
     @cached_property
     def minus_d_test(self) -> Array:
-        """(N, N+1): values f at the gauss points times it are -∫ f dv/dξ dξ."""
+        """(N, N+1): the product with values f at the gauss points is -∫ f dv/dξ dξ."""
         return -self.w_gauss[:, None] * self.derivative
 
     @cached_property
     def twice_test(self) -> Array:
-        """(N, N+1): values f at the gauss points times it are 2 ∫ f v dξ."""
+        """(N, N+1): the product with values f at the gauss points is 2 ∫ f v dξ."""
         return 2.0 * self.w_gauss[:, None] * self.to_gauss
 
     @cached_property
@@ -100,8 +100,8 @@ class Element:
 
     @cached_property
     def high_degrees(self) -> Array:
-        """(N+1, N+1): values Q at the lobatto points times it are Σ q_k v_k for every polynomial v, where q_k, v_k are
-        the parts of the Legendre polynomials of degree k > (N + 1)/2."""
+        """(N+1, N+1): the product with values Q at the lobatto points is Σ q_k v_k for every polynomial v, where q_k,
+        v_k are the coefficients of the Legendre polynomials of degree k > (N + 1)/2."""
         parts = np.linalg.inv(legendre.legvander(self.x_lobatto, self.N))[(self.N + 1) // 2 + 1 :]
         found: Array = parts.T @ parts
         return found

@@ -1,9 +1,9 @@
-"""The system of the nodal pressures, solved at a cost that grows with the number of nodes.
+"""The system of the nodal pressures, solved at a cost proportional to the number of nodes.
 
-Node i is coupled to node j where an element joins them. Arteries branch, so most nodes have one or two neighbours.
-These are eliminated round by round, all of a round at once, no two of them neighbours; what they leave couples their
-neighbours. Leaves and every second node of a chain go, so that a tree of n nodes takes some log n rounds, and a
-network with loops comes down to these. What stays is inverted as a whole. Which node goes when is found once a mesh.
+Nodes i and j are coupled if an element joins them. Arteries branch, so most nodes have one or two neighbours. These are
+eliminated in rounds of nodes that are not neighbours of each other; each elimination couples the neighbours of the
+node. A round removes leaves and every second node of a chain, so that a tree of n nodes takes O(log n) rounds, and a
+network with loops is reduced to these. The remaining core is inverted as a whole. The order is computed once per mesh.
 
 Elimination by rounds: G. L. Miller, J. H. Reif, Parallel tree contraction, Proc. 26th FOCS (1985) 478.
 """
@@ -21,12 +21,12 @@ Array = np.ndarray
 Index = Array | slice
 
 CORE = 96  # nodes that are inverted as a whole: below, a product with the inverse costs less than a round
-_WHOLE = 160_000  # numbers, 1.3 MB: inverses no larger cost less in a product than rounds do
-_WORTH = 0.1  # of the nodes, which a round must take: where many loops meet, few can go
+_WHOLE = 160_000  # numbers, 1.3 MB: for inverses up to this size, a product costs less than the rounds
+_WORTH = 0.1  # least fraction of the nodes that a round must remove: where many loops meet, few can be
 
 
 class Sums(NamedTuple):
-    """Sums of terms by where they go. order : the terms by target; first : (n,) where each target's begin; targets :
+    """Sums of terms by target. order : the terms by target; first : (n,) the first term of each target; targets :
     (n,)."""
 
     order: Array
@@ -35,18 +35,18 @@ class Sums(NamedTuple):
 
     @staticmethod
     def of(targets: Array) -> Sums:
-        """For terms that go to targets : (n_terms,)."""
+        """For terms with targets : (n_terms,)."""
         order = np.argsort(targets, kind="stable")
         each, first = np.unique(targets[order], return_index=True)
         return Sums(order, first, each)
 
 
 class Round(NamedTuple):
-    """Nodes v that go together; each has a near and a far neighbour, or a near one that counts as both.
+    """Nodes v that are eliminated together; each has a near and a far neighbour, or a near one that counts as both.
 
     nodes : (m,) v. near, far : (m,). row, column : entries (2, m) G_v,near and G_v,far, G_near,v and G_far,v.
-    gives : how G of the neighbours changes, (2, 2, m) terms. passes : how the right side there does, (2, m) terms;
-    source : the nodes v of these.
+    gives : sums of the changes of G of the neighbours, (2, 2, m) terms. passes : sums of the changes of their right
+    sides, (2, m) terms; source : the nodes v of these.
     """
 
     nodes: Array
@@ -61,12 +61,12 @@ class Round(NamedTuple):
 
 @dataclass(frozen=True)
 class Elimination:
-    """What is eliminated when, of a system of n nodes that elements couple.
+    """The elimination order of a system of n nodes coupled by elements.
 
-    Entries of G are counted: the diagonal first, then those of element ends, then those that arise. The last one is 0.
-    n, n_entries : how many nodes and entries. elements : how the (4 n_e) products of element ends (left with left and
-    right, right with left and right) add up to entries. rows : the node of every entry's equation. core : nodes that
-    stay; inner : their entries (n_core, n_core).
+    Entries of G are numbered: the diagonal first, then those of element ends, then the fill-in. The last one is 0. n,
+    n_entries : numbers of nodes and entries. elements : sums of the (4 n_e) products of element ends (left with left
+    and right, right with left and right) to entries. rows : the equation's node of every entry. core : remaining nodes;
+    inner : their entries (n_core, n_core).
     """
 
     n: int
@@ -78,10 +78,10 @@ class Elimination:
     inner: Array
 
     def factor(self, products: Array, scale: Array, less: Array) -> Factor:
-        """-G⁻¹ of G = scale · Σ products - diag(less). products : (B, 4 n_e) flow into a node of each element end by
+        """-G⁻¹ of G = scale · Σ products - diag(less). products : (B, 4 n_e) flow into the node of each element end by
         the pressure at each end. scale, less : (B, n) of each node's equation.
 
-        Raises LinAlgError where G is singular.
+        Raises LinAlgError if G is singular.
         """
         G = np.zeros_like(products, shape=(len(products), self.n_entries))
         G[:, self.elements.targets] = np.add.reduceat(products.take(self.elements.order, 1), self.elements.first, 1)
@@ -103,7 +103,8 @@ class Elimination:
 
 @dataclass(frozen=True)
 class Factor:
-    """-G⁻¹: what every round passes on, (B, 2 m), takes back, (B, 2, m), and keeps, (B, m); inverse : of the core."""
+    """-G⁻¹: for every round the factors passed to neighbours, (B, 2 m), those of back substitution, (B, 2, m), and the
+    inverse pivots, (B, m); inverse : of the core."""
 
     plan: Elimination
     passed: tuple[Array, ...]
@@ -113,7 +114,7 @@ class Factor:
 
     @staticmethod
     def joined(factors: Sequence[Factor]) -> Factor:
-        """Those of several systems as one of them all."""
+        """The factors of several systems as one batch."""
         passed, taken, own = (
             tuple(map(np.concatenate, zip(*(getattr(f, part) for f in factors), strict=True)))
             for part in ("passed", "taken", "own")
@@ -121,7 +122,7 @@ class Factor:
         return Factor(factors[0].plan, passed, taken, own, np.concatenate([f.inverse for f in factors]))
 
     def whole(self) -> Factor:
-        """The same as the inverse of the whole system, where that is small: for a factor that is used often."""
+        """The same as an inverse of the whole system, if that is small: for a factor that is used often."""
         if not self.plan.rounds or len(self.inverse) * self.plan.n**2 > _WHOLE:
             return self
         unit = np.eye(self.plan.n, dtype=self.inverse.dtype)
@@ -130,7 +131,7 @@ class Factor:
         return Factor(replace(self.plan, rounds=(), core=slice(None)), (), (), (), inverse)
 
     def member(self, b: int) -> Factor:
-        """That of one system of several."""
+        """The factor of one system of a batch."""
         own_b = slice(b, b + 1)
         passed, taken, own = (tuple(x[own_b] for x in rounds) for rounds in (self.passed, self.taken, self.own))
         return replace(self, passed=passed, taken=taken, own=own, inverse=self.inverse[own_b])
@@ -158,12 +159,12 @@ class Factor:
 
 @lru_cache(maxsize=32)
 def eliminated(ends: bytes, n: int, core: int = CORE) -> Elimination:
-    """As :func:`eliminate`, of the bytes of the ends: meshes that are joined alike share it."""
+    """As :func:`eliminate`, from the bytes of the ends: meshes with the same connections share it."""
     return eliminate(np.frombuffer(ends, int).reshape(-1, 2), n, core)
 
 
 def eliminate(ends: Array, n: int, core: int = CORE) -> Elimination:
-    """How to eliminate the n nodes that elements with ends : (n_e, 2) couple, until about ``core`` of them stay."""
+    """The elimination of n nodes coupled by elements with ends : (n_e, 2), until about ``core`` of them remain."""
     entries = {(i, i): i for i in range(n)}
 
     def entry(i: int, j: int) -> int:
@@ -196,7 +197,7 @@ def eliminate(ends: Array, n: int, core: int = CORE) -> Elimination:
 
 
 def _apart(beside: dict[int, set[int]]) -> list[int]:
-    """Nodes with at most two neighbours, no two of them neighbours: those with one first."""
+    """Nodes with at most two neighbours, no two of them neighbours; those with one first."""
     found, taken = list[int](), set[int]()
     for v in sorted((v for v, others in beside.items() if len(others) <= 2), key=lambda v: len(beside[v])):
         if v not in taken:
@@ -206,7 +207,7 @@ def _apart(beside: dict[int, set[int]]) -> list[int]:
 
 
 def _round(nodes: list[int], beside: Iterable[list[int]], entry: Callable[[int, int], int]) -> Round:
-    """The round in which nodes go that have these one or two neighbours."""
+    """The round that eliminates nodes with these one or two neighbours."""
     near, far = np.array([(others[0], others[-1]) for others in beside]).T
     two = near != far
     pairs = ((near, near), (near, far), (far, near), (far, far))

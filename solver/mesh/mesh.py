@@ -1,4 +1,4 @@
-"""Where things are: nodes, elements, the parts of a state vector, and sampling. The only file that knows indices."""
+"""Nodes, elements, the parts of a state vector, and sampling. This is the only file that computes indices."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .elimination import CORE, Elimination, Sums, eliminated
 Array = np.ndarray
 Index = Array | slice
 
-_LARGEST_MESH = 200_000  # elements: more are a mistake in a length
+_LARGEST_MESH = 200_000  # elements: a larger number is a mistake in a length
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,14 @@ def topology(network: Network) -> Topology:
 
 
 class Samples(NamedTuple):
-    """Values at points, each from a few of many: at : (n_points, k) which, weight : (n_points, k)."""
+    """Values at points, each a weighted sum of k numbers. at : (n_points, k) their indices. weight : (n_points, k)."""
 
     at: Array
     weight: Array
 
     @staticmethod
     def of_parts(parts: Iterable[tuple[Samples, slice]]) -> Samples:
-        """Of a whole, at the points of samples of its parts, one after the other."""
+        """Samples of a whole, from the samples of its parts, one after the other."""
         found = [(samples.at + part.start, samples.weight) for samples, part in parts]
         return Samples(*map(np.concatenate, zip(*found, strict=True)))
 
@@ -84,7 +84,7 @@ class Samples(NamedTuple):
 
 
 def as_slice(index: Array) -> Index:
-    """The same as a slice where there is one, which is faster."""
+    """The same as a slice if possible, which is faster."""
     together = slice(int(index[0]), int(index[-1]) + 1) if len(index) else slice(0, 0)
     return together if np.array_equal(np.arange(together.start, together.stop), index) else index
 
@@ -94,14 +94,13 @@ def as_slice(index: Array) -> Index:
 
 @dataclass(frozen=True)
 class Mesh:
-    """Every segment cut into elements of one degree, equal but where an effect wants cuts; element ends join at nodes.
+    """Every segment cut into elements of one degree, equal between the cuts of effects; element ends join at nodes.
 
     segment : (n_e,) segment of each element. parts : (n_e,) length of the segment over that of the element.
-    left : (n_e,) x/L where it begins. piece : (n_e,) number of the stretch between cuts that it lies in.
-    ends : (n_e, 2) node at the left and right end; the first nodes are the topology's.
-    n_nodes : points where elements meet, or end.
-    first, count : (n_segments,) first element and number of elements of each segment. core : about how many nodes are
-    not eliminated but inverted as a whole.
+    left : (n_e,) x/L of its left end. piece : (n_e,) number of the interval between cuts that contains it.
+    ends : (n_e, 2) node at the left and right end; the first nodes are the topology's. n_nodes : points where elements
+    meet, or end. first, count : (n_segments,) first element and number of elements of each segment. core : about the
+    number of nodes that are inverted as a whole instead of eliminated.
     """
 
     topology: Topology
@@ -127,48 +126,48 @@ class Mesh:
 
     @cached_property
     def end_nodes(self) -> Array:
-        """(2, n_e, N+1) the left and the right node of every element, for each of its flows."""
+        """(2, n_e, N+1) the left and the right node of every element, repeated for each of its flows."""
         return np.repeat(self.ends.T[:, :, None], self.element.N + 1, axis=2)
 
     @cached_property
     def outer_nodes(self) -> Array:
-        """(n_e, N+1) the node at the ends of every element; inside any."""
+        """(n_e, N+1) the node at each end of every element; arbitrary inside."""
         nodes = self.end_nodes[0].copy()
         nodes[:, -1] = self.ends[:, 1]
         return nodes
 
     @cached_property
     def outward(self) -> Array:
-        """(n_e, N+1): times f at the ends of an element it is the boundary term [f v]."""
+        """(n_e, N+1): the product with f at the ends of an element is the boundary term [f v]."""
         return np.tile(np.diff(np.eye(self.element.N + 1)[[0, -1]], axis=0), (self.n_elements, 1))
 
     @cached_property
     def elimination(self) -> Elimination:
-        """How the system of the nodal pressures is solved."""
+        """The elimination for the system of the nodal pressures."""
         return eliminated(self.ends.astype(int).tobytes(), self.n_nodes, self.core)
 
     @cached_property
     def joined(self) -> Sums:
-        """How flows at the element ends (left, right, left, …) add up at the nodes."""
+        """Sums of the flows at element ends (left, right, left, …) at the nodes."""
         return Sums.of(self.ends.ravel())
 
     @cached_property
     def _at_ends(self) -> Array:
-        """Which of the flows (n_e (N+1)) are those of ``joined``, in its order."""
+        """Indices, among the flows (n_e (N+1)), of the flows at element ends in the order of ``joined``."""
         element, right = np.divmod(self.joined.order, 2)
         return element * (self.element.N + 1) + right * self.element.N
 
     def signs(self, scale: Array) -> Array:
-        """(B, 2 n_e): what flows count in :meth:`net_inflow` where that of a node counts scale : (B, n_nodes)."""
+        """(B, 2 n_e): weights of the flows in :meth:`net_inflow`, scaled at each node by scale : (B, n_nodes)."""
         return np.where(self.joined.order % 2, 1.0, -1.0) * scale.take(self.ends.ravel()[self.joined.order], 1)
 
     def net_inflow(self, Q: Array, signs: Array) -> Array:
-        """What flows into each node and does not leave it, (B, n_nodes), of flows Q : (B, n_e, N+1)."""
+        """Net inflow of each node, (B, n_nodes), by flows Q : (B, n_e, N+1)."""
         return np.add.reduceat(Q.reshape(len(Q), -1).take(self._at_ends, 1) * signs, self.joined.first, 1)
 
     @cached_property
     def sink(self) -> Array:
-        """(n_e,) the outlet where the element's segment ends; the number of outlets where it ends at a junction."""
+        """(n_e,) the outlet at the end of the element's segment; the number of outlets if it ends at a junction."""
         outlets = self.topology.outlet_segment
         sink = np.full(len(self.count), len(outlets))
         sink[outlets] = np.arange(len(outlets))
@@ -185,14 +184,14 @@ class Mesh:
         return self.left[:, None] + (xi + 1.0) / 2.0 / self.parts[:, None]
 
     def same_as(self, other: object) -> bool:
-        """Whether a state on this mesh means the same on the other."""
+        """True if a state on this mesh is valid on the other."""
         if not isinstance(other, Mesh):
             return False
         mine, others = (self.segment, self.parts, self.ends), (other.segment, other.parts, other.ends)
         return self.element.N == other.element.N and all(map(np.array_equal, mine, others))
 
     def sample_gauss(self, segment: Array, position: Array) -> Samples:
-        """A or ∂Q/∂x (B, n_e N) at x = position · L from the N + 1 nearest points of its piece, if it has as many."""
+        """A or ∂Q/∂x (B, n_e N) at x = position · L from the nearest points of its piece, N + 1 if it has as many."""
         N = self.element.N
         points, at, weight = self.positions(self.element.x_gauss).ravel(), list[Array](), list[Array]()
         for e, x in zip(self._holding(segment, position), position, strict=True):
@@ -210,7 +209,7 @@ class Mesh:
         return Samples(n * e[:, None] + np.arange(n), lagrange(self.element.x_lobatto, xi))
 
     def _holding(self, segment: Array, position: Array) -> Array:
-        """The elements that hold the points x/L of segments."""
+        """The elements that contain the points x/L of segments."""
         begins = ((first, self.left[first : first + n]) for first, n in zip(self.first, self.count, strict=True))
         left = dict(enumerate(begins))
         points = zip(segment, position, strict=True)
@@ -222,7 +221,7 @@ def build_mesh(
 ) -> Mesh:
     """Cut segments of length L : (n_segments,) [m] into elements no longer than ``element_length`` [m].
 
-    cuts : x/L for every segment at which elements must end, increasing. Raises ValueError if that makes too many.
+    cuts : increasing x/L for every segment at which elements must end. Raises ValueError for too many elements.
     """
     nodes = topology(network)
     bounds = [np.array([0.0, *at, 1.0]) for at in (cuts or [()] * len(L))]
@@ -253,7 +252,7 @@ def build_mesh(
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the named parts of a state vector y : (B, n) lie, one after the other."""
+    """The places of the named parts of a state vector y : (B, n), one after the other."""
 
     shapes: Mapping[str, tuple[int, ...]]
 
@@ -265,7 +264,7 @@ class Layout:
 
     @property
     def size(self) -> int:
-        """Numbers of a state."""
+        """The number of entries of a state vector."""
         return sum(map(math.prod, self.shapes.values()))
 
     def columns(self, name: str) -> Array:

@@ -1,4 +1,4 @@
-"""Tables of sources: what acts beside the equations of a network at every moment, by a g(t) that is known."""
+"""Tables of sources: terms with known amplitudes g(t) in the equations of a network, at every moment."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .sources import Source, made_of, shown
 
 Array = np.ndarray
 
-_FINE = 4096  # samples of a beat, whose harmonics are a table's
+_FINE = 4096  # samples of a beat for the harmonics of a table
 
 
 class _Place(NamedTuple):
-    """Where sources lie."""
+    """The model interface for sources."""
 
     network: Network
     mesh: Mesh
@@ -27,7 +27,7 @@ class _Place(NamedTuple):
 
 @dataclass(frozen=True)
 class NoTables:
-    """Nothing acts beside the equations."""
+    """A network without tables."""
 
     tables: ClassVar[tuple[TableSource, ...]] = ()
 
@@ -60,9 +60,9 @@ class NoTables:
 
 @dataclass(frozen=True)
 class Tables:
-    """momentum : (n_sources, n_e, N+1), nodes : (n_sources, n_nodes), of unit amplitude; shown : what they add to the
-    network's outputs, (n_sources, n_outputs). inlets, outlets : their nodes. now : (n_sources,) the amplitudes of the
-    one moment that they are asked for, where others know the time."""
+    """momentum : (n_sources, n_e, N+1), nodes : (n_sources, n_nodes), for unit amplitude; shown : direct contributions
+    to the network's outputs, (n_sources, n_outputs). inlets, outlets : their nodes. now : (n_sources,) amplitudes at
+    the requested moment, if these are given instead of the time."""
 
     tables: tuple[TableSource, ...]
     momentum: Array
@@ -72,11 +72,11 @@ class Tables:
     outlets: slice
     now: Array | None = field(default=None)
 
-    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = dict.fromkeys(("momentum", "nodes", "shown"))  # none has one
+    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = dict.fromkeys(("momentum", "nodes", "shown"))  # no batch axis
 
     @staticmethod
     def of(network: Network, mesh: Mesh) -> Tables | NoTables:
-        """Those of a network on its mesh."""
+        """The tables of a network on its mesh."""
         if not network.sources:
             return NoTables()
         each, place = [made_of(table) for table in network.sources], _Place(network, mesh)
@@ -92,7 +92,7 @@ class Tables:
         )
 
     def given(self, g: Array) -> Tables:
-        """The same with amplitudes g : (n_sources,), and no g(t)."""
+        """The same with fixed amplitudes g : (n_sources,) instead of g(t)."""
         return replace(self, tables=(), now=g)
 
     def at(self, times: Array) -> list[Array | None]:
@@ -102,9 +102,9 @@ class Tables:
     def beside(
         self, sources: Sequence[Source], g: Array | None, T: float, n: int, t: float = 0.0
     ) -> tuple[Sequence[Source], Array]:
-        """Some sources and these; their n harmonics in beats of T [s] from the time t [s] on.
+        """The given sources and these; with their n harmonics in beats of T [s] from time t [s] on.
 
-        Raises ValueError for a table that repeats otherwise.
+        Raises ValueError for a table with another period.
         """
         for table in self.tables:
             table.check_repeats(T)
@@ -115,25 +115,25 @@ class Tables:
         return (*sources, *map(made_of, self.tables)), np.concatenate([given, own], axis=1)
 
     def add_to_momentum(self, R: Array, g: Array | None) -> None:
-        """Add what they do to the momentum that is left over : (B, n_e, N+1) [Pa]."""
+        """Add their contribution to the residual of momentum : (B, n_e, N+1) [Pa]."""
         if g is not None:
             R += (g @ self.momentum.reshape(len(g), -1)).reshape(self.momentum.shape[1:])
 
     def add_to_nodes(self, net: Array, scale: Array, g: Array | None) -> None:
-        """Add what they do to ΣQ at the nodes : (B, n_nodes) [m³/s]."""
+        """Add their contribution to ΣQ at the nodes : (B, n_nodes) [m³/s]."""
         if g is not None:
             net += scale * (g @ self.nodes)
 
     def let_out(self, Q: Array, g: Array | None) -> Array:
-        """What passes the outlets, of flows Q : (B, n_outlets) [m³/s] at the ends of their segments."""
+        """The flows through the outlets, from flows Q : (B, n_outlets) [m³/s] at the ends of their segments."""
         return Q if g is None else Q + (g @ self.nodes)[self.outlets]
 
     def let_in(self, drive: Array, t: float) -> Array:
-        """What passes the inlets, of what drives them : (n_inlets, B or 1), at the time t [s]."""
+        """The flows through the inlets, from their drives : (n_inlets, B or 1), at time t [s]."""
         return drive + (self._values(np.array([t]))[0] @ self.nodes)[self.inlets, None]
 
     def add_to_outputs(self, result: Array, t: float) -> None:
-        """Add what outputs : (B, n_outputs) show of them at the time t [s]."""
+        """Add their direct contributions at time t [s] to outputs : (B, n_outputs)."""
         result += self._values(np.array([t]))[0] @ self.shown
 
     def _values(self, times: Array) -> Array:

@@ -25,7 +25,7 @@ from .mesh import Mesh
 
 Array = np.ndarray
 
-_GAUSS = legendre.leggauss(6)  # of the overlap of an element and a stretch: exact for elements of degree 11
+_GAUSS = legendre.leggauss(6)  # of the overlap of an element and an interval: exact for elements of degree 11
 
 
 class Meshed(Protocol):
@@ -58,7 +58,7 @@ class Source:
         return None
 
     def shown(self, network: Described) -> Mapping[str, float]:
-        """Its direct contribution to outputs, beside its influence through A, Q and H."""
+        """Its direct contribution to outputs, in addition to its influence through A, Q and H."""
         return {}
 
 
@@ -87,7 +87,7 @@ class WallPressure(Source):
 
 @dataclass(frozen=True)
 class Drop(Source):
-    """A pressure drop g over a stretch [start, end] of x/L."""
+    """A pressure drop g over an interval [start, end] of x/L."""
 
     start: float = 0.0
     end: float = 1.0

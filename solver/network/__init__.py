@@ -1,4 +1,4 @@
-"""What a network is: its description and validation, its file, and the coefficients of its equations."""
+"""Networks: description and validation, files, and the coefficients of the equations."""
 
 from typing import Any
 

@@ -137,7 +137,7 @@ class Channel:
     OWNER: ClassVar[str] = "channel"
 
     def quantities(self) -> dict[str, Quantity]:
-        """The terms that it may have, in the unit of its signal."""
+        """Its possible terms, in the unit of its signal."""
         unit = SIGNAL_UNITS[self.name.rpartition(".")[2]]
         return {key: replace(q, unit=unit) if q.unit == "signal" else q for key, q in terms_of("channel").items()}
 
@@ -164,9 +164,9 @@ class Network:
     """A network of arteries, checked when it is made.
 
     eta : Poisson's ratio of the walls. P_ref : pressure at which R = R0. P_0 : uniform pressure at the start.
-    elastic_law, viscous_law : names from :mod:`solver.laws.wall`. inlet : the first or only one; further_inlets :
+    elastic_law, viscous_law : names from :mod:`solver.laws.wall_laws`. inlet : the first or only one; further_inlets :
     others.
-    sources : tables of what acts beside the equations; they describe and explain nothing.
+    sources : tables of additional terms; they describe a record and explain nothing.
     Raises ValueError, one sentence that names the quantity, its value, the allowed range and the remedy.
     """
 

@@ -222,21 +222,24 @@ def _junction(entry: Any) -> Junction:
 
 
 def _outlet(segment: str, table: Mapping[str, Any]) -> Outlet:
-    """The outlet whose own keys are in the table: R_t, or R1 C R2, or R, or none but P_venous."""
+    """The outlet that has all keys of the table for its own: R_t, or R1 C R2, or R, or none but P_venous; the one with
+    fewest keys where several do."""
     where = f"{segment}.outlet"
     table, kinds = aliases.outlet(table), outlets.OUTLETS
     own = {kind: [key for key in quantities(kind) if key not in quantities(Outlet)] for kind in kinds}
     check_keys(where, table, [*dict.fromkeys(key for kind in kinds for key in quantities(kind)), *terms_of("outlet")])
-    found = [kind for kind in kinds if any(key in table for key in own[kind])]
+    given = {key for keys in own.values() for key in keys if key in table}
+    found = sorted((kind for kind in kinds if given <= {*own[kind]}), key=lambda kind: len(own[kind]))
     choices = " or ".join(", ".join(keys) or "P_venous alone" for keys in own.values())
-    if len(found) > 1:
+    if not found:
+        mixed = [kind.__name__ for kind in kinds if given & {*own[kind]}]
         raise InputError(
-            f"{where}: an outlet with two conditions ({' and '.join(kind.__name__ for kind in found)}: "
-            f"{', '.join(table)}); keep one of {choices}."
+            f"{where}: an outlet with two conditions ({' and '.join(mixed)}: "
+            f"{', '.join(key for key in table if key in given)}); keep one of {choices}."
         )
-    if not found and not table:
+    if not table:
         raise InputError(f"{where}: it has no condition; give one of {choices}.")
-    kind = found[0] if found else Pressure
+    kind = found[0] if given else Pressure
     return kind(segment, **_numbers(kind, where, table))
 
 

@@ -35,16 +35,22 @@ def sampled_inflow(t: Array, Q: Array, period: float | None = None) -> Inflow:
 def drives_of(network: Network, inflow: Inflows | None, B: int) -> Drives:
     """The drives of the inlets for a batch of B: the given ones (for the first inlet also without its name), otherwise
     the network's own. Raises ValueError for an inlet without a drive, or for a name that drives nothing."""
-    given = inflow if isinstance(inflow, Mapping) else {network.inlet.drive: inflow} if inflow else {}
+    given = inflow if isinstance(inflow, Mapping) else {} if inflow is None else {network.inlet.drive: inflow}
     own = {inlet.drive: inlet.given for inlet in network.inlets}
     for name in given:
         if name not in own:
             raise InputError(f"inflow: {name} does not drive an inlet of network {network.name}; use {', '.join(own)}.")
+        if not callable(given[name]):
+            what = f"{given[name]!r:.40}" if np.isscalar(given[name]) else f"a {type(given[name]).__name__}"
+            raise InputError(
+                f"inflow {name}: {what} is no function of time; give one that takes an array of times [s], such as "
+                "sampled_inflow(t, Q) of samples. A duration is given by name: duration=2.0."
+            )
     found = {name: given.get(name, default) for name, default in own.items()}
     for name, drive in found.items():
         if drive is None:
             raise InputError(f"network {network.name}: nothing drives {name}; give it as inflow, P(t) in Pa.")
-    return Drives({name: drive for name, drive in found.items() if drive}, B)
+    return Drives({name: drive for name, drive in found.items() if drive is not None}, B)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from ..quantities.text import check_keys, did_you_mean, parse_quantity, quoted
 from . import inlet_curves
 from .curve import Curve
 
-# the signal of each kind, and the numbers that say where it lies, with what each may be
+# the signal of each kind, and its position keys with their ranges
 KINDS: Mapping[str, tuple[str, Mapping[str, tuple[float, float, float]]]] = {
     "wall": ("P", {"degree": (0.0, 2.0, 0.0)}),
     "drop": ("P", {"start": (0.0, 1.0, 0.0), "end": (0.0, 1.0, 1.0)}),
@@ -65,7 +65,7 @@ class TableSource:
         return f"source {self.kind} of {self.segment}"
 
     def value(self, key: str) -> float:
-        """A number that says where it lies."""
+        """A position key."""
         return float(self.how.get(key, KINDS[self.kind][1][key][2]))
 
     def check_repeats(self, T: float) -> None:

@@ -76,7 +76,7 @@ def _check_channels(network: Described) -> None:
 
 
 def check_terms(network: Described, values: Mapping[str, Any]) -> None:
-    """Raise ValueError unless every name is a term that an object of the network may have."""
+    """Raise ValueError unless every name is a possible term of an object of the network."""
     owners = {prefix: owner.OWNER for prefix, owner in network.owners()}
     owners |= dict.fromkeys(network.channel_names(), "channel")
     for name in values:

@@ -43,7 +43,7 @@ class Beats:
     gaps: tuple[float, ...] = ()
 
     def followed(self, start: State, end: State, gap: float) -> Beats:
-        """These and one more; only the new one if its gap is larger than the previous one."""
+        """These beats and one more; only the new one if its gap is larger than the previous one."""
         kept = Beats(self.outlets) if self.gaps and not gap <= self.gaps[-1] else self
         change = end.H[:, self.outlets] - start.H[:, self.outlets]
         more = Beats(self.outlets, (*kept.ends, end), (*kept.changes, change), (*kept.gaps, gap))
@@ -73,7 +73,7 @@ class Beats:
 
 
 def fills_slowly(model: Model, T: float) -> bool:
-    """Whether the arteries and Windkessels of any member need more than a few beats of length T [s] to fill.
+    """True if the arteries and Windkessels of any member need more than a few beats of length T [s] to fill.
 
     Their time constant is τ = C/Σ(1/R) at rest: a fraction e^{-T/τ} of a gap remains after a beat.
     """

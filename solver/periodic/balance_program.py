@@ -1,9 +1,9 @@
 """The harmonic balance of a model as a program: one pass of :mod:`~solver.periodic.harmonic_balance` over arrays
 without numbers.
 
-Its first phases are those of a step, here of the implicit ones to the steady state, whose length is given. Then the
-Jacobians of small waves, one block of numbers for every frequency; what waves leave over at one moment of a period; and
-the answer to it at one frequency. Numbers of a frequency are complex: real parts first, then imaginary ones.
+Its first phases are those of a step, here of implicit steps of given length to the steady state. The others are the
+Jacobians of small waves, one block of numbers for every frequency; the residuals at one moment of a period; and the
+response to them at one frequency. Complex numbers are stored with real parts first, then imaginary ones.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ PLACES = (
     "driven", "answer", "answer_mean", "flow_in", "change", "forgotten", "memories", "let_out", "charged",
     "enters", "scaled",
 )  # fmt: skip
-CORE = 8  # nodes that are inverted as a whole: of complex numbers a round costs less
+CORE = 8  # nodes that are inverted as a whole: with complex numbers a round costs less
 
 _programs = Programs()
 
 
 class Sizes(NamedTuple):
-    """How many numbers a moment has, of the state there, its rates and its drive; what is left over, unfilled and
-    unremembered then; memories; what is observed, and whether it is physical; stored pressures. 0: none of that."""
+    """Sizes of a moment: its state, rates and drive; its residuals of flow, storage and memory; its memories; its
+    outputs with the margin of the guards; stored pressures. 0: the model has none."""
 
     now: int
     left: int
@@ -70,19 +70,19 @@ class Sizes(NamedTuple):
 
 
 def recorded(model: Model) -> tuple[Recorded, list[Array]]:
-    """The program of the balance of a model, and the numbers that it is bound to. Raises Untraceable."""
+    """The program of the balance of a model, and the numbers to bind. Raises Untraceable."""
     (own, walls), tau = numbers(model), GAMMA * model.settings.dt
     own = replace(own, mesh=replace(own.mesh, core=CORE))
     return _programs.of((own, walls), tau, lambda r, x, leaves: _Recording(r, x[0], tau).balance(leaves, x[1]))
 
 
 class _Recording(Recording):
-    """What is given to the program of a model m, and what it leaves."""
+    """Inputs and outputs of the program of a model m."""
 
     phases: ClassVar[Mapping[str, int]] = {name: number for number, name in enumerate(PHASES)}
 
     def operators(self) -> Operators:
-        """Of the moments; they need no Jacobian."""
+        """The operators at the moments, without a Jacobian."""
         m, tau = self.m, self.tau
         return Operators(tau, m.mass / tau, memory_of(m), loads_of(m, tau), None)  # type: ignore[arg-type]
 
@@ -96,7 +96,7 @@ class _Recording(Recording):
         return self.recorded(leaves, self.phases["linearise"])
 
     def steady(self) -> None:
-        """An implicit step of a given length, about the state that it starts from."""
+        """An implicit step of a given length, linearised about its initial state."""
         m = self.m
         tau, H = self.take("tau_step", "start")[0], self.take("H0", "start", self.n_H)
         y, given = self.take("start", "start", m.layout.size), self.take("given_now", "start", len(m.inlets.by_flow))
@@ -109,7 +109,7 @@ class _Recording(Recording):
         self.end(stage)
 
     def moments(self, walls: Any) -> None:
-        """What is left over at a moment, and what is observed then."""
+        """Residuals and outputs at a moment."""
         m, size = self.m, Sizes.of(self.m)
 
         def now(phase: str) -> tuple[Any, ...]:
@@ -140,7 +140,7 @@ class _Recording(Recording):
         self.out["observed"] = np.concatenate(found, axis=1)
 
     def frequencies(self) -> None:
-        """The Jacobian of waves of one frequency, and what follows from it."""
+        """The Jacobian of waves of one frequency, and the responses by it."""
         m, size, part = self.m, Sizes.of(self.m), self.m.layout.part
         y, H = self.take("about_y", "about", m.layout.size), self.take("about_H", "about", self.n_H)
         tau = self.given_complex("tau_wave", "linearise")[0]
@@ -169,5 +169,5 @@ class _Recording(Recording):
         return Complex(x[:, 0], x[:, 1])
 
     def leave(self, name: str, x: Any) -> None:
-        """Leave complex numbers."""
+        """Add complex numbers to the outputs of the program."""
         self.out[name] = np.concatenate([x.re.reshape(-1), x.im.reshape(-1)])

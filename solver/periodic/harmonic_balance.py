@@ -1,15 +1,15 @@
-"""The beat that repeats under what drives a network, harmonic by harmonic: harmonic balance.
+"""The periodic beat of a driven network by harmonic balance.
 
-All of it with the equations of the scheme itself, so that everything a network holds takes part:
+All parts use the equations of the scheme itself, so that all physics of a network is included:
 
 1. The steady state of the mean drive, by implicit steps so long that everything but the flow comes to rest.
-2. The waves about it, harmonic by harmonic. A stage of length τ puts (x - x_start)/τ for dx/dt; with τ = 1/iω its
+2. The waves about it, harmonic by harmonic. A stage of length τ replaces dx/dt by (x - x_start)/τ; with τ = 1/iω its
    Jacobian is that of small waves e^{iωt}: linear theory as in :mod:`~solver.linear`, about stretched walls with flow.
-3. What these waves leave over in the nonlinear equations during a period is corrected with the same Jacobians, again
-   and again: each correction is a tenth of the one before where waves are as in arteries. This moves the mean too,
-   which differs from the state of the mean drive.
+3. Repeated corrections: the same Jacobians cancel the residuals of these waves in the nonlinear equations over a
+   period. Each correction is a tenth of the previous one for physiological waves. This also moves the mean, which
+   differs from the state of the mean drive.
 
-Time is then exact but for the harmonics left out: there is no step whose error would add up.
+The only error in time is by the omitted harmonics: there is no time step whose error would accumulate.
 
 Harmonic balance: M. S. Nakhla, J. Vlach, IEEE Trans. Circuits Syst. 23 (1976) 85; here with fixed Jacobians.
 """
@@ -36,18 +36,18 @@ from ..scheme.step import State, initial_state
 Array = np.ndarray
 Drive = Callable[[Array], Array]
 
-_STORAGE = 5e8  # bytes of the Jacobians of all harmonics; a large mesh or batch has fewer of them
-_SAMPLES = 4  # of a period for each harmonic, so that products of harmonics have room
-_TOGETHER = 3000  # elements of members and moments in one operation (measured: alike from 800 to 12 000)
-_FINE = 4096  # samples of the drive, whose mean counts
+_STORAGE = 5e8  # bytes of the Jacobians of all harmonics; larger meshes or batches get fewer harmonics
+_SAMPLES = 4  # per harmonic in a period, to resolve products of harmonics
+_TOGETHER = 3000  # elements of members and moments in one operation (measured: equally fast from 800 to 12 000)
+_FINE = 4096  # samples of the drive, whose mean must be accurate
 MOST = _FINE // 4  # harmonics
-LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
-_MEAN = 1e4  # s, of the mean as a wave so slow that everything follows it; a longer one has rounding errors
+LONG = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
+_MEAN = 1e4  # s, the mean as a wave so slow that everything follows it; a longer one has rounding errors
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
 class NoSteadyState(InputError):
-    """A network that the mean of its drive does not let come to rest; the message says where, and what to do."""
+    """The network has no steady state under the mean of its drive; the message says where, and what to do."""
 
 
 class Waves(NamedTuple):
@@ -70,20 +70,20 @@ class Waves(NamedTuple):
         return 1j * self.omega[:, None, None] * self.y
 
     def where(self, members: Array, other: Waves) -> Waves:
-        """These of some members : (B,), others of the rest."""
+        """These waves for some members : (B,), ``other`` for the rest."""
         own = members[:, None]
         return Waves(self.omega, np.where(own, self.y, other.y), np.where(own, self.H, other.H))
 
 
 def storable(model: Model) -> int:
-    """How many harmonics have room."""
+    """The number of harmonics that fit into memory."""
     mesh = model.mesh
     numbers = model.coefficients.B * (mesh.elimination.inner.size + mesh.n_elements * (mesh.element.N + 3) ** 2)
     return int(_STORAGE / (16.0 * numbers))
 
 
 def spectrum(model: Model, drive: Drive, T: float, K: int, t: float = 0.0) -> Array:
-    """Harmonics (K+1, B or 1, n_inlets) of what drives the inlets from time t [s] on, [m³/s] or [Pa]."""
+    """Harmonics (K+1, B or 1, n_inlets) of the drive of the inlets from time t [s] on, [m³/s] or [Pa]."""
     values = np.asarray(drive(t + T / _FINE * np.arange(_FINE)), float)
     values = values.reshape(_FINE, len(model.network.inlets), -1).swapaxes(1, 2)
     return np.fft.rfft(values, axis=0, norm="forward")[: K + 1]
@@ -91,10 +91,10 @@ def spectrum(model: Model, drive: Drive, T: float, K: int, t: float = 0.0) -> Ar
 
 @dataclass(frozen=True)
 class Moments:
-    """Many moments of all members of a batch, a few at a time as one larger batch: so many that it takes longer to do
-    an operation than to call it, and so few that fast memory holds them.
+    """Many moments of all members, processed as larger batches of a few moments: enough that the call overhead is
+    small, and few enough for the cache.
 
-    B : members. model, operators : of that batch; a model of one parameter set takes all moments at once.
+    B : members. model, operators : of that batch; a model of one parameter set takes all times at once.
     """
 
     B: int
@@ -103,27 +103,27 @@ class Moments:
 
     @staticmethod
     def of(model: Model, n: int) -> Moments:
-        """n : how many moments there are."""
+        """n : number of moments."""
         B, o = model.coefficients.B, operators(model, model.settings.dt)
         most = _TOGETHER // (B * model.mesh.n_elements)
         together = max(each for each in range(1, n + 1) if n % each == 0 and each <= max(most, 1))
         return Moments(B, *((model, o) if B == 1 else operators_repeated(model, together, model.settings.dt)))
 
     def of_each(self, *values: Array) -> Iterator[tuple[Array, ...]]:
-        """What many moments have, each (moments, B or 1, …), as batches that the model takes."""
+        """Values at many moments, each (moments, B or 1, …), as batches for the model."""
         every = [np.broadcast_to(x, (len(x), self.B, *x.shape[2:])).reshape(-1, *x.shape[2:]) for x in values]
         size = len(every[0]) if self.B == 1 else self.model.coefficients.B
         for at in range(0, len(every[0]), size):
             yield tuple(x[at : at + size] for x in every)
 
     def stages(self, waves: Waves, drive: Array) -> Iterator[tuple[Stage, Array, Array, Array]]:
-        """Of all moments of a period the implicit stage that ends there, at the present rates; y, dy/dt and H."""
+        """For all moments of a period the implicit stage that ends there, at the present rates; with y, dy/dt and H."""
         model, o, P_venous = self.model, self.operators, self.model.coefficients.P_venous
         for y, rate, H, driven in self.of_each(*map(samples, (waves.y, waves.rates, waves.H, drive))):
             yield Stage.of(model, o, y - o.tau * rate, model.inlets.gain * driven, P_venous, 0.0), y, rate, H
 
     def left_over(self, waves: Waves, drive: Array) -> tuple[Array, Array]:
-        """Amplitudes of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes) that are not 0."""
+        """Amplitudes of the residuals of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes)."""
         R, net = list[Array](), list[Array]()
         for stage, y, _, H in self.stages(waves, drive):
             Q = self.model.layout.part(y, "Q")
@@ -133,7 +133,7 @@ class Moments:
 
 
 def moments_of(model: Model, harmonics: int) -> Moments:
-    """The moments of a period that so many harmonics, the mean among them, have."""
+    """The moments of a period for this number of harmonics, mean included."""
     return Moments.of(model, _SAMPLES * (harmonics - 1))
 
 
@@ -143,7 +143,7 @@ def samples(x: Array) -> Array:
 
 
 def amplitudes(x: Array, like: Array) -> Array:
-    """Amplitudes : (K+1, B, …) of the values of all members, moment after moment; K and B are those of ``like``."""
+    """Amplitudes : (K+1, B, …) of the values of all members, time after time; K and B are those of ``like``."""
     K, B = len(like) - 1, like.shape[1]
     return np.fft.rfft(x.reshape(_SAMPLES * K, B, *x.shape[1:]), axis=0, norm="forward")[: K + 1]
 
@@ -160,7 +160,7 @@ def steady(model: Model, mean: Array) -> State:
     try:
         for tau in LONG:
             stage = Stage.of(model, operators_about(model, tau, y, H), y, given, c.P_venous, 0.0)
-            # a guess of the flow that leaves the area as it is: a long step would multiply what does not
+            # guess a flow that keeps the area constant: a long step would multiply any divergence
             Q, H, A_t = stage.solve(evened(Q), H, settled)
             y = stage.end(Q, A_t)
         check(model, layout.part(y, "A"), A_t, Q, 0.0)
@@ -178,8 +178,8 @@ def steady(model: Model, mean: Array) -> State:
 
 
 def settled_below(model: Model, given: Array) -> tuple[Array, Array]:
-    """How little flows and nodal pressures may change in the last iteration of such a step : two (B,)."""
-    c = model.coefficients  # the flow that passes, and the one that P_0 drives on the way
+    """Convergence limits of flows and nodal pressures in such a step : two (B,)."""
+    c = model.coefficients  # the flow through the inlets, and the transient flow that P_0 drives
     driven = np.abs(model.inlets.flow(given, c.P_0)).sum(axis=1)
     flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
     return flow + model.flow_floor, flow * model.impedance + model.pressure_floor
@@ -192,11 +192,11 @@ def balanced(
     model: Model, rest: State, drive: Array, T: float, tolerance: float, most: int,
     tell: Callable[[], None] | None = None, forcing: Forcing = NO_FORCING,
 ) -> tuple[Waves, Array]:  # fmt: skip
-    """The waves about a steady state under drives with harmonics : (K+1, B or 1, n_inlets) [m³/s or Pa], and how large
-    the last correction of each member was : (B,), of the flows that pulsate and relative to them.
+    """The waves about a steady state under drives with harmonics : (K+1, B or 1, n_inlets) [m³/s or Pa], and the size
+    of the last correction of each member : (B,), relative to the pulsating flows.
 
-    tolerance : a correction of this size is the last. most : how many are tried. Where they grow, what was there before
-    them stands, and the size is infinite. tell : called after each. forcing : of sources, beside the drives.
+    tolerance : a smaller correction is the last. most : maximum number of corrections. If they grow, the waves before
+    them are returned, with infinite size. tell : called after each. forcing : of sources, beside the drives.
     """
     omega = 2.0 * np.pi / T * np.arange(len(drive))
     response, moments = Response.about(model, taus_of(omega), rest), moments_of(model, len(omega))
@@ -223,24 +223,24 @@ def balanced(
 
 
 def taus_of(omega: Array) -> list[Any]:
-    """The lengths of stages whose Jacobians are those of waves e^{iωt}; the mean is a very slow one."""
+    """The stage lengths with the Jacobians of waves e^{iωt}; the mean is a very slow one."""
     return [1.0 / (1j * w) if w else _MEAN for w in omega]
 
 
 def constant(x: Array, n: int) -> Array:
-    """Amplitudes (n, …) of what is x at all times."""
+    """Amplitudes (n, …) of a constant x."""
     return np.concatenate([x[None], np.zeros((n - 1, *x.shape))]).astype(complex)
 
 
 def _size(model: Model, y: Array) -> Array:
-    """(B,) of the flows that pulsate."""
+    """(B,) norm of the pulsating flows."""
     Q = y[1:, :, model.layout.places["Q"]]
     return np.sqrt((Q.real**2 + Q.imag**2).sum(axis=(0, 2)))
 
 
 @dataclass(frozen=True)
 class Response:
-    """How a network answers small waves of every frequency about a steady state: frequencies and members are one axis.
+    """The response of a network to small waves about a steady state; frequencies and members share an axis.
 
     tau : (rows, 1, 1) of the stages. jacobian : inverse. scale, signs, charge : as :class:`~solver.scheme.stage.Loads`.
     storage : (rows, n_e, N) d(∂A/∂t)/d(-∂Q/∂x), 1 without leaks. minus_J_inverse : (rows, n_e, N).
@@ -257,7 +257,7 @@ class Response:
 
     @staticmethod
     def of(model: Model, tau: Any, y: Array, H: Array) -> Response:
-        """That at one frequency, of stages of length tau, about the steady state y : (B, n), H : (B, n_nodes)."""
+        """The response at one frequency, by stages of length tau, about the state y : (B, n), H : (B, n_nodes)."""
         o = operators_about(model, tau, y, H)
         s, _ = start(model, tau, o.inertia, o.memory, o.loads, y, model.coefficients.P_venous)
         slope = s.storage.slope(s.A, 0.0 * s.A)
@@ -284,12 +284,12 @@ class Response:
         )
 
     def filled(self, waves: Waves, moments: Moments, drive: Array) -> Waves:
-        """The waves with areas that take what flows in and does not leak:
+        """The waves with areas corrected for the residual of mass with leaks:
 
             δA = τ s r,    r = -∂Q/∂x - g (P - P_venous) - ∂A/∂t
 
-        with s of :attr:`storage`. A leak g grows with the pressure, which the area is not proportional to; elsewhere
-        corrections are exact."""
+        with s of :attr:`storage`. Leakage is nonlinear in the area; without leaks the corrections are exact.
+        """
         model, left = self.model, list[Array]()
         for stage, y, rate, _ in moments.stages(waves, drive):
             A, A_t, Q = (model.layout.part(x, name) for x, name in ((y, "A"), (rate, "A"), (y, "Q")))
@@ -301,7 +301,7 @@ class Response:
         return waves._replace(y=y)
 
     def stored(self, waves: Waves, forcing: Forcing) -> Waves:
-        """The waves with the pressures that outlets store of what sources let out before them."""
+        """The waves with the outlet pressures stored from the flow of sources just before the outlets."""
         model, P_C = self.model, self.model.layout.part(waves.y, "P_C")
         if P_C.size and isinstance(forcing.nodes, np.ndarray):
             P_C[:] += self.charge.reshape(P_C.shape) * forcing.nodes[..., model.mesh.topology.outlets]
@@ -318,7 +318,7 @@ class Response:
 
             K δQ = -R + (δH at the ends),    ΣδQ = -net at the nodes,    δA = -τ s ∂δQ/∂x
 
-        with the Jacobian K of momentum in every element, and s of :attr:`storage`. means : the first rows, of the mean.
+        with the Jacobian K of momentum in every element, and s of :attr:`storage`. means : number of rows of means.
         """
         model, mesh, layout = self.model, self.model.mesh, self.model.layout
         Q = -np.einsum("beij,bej->bei", self.jacobian.K_inverse, R)
@@ -326,7 +326,7 @@ class Response:
         self.jacobian.add_to(Q, H)
         y = np.zeros_like(Q, shape=(len(Q), layout.size))
         layout.part(y, "A")[:] = self.tau * self.storage * (Q @ mesh.element.d_xi) * self.minus_J_inverse
-        if means and model.storage.proportional:  # it fills nothing for ever: what it does in a long while is no flow
+        if means and model.storage.proportional:  # a mean flow fills no area for ever: its divergence is removed
             Q[:means] = evened(Q[:means])
         layout.part(y, "Q")[:] = Q
         if layout.shapes["P_C"][0]:
@@ -334,8 +334,8 @@ class Response:
         return y, H
 
     def to_sources(self, momentum: Array, nodes: Array) -> tuple[Array, Array]:
-        """Amplitudes y : (K+1, S, n) and H : (K+1, S, n_nodes) of small waves by S sources, each with the same
-        momentum : (S, n_e, N+1) and ΣQ at the nodes : (S, n_nodes) at every harmonic; of one parameter set."""
+        """Amplitudes y : (K+1, S, n) and H : (K+1, S, n_nodes) of small waves by S sources, with the same momentum
+        (S, n_e, N+1) and ΣQ at the nodes (S, n_nodes) at every harmonic; for one parameter set."""
         model, mesh, layout = self.model, self.model.mesh, self.model.layout
         y = np.zeros((len(self.tau), len(nodes), layout.size), complex)
         H = np.zeros((len(self.tau), len(nodes), mesh.n_nodes), complex)
@@ -351,12 +351,12 @@ class Response:
 
 
 def evened(Q: Array) -> Array:
-    """Flows Q : (…, N+1) that are the same all along an element: its mean."""
+    """Flows Q : (…, N+1) replaced by their mean over each element."""
     return np.broadcast_to(Q.sum(axis=-1)[..., None] / Q.shape[-1], Q.shape)
 
 
 def _remembering(model: Model, waves: Waves, taus: Sequence[Any]) -> Waves:
-    """The waves with what walls and fluid remember: linear filters of the strain rate's stress and of the velocity."""
+    """The waves with the memory of walls and fluid: linear filters of the viscous stress and of the velocity."""
     part = model.layout.part
     stress, history = part(waves.y, "stress"), part(waves.y, "history")
     if not stress.size and not history.size:
@@ -370,8 +370,8 @@ def _remembering(model: Model, waves: Waves, taus: Sequence[Any]) -> Waves:
 
 
 def unremembered(model: Model, y: Array, rates: Array) -> tuple[Array, Array]:
-    """At moments y : (…, B, n) the stress that every element of the walls would have without memory, (…, B, m, n_e, N)
-    [Pa], and the velocity, (…, B, n_e, N+1) [m/s]."""
+    """At moments y : (…, B, n), the stress of every wall element without memory, (…, B, m, n_e, N) [Pa], and the
+    velocity, (…, B, n_e, N+1) [m/s]."""
     part = model.layout.part
     A = part(y, "A")
     U = part(y, "Q") / (A @ model.mesh.element.at_lobatto)
@@ -381,8 +381,8 @@ def unremembered(model: Model, y: Array, rates: Array) -> tuple[Array, Array]:
 
 
 def remembered(model: Model, tau: Any, at_once: Array, U: Array) -> tuple[Array, Array]:
-    """Amplitudes of the stresses (B, m, n_e, N) and of the history (B, m, n_e, N+1) at one frequency, of what
-    :func:`unremembered` is there."""
+    """Amplitudes of the stresses (B, m, n_e, N) and of the history (B, m, n_e, N+1) at one frequency, from the
+    amplitudes of :func:`unremembered`."""
     force, unit = model.force, np.ones((1, model.mesh.n_elements, model.mesh.element.N))
     stress = at_once
     if model.wall.remembers:

@@ -1,6 +1,6 @@
-"""Harmonic balance by the compiled engine: what :mod:`~solver.periodic.harmonic_balance` does, member by member, in C.
+"""Harmonic balance by the compiled engine: :mod:`~solver.periodic.harmonic_balance` in C, member by member.
 
-A member that the engine does not solve is left to NumPy, with the rest of its batch: failures have the same sentences.
+If the engine does not solve a member, NumPy solves the whole batch, so that failures have the same sentences.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Array = np.ndarray
 
 
 class Unsolved(NoEngine):
-    """A member that the engine leaves to NumPy."""
+    """A member that the engine does not solve."""
 
 
 class _Balance(ctypes.Structure):
@@ -49,8 +49,8 @@ class _Period(ctypes.Structure):
 
 
 class Beat(NamedTuple):
-    """That of one member: its steady state, y : (n,), H : (n_nodes,); the waves (K+1, 2, n + n_nodes) about it, real
-    parts and imaginary ones, and how large their last correction was."""
+    """The beat of one member. Its steady state is y : (n,), H : (n_nodes,); the waves (K+1, 2, n + n_nodes) about it
+    have real and imaginary parts; last : size of the last correction."""
 
     y: Array
     H: Array
@@ -59,8 +59,8 @@ class Beat(NamedTuple):
 
 
 def engine_for(model: Model, backend: str) -> BalanceEngine | None:
-    """What makes the balances of a model, None where NumPy does. Raises ValueError for an unknown backend, and for
-    "native" where the engine cannot."""
+    """The engine for the balances of a model; None for NumPy. Raises ValueError for an unknown backend, and for
+    "native" if the engine cannot run the model."""
     check_backend(backend)
     if backend == "numpy":
         return None
@@ -73,7 +73,7 @@ def engine_for(model: Model, backend: str) -> BalanceEngine | None:
 
 
 def waves_by(backend: str, model: Model, *balance: Any) -> tuple[State, Waves] | None:
-    """As :meth:`BalanceEngine.waves`; None where NumPy must make them."""
+    """As :meth:`BalanceEngine.waves`; None if NumPy must compute them."""
     engine = engine_for(model, backend)
     try:
         return None if engine is None else engine.waves(*balance)
@@ -82,12 +82,12 @@ def waves_by(backend: str, model: Model, *balance: Any) -> tuple[State, Waves] |
 
 
 class BalanceEngine:
-    """The balances of a model. Raises NoEngine where it cannot make them."""
+    """The balances of a model. Raises NoEngine if the engine cannot compute them."""
 
     def __init__(self, model: Model) -> None:
         self.model, self._library = model, _library()
         try:
-            # what tables add is part of the forcing
+            # tables are part of the forcing
             self.recorded, arrays = recorded(replace(model, tables=NoTables()))
         except Untraceable as reason:
             raise NoEngine(f"this network is not recorded: {reason}") from None
@@ -115,16 +115,16 @@ class BalanceEngine:
         return y, H
 
     def held(self, b: int, taus: Array, y: Array, H: Array) -> Array:
-        """(K+1, n_held): the Jacobians of small waves about it. Raises Unsolved."""
+        """(K+1, n_held): the Jacobians of small waves about a steady state. Raises Unsolved."""
         held = np.empty((len(taus), self._n_held))
         if not self._run("arterial_linearise", self._bound.fixed[b], self._bound.work, y, H, taus, len(taus), held):
             raise Unsolved("nothing determines waves of some frequency")
         return held
 
     def to_sources(self, taus: Array, mean: Array, momentum: Array, nodes: Array) -> tuple[State, Array, Array]:
-        """The steady state of the one member, y and H of waves about it as
-        :meth:`~solver.periodic.harmonic_balance.Response.to_sources`,
-        of stages of lengths taus : (K+1,). Raises Unsolved."""
+        """The steady state of the only member, and y and H of waves about it as
+        :meth:`~solver.periodic.harmonic_balance.Response.to_sources`, for stages of lengths taus : (K+1,). Raises
+        Unsolved."""
         y, H = self.steady(0, mean)
         held, S = self.held(0, taus, y, H), len(nodes)
         sources = np.concatenate([momentum.reshape(S, -1), nodes], axis=1)
@@ -139,9 +139,9 @@ class BalanceEngine:
         self, drive: Array, T: float, tolerance: float, most: int, tell: Callable[[], None] | None = None,
         forcing: Forcing = NO_FORCING, observe: bool = True,
     ) -> Iterator[tuple[Beat, Array | None]]:  # fmt: skip
-        """Of every member the waves, as :func:`~solver.periodic.harmonic_balance.balanced` about the steady state of
-        the mean drive, and amplitudes (K+1, n_outputs) of the outputs, None where a moment is not physical, or nobody
-        asks.
+        """For every member the waves, as :func:`~solver.periodic.harmonic_balance.balanced` about the steady state of
+        the mean drive, and amplitudes (K+1, n_outputs) of the outputs; these are None if a moment is not physical, or
+        without ``observe``.
 
         drive : (K+1, B or 1, n_inlets). Raises Unsolved.
         """
@@ -159,7 +159,7 @@ class BalanceEngine:
             X[0, 0] = np.concatenate([y, H])
             made = self._run("arterial_balanced", period, *own, held, drives[b], forced and forced[b],
                              let_out and let_out[b], tolerance, most, X, scratch, ctypes.byref(last))  # fmt: skip
-            while tell and told * B < made * (b + 1):  # as often as corrections of the whole batch at once, spread out
+            while tell and told * B < made * (b + 1):  # as many calls as corrections of a whole batch, evenly spread
                 told += 1
                 tell()
             found = np.empty((K + 1, 2, self._size.observed - 1)) if observe else None
@@ -168,7 +168,7 @@ class BalanceEngine:
             yield Beat(y, H, X, last.value), None if found is None else found[:, 0] + 1j * found[:, 1]
 
     def waves(self, drive: Array, T: float, tolerance: float, most: int, forcing: Forcing) -> tuple[State, Waves]:
-        """The steady state, and the waves about it, as :meth:`beats`."""
+        """The steady state, and the waves about it, as in :meth:`beats`."""
         n = self.model.layout.size
         beats = [beat for beat, _ in self.beats(drive, T, tolerance, most, forcing=forcing, observe=False)]
         X = np.stack([beat.waves[:, 0] + 1j * beat.waves[:, 1] for beat in beats], axis=1)
@@ -176,13 +176,13 @@ class BalanceEngine:
         return self.resting([b.y for b in beats], [b.H for b in beats]), Waves(omega, X[..., :n], X[..., n:])
 
     def resting(self, y: Sequence[Array], H: Sequence[Array]) -> State:
-        """The steady state of all members, of what :meth:`steady` found."""
+        """The steady state of all members, from the results of :meth:`steady`."""
         begins = initial_state(self.model)
         return replace(begins, y=np.stack(y), H=np.stack(H), A_t=np.zeros_like(begins.A_t))
 
     def _forced(self, forcing: Forcing, n: int) -> tuple[list[Array] | None, list[Array] | None]:
-        """Of every member what sources leave over, (n, 2, n_left), and what they let out before outlets, (n, 2,
-        n_outlets); None where nothing."""
+        """For every member the residuals by sources, (n, 2, n_left), and their flows just before outlets,
+        (n, 2, n_outlets); None if there are none."""
         if forcing is NO_FORCING:
             return None, None
         model, mesh = self.model, self.model.mesh
@@ -197,7 +197,7 @@ class BalanceEngine:
 
 
 def _planes(x: Array, B: int) -> list[Array]:
-    """Of every member (K+1, 2, n) real and imaginary parts of x : (K+1, B or 1, n)."""
+    """For every member (K+1, 2, n) real and imaginary parts of x : (K+1, B or 1, n)."""
     x = np.broadcast_to(x, (len(x), B, x.shape[2]))
     return [np.ascontiguousarray(np.stack([x[:, b].real, x[:, b].imag], axis=1)) for b in range(B)]
 
@@ -214,7 +214,7 @@ _LONG = np.array(LONG)
 
 @cache
 def _library() -> ctypes.CDLL:
-    """The library, with what the balance needs of it."""
+    """The library with the functions of the balance."""
     found, pointer, number = library(), ctypes.c_void_p, ctypes.c_int32
     if not found.arterial_balance_fits(len(PLACES), ctypes.sizeof(_Balance), ctypes.sizeof(_Period)):
         raise NoEngine("the compiled engine is of other sources")

@@ -1,8 +1,8 @@
-"""What small sources do to the outputs of a network: linear waves about its steady state, for many sources at once.
+"""Responses of a network's outputs to small sources: linear waves about its steady state, for many sources at once.
 
 The Jacobians are those of the harmonic balance (:mod:`~solver.periodic.harmonic_balance`), about the steady state of
-the mean drive. Of a beat as arteries have it the waves are large, and its response differs from this one by per cents:
-good for the direction of a search, not for its answer.
+the mean drive. Waves of a physiological beat are large, and their response differs from this one by a few per cent:
+accurate enough for the direction of a search, not for its result.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ def source_responses(
     inflow: Inflows | None = None, period: float | None = None, *,
     parameters: Mapping[str, float] | None = None, settings: Settings | None = None, backend: str = "auto",
 ) -> Array:  # fmt: skip
-    """G : (n_sources, K+1, m), what harmonic k of a source's amplitude does to harmonic k of outputs, for each unit.
+    """G : (n_sources, K+1, m), the response of harmonic k of outputs to harmonic k of a source's amplitude, per unit.
 
-    units : (n_sources,) the amplitudes that count as one, small beside what there is. Other arguments as those of
-    :func:`~solver.beat_harmonics`, of one parameter set.
-    Raises ValueError and LinAlgError as that does where there is no steady state or no response to it.
+    units : (n_sources,) unit amplitudes, small against the drive. Other arguments as in :func:`~solver.beat_harmonics`,
+    for one parameter set.
+    Raises ValueError and LinAlgError as that function, if there is no steady state or no response to it.
     """
     T = network.inlet.T if period is None else period
     model = build(network, parameters, settings)
@@ -55,7 +55,7 @@ def source_responses(
 def _waves(
     model: Model, mean: Array, taus: Sequence[Any], momentum: Array, nodes: Array, engine: BalanceEngine | None
 ) -> tuple[State, Array, Array]:
-    """The steady state, and the waves that sources make about it."""
+    """The steady state, and the waves about it caused by sources."""
     if engine is None or not engine.recorded.checked:  # a balance of such a model was not yet compared with NumPy's
         rest = steady(model, mean)
         return rest, *Response.about(model, taus, rest).to_sources(momentum, nodes)
@@ -63,8 +63,8 @@ def _waves(
 
 
 def _unit(model: Model, sources: Sequence[Source]) -> tuple[Array, Array]:
-    """What sources of unit amplitude add to momentum, (S, n_e, N+1), and to ΣQ at the nodes, those of the inlets among
-    them, (S, n_nodes)."""
+    """Contributions of sources of unit amplitude to momentum, (S, n_e, N+1), and to ΣQ at the nodes with those of the
+    inlets, (S, n_nodes)."""
     momentum = np.zeros((len(sources), *model.mass.shape[1:]))
     nodes = np.zeros((len(sources), model.mesh.n_nodes))
     for source, own, at_nodes in zip(sources, momentum, nodes, strict=True):

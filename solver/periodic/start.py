@@ -31,7 +31,7 @@ def periodic_state(
 
     drive : Q(t) [m³/s] for an array of times, or P(t) [Pa] if the inlet's causality is pressure; (n,) or per member
     (n, B); for several inlets (n, n_inlets) or (n, n_inlets, B). T : its period [s]. dt : the next step [s], default
-    the settings'. backend : what makes the balance, as of :func:`~solver.beat_harmonics`.
+    the settings'. backend : for the balance, as in :func:`~solver.beat_harmonics`.
     Raises ValueError if the network has no steady state with the mean of the drive.
     """
     harmonics = spectrum(model, drive, T, int(np.clip(storable(model), _FEWEST, _MOST)), t)

@@ -1,21 +1,21 @@
-"""What damps the parts of the flow that elements do not resolve, where the wall does not do it itself.
+"""Damping of the unresolved parts of the flow, for walls whose own viscosity is too small.
 
-Junctions that keep the static pressure give ½ρU²Q to what flows into a vessel. Waves that are resolved run away with
-it; polynomials of high degree stay at the junction and grow, in elastic walls as soon as steps are too short to damp
-them. So the flow's polynomials of degree k > (N + 1)/2 meet a resistance, in the momentum of their element:
+Junctions that conserve the static pressure add ½ρU²Q to the flow into a vessel. Resolved waves carry this energy away;
+polynomials of high degree stay at the junction and grow, in elastic walls as soon as the steps are too short to damp
+them. So a resistance acts on the flow's polynomials of degree k > (N + 1)/2, in the momentum of their element:
 
     Z e/(e + (δAc)²) Σ_k q_k v_k,     e = Σ_k q_k²,
     Z = ρc/A - 2 N (N + 1) ν/h where that is positive
 
-q_k, v_k [m³/s] : what of the Legendre polynomial P_k is in the flow and in the test function. Z [Pa·s/m³] : the
-impedance of a wave, less that of the wall's own viscosity ν = Re ∂P/∂(∂A/∂t) for P_N, at the frequency
-c N √(2(N + 1))/h at which that swings; h the length of the element. Tested with v = Q it takes the power
-Z e²/(e + (δAc)²) and never gives any; it changes neither mass nor steady flow. A smooth flow has q_k = O(h^k); once
-that is less than δAc the resistance falls with its square, and orders stay. What grows at a junction is held at some
-δc, one or two millimetres per second. With N = 1 it would damp what is resolved, and there is none; nor in networks
-without junctions.
-Method: spectral vanishing viscosity, E. Tadmor, SIAM J. Numer. Anal. 26 (1989) 30; with a measure of what is not
-resolved as in P.-O. Persson, J. Peraire, AIAA 2006-112.
+q_k, v_k [m³/s] : coefficients of the Legendre polynomial P_k in the flow and in the test function. Z [Pa·s/m³] : the
+impedance of a wave, minus that of the wall's own viscosity ν = Re ∂P/∂(∂A/∂t) for P_N, at its frequency c N √(2(N +
+1))/h; h is the length of the element. With v = Q the term dissipates the power Z e²/(e + (δAc)²) and never generates
+any; it changes neither mass nor steady flow. A smooth flow has q_k = O(h^k); once that is less than δAc, the resistance
+falls with its square, and the orders of convergence are kept. Growth at a junction is limited to about δc, one or two
+millimetres per second. With N = 1 the term would damp resolved parts, so there is none; nor in networks without
+junctions.
+Method: spectral vanishing viscosity, E. Tadmor, SIAM J. Numer. Anal. 26 (1989) 30; with an indicator of unresolved
+parts as in P.-O. Persson, J. Peraire, AIAA 2006-112.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from ..mesh.mesh import Mesh
 
 Array = np.ndarray
 
-_SEEN = 3e-4  # δ: of the wave speed, velocities of high degree that are held to be not resolved
+_SEEN = 3e-4  # δ, of the wave speed: velocities of high degree that count as unresolved
 
 
 @dataclass(frozen=True)
 class NoDamping:
-    """All walls damp by themselves."""
+    """No damping: the viscosity of all walls suffices."""
 
     def add_to(self, R: Array, Q: Array) -> None:
         return None
@@ -49,7 +49,7 @@ class NoDamping:
 class HighDegrees:
     """The resistance against the high degrees.
 
-    Z, small : (B, n_e, N+1), the same at all points; small : (δAc)². high : (N+1, N+1), of
+    Z, small : (B, n_e, N+1), the same at all points of an element; small : (δAc)². high : (N+1, N+1), of
     :attr:`~solver.mesh.element.Element.high_degrees`.
     """
 
@@ -57,7 +57,7 @@ class HighDegrees:
     small: Array
     high: Array
 
-    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"high": None}  # which counts a batch; of the others the first
+    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"high": None}  # no batch axis; the others have it first
 
     def add_to(self, R: Array, Q: Array) -> None:
         """Add it to the momentum R [Pa], for the flow Q [m³/s], both (B, n_e, N+1)."""
@@ -81,8 +81,8 @@ Damping = NoDamping | HighDegrees
 
 
 def damping(mesh: Mesh, wall: Wall, A: Array, h: Array, every: bool = False) -> Damping:
-    """The damping of elements of length h : (B, n_e, 1) [m], in walls at rest at A : (B, n_e, N) [m²]. every : whether
-    it is there although all walls damp enough themselves, and it is 0."""
+    """The damping of elements of length h : (B, n_e, 1) [m], in walls at rest at A : (B, n_e, N) [m²]. every : return a
+    term even if it is 0, because the viscosity of all walls suffices."""
     el, N, joined = mesh.element, mesh.element.N, mesh.topology.junctions
     c = wall.wave_speed(A)
     viscosity = wall.loss(A, c * N * np.sqrt(2.0 * (N + 1)) / h)

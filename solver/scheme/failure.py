@@ -1,10 +1,10 @@
-"""The errors of a solution that is not physical, or not found."""
+"""Errors of a solution that is not physical, or not found."""
 
 from __future__ import annotations
 
 
 class NonPhysicalState(ArithmeticError):
-    """The solution left what the equations describe. ``segment``, ``x`` [m] and ``t`` [s] say where and when."""
+    """The solution left the validity of the equations at ``segment``, ``x`` [m] and time ``t`` [s]."""
 
     def __init__(self, reason: str, segment: str, x: float, t: float, remedy: str) -> None:
         self.reason, self.segment, self.x, self.t = reason, segment, x, t
@@ -12,4 +12,4 @@ class NonPhysicalState(ArithmeticError):
 
 
 class NotConverged(NonPhysicalState):
-    """The iterations of a step found no solution: a shorter one may have one."""
+    """The iterations of a step found no solution; a shorter step may have one."""

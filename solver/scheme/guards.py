@@ -1,4 +1,4 @@
-"""Where the equations end: what must hold of a solution, and the sentences that say where it does not."""
+"""The limits of the equations: conditions on a solution, and the sentences for their violation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UNSOLVED = ("the step did not converge", "use a smaller dt or check the paramete
 
 def check(model: Model, A: Array, A_t: Array, Q: Array, t: float) -> None:
     """Raise NonPhysicalState unless A > 0, effective viscosity > 0, dP/dA > 0 and |U| < c everywhere."""
-    # where there is no area, or no stiffness, the last margin is not positive either
+    # without area or stiffness, the last margin is not positive either
     *first, _, _, last = margins(model, A, A_t, Q)
     if all(margin.item(margin.argmin()) > 0.0 for margin, _, _ in (*first, last)):
         return
@@ -29,7 +29,7 @@ def check(model: Model, A: Array, A_t: Array, Q: Array, t: float) -> None:
 
 
 def physical(model: Model, A: Array, A_t: Array, Q: Array) -> Array:
-    """Which members hold what :func:`check` asks : (B,)."""
+    """The members that meet the conditions of :func:`check` : (B,)."""
     hold = [(margin > 0.0).all(axis=(1, 2)) for margin, _, _ in margins(model, A, A_t, Q)]
     return np.logical_and.reduce(hold)
 
@@ -37,9 +37,9 @@ def physical(model: Model, A: Array, A_t: Array, Q: Array) -> Array:
 def refuse(
     model: Model, A: Array, A_t: Array, Q: Array, H: Array, changes: Array, venous: Array, done: Array, t: float
 ) -> NoReturn:
-    """Raise NotConverged for a stage that did not converge: by outlets, then by :func:`check`, else as such.
+    """Raise NotConverged for a stage that did not converge; the reason is from outlets or :func:`check`, if any.
 
-    A, A_t, Q, H : the last finite iterate. changes : (B, n_e) of Q in it. ``done`` members are not to blame.
+    A, A_t, Q, H : the last finite iterate. changes : (B, n_e) of Q in it. ``done`` members have converged.
     """
     nodes = model.mesh.topology
     for ends in model.coefficients.outlets:
@@ -65,10 +65,11 @@ def refuse(
 
 
 def margins(model: Model, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Array, Callable[[], str], str]]:
-    """What must stay positive : (B, n_e, N), how to say that it does not, and the remedy; in the order to ask."""
+    """Quantities that must stay positive : (B, n_e, N), the sentence if not, and the remedy; in the order of the
+    test."""
     wall = model.wall
     if wall.nonlinear:
-        # asked first: where it is negative the iteration diverges, and the area with it
+        # tested first: if it is negative, the iteration diverges, and so does the area
         relative = np.nan_to_num(wall.relative_viscosity(A, A_t), nan=np.inf)
         remedy = 'use viscous_law = "monotone", a smaller |phiNL/phi0| or a lower inflow'
         yield relative, lambda: _viscosity_reason(model, relative), remedy
@@ -89,7 +90,7 @@ def _member(model: Model, b: int) -> str:
 
 
 def _length(model: Model, b: int, s: int) -> float:
-    """Of a segment [m]; several states may be stepped with one parameter set."""
+    """The length of a segment [m]; several states may share one parameter set."""
     return float(model.coefficients.L[b if model.coefficients.batched else 0, s])
 
 

@@ -1,4 +1,4 @@
-"""What drives the network at its inlets: given flows, or given pressures."""
+"""The drives of the network at its inlets: given flows, or given pressures."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Array = np.ndarray
 class Inlets:
     """The condition at each inlet, 0 = scale ΣQ + gain drive - slope H, all (B, n_inlets).
 
-    Where the flow is given it flows on: 0 = ΣQ + Q. Where the pressure is: 0 = (P - H)/Z, Z = ρ c0/A0 of the artery,
-    which makes it a flow as at the other nodes. by_flow, first : (n_inlets,) which
-    they are, and the columns of the state vector of the flow there.
+    A given flow enters the node: 0 = ΣQ + Q. A given pressure: 0 = (P - H)/Z with Z = ρ c0/A0 of the artery, so that it
+    has the unit of flow, as at other nodes. by_flow, first : (n_inlets,) True for a given flow, and the columns of the
+    state vector with the flow there.
     """
 
     by_flow: Array
@@ -30,29 +30,29 @@ class Inlets:
 
     @staticmethod
     def of(by_flow: Array, Y: Array, first: Array) -> Inlets:
-        """Of inlets whose flow is given or not : (n_inlets,), in arteries of admittance Y = 1/Z : (B, n_inlets)."""
+        """For inlets with or without given flow : (n_inlets,), in arteries of admittance Y = 1/Z : (B, n_inlets)."""
         scale = np.where(by_flow, 1.0, np.zeros_like(Y))
         return Inlets(by_flow, scale, np.where(by_flow, 1.0, Y), np.where(by_flow, 0.0, Y), first)
 
     def each(self, drive: Array) -> Array:
-        """What drives each inlet at the times of a step, (n_inlets, 4, B or 1); the axis of a single one may lack."""
+        """The drive of each inlet at the times of a step, (n_inlets, 4, B or 1); a single inlet may omit its axis."""
         return np.reshape(drive, (len(self.by_flow), len(INFLOW_TIMES), -1))
 
     def at_stages(self, drive: Array) -> Array:
-        """gain drive at the stages of a step : (STAGES, B, n_inlets) [m³/s], of drive : (n_inlets, 4, B or 1)."""
+        """gain drive at the stages of a step : (STAGES, B, n_inlets) [m³/s], from drive : (n_inlets, 4, B or 1)."""
         return self.gain * np.matmul(self._at_stages, drive).transpose(1, 2, 0)
 
     def begin(self, y: Array, drive: Array) -> None:
-        """Start a step from y : (B, n) with drive : (n_inlets, B or 1). Where the inflow jumps (a held input that is
-        set anew) the flow there is the new one; where the pressure does, the flow follows by its inertia.
+        """Start a step from y : (B, n) with drive : (n_inlets, B or 1). If a given inflow jumps (a held input with a
+        new value), so does the flow at the inlet; if a given pressure jumps, the flow follows by its inertia.
 
-        Spread over the step, the jump would show in the inlet pressure as its inertia divided by dt.
+        Spread over the step, the jump would appear in the inlet pressure as its inertia divided by dt.
         """
         inlets, columns = self._set
         y[:, columns] = drive[inlets].T
 
     def flow(self, given: Array, H: Array) -> Array:
-        """What the condition says beside ΣQ, with given = gain drive and the pressures H : (B, n_inlets) [m³/s]."""
+        """The condition without ΣQ, for given = gain drive and the pressures H : (B, n_inlets) [m³/s]."""
         return given - self.slope * H
 
     @cached_property
@@ -61,5 +61,5 @@ class Inlets:
 
     @cached_property
     def _set(self) -> tuple[Index, Index]:
-        """Which inlets have given flows, and their columns."""
+        """The inlets with given flows, and their columns."""
         return as_slice(np.flatnonzero(self.by_flow)), as_slice(self.first[self.by_flow])

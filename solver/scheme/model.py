@@ -1,4 +1,4 @@
-"""The equations of one network on one mesh, ready to be stepped: from a network to a frozen :class:`Model`."""
+"""The discrete equations of one network on one mesh: from a network to a frozen :class:`Model`."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _ROUND_OFF = 1e-13  # of A0 c0 and of the wall stiffness: smaller corrections ar
 
 @dataclass(frozen=True)
 class Settings:
-    """Numerical settings, chosen once: they do not depend on the wall, so that answers are continuous in φ0.
+    """Numerical settings, which do not depend on the wall, so that solutions are continuous in φ0.
 
-    dt : time step [s]. element_length : longest element [m]. degree : N of the flow polynomial.
-    tolerance : last correction of the flows in a stage, relative to the largest; of the nodal pressures ten times that.
+    dt : time step [s]. element_length : longest element [m]. degree : N of the flow polynomial. tolerance : last
+    correction of the flows in a stage, relative to the largest; ten times that for the nodal pressures.
     """
 
     dt: float = 1e-3
@@ -53,14 +53,14 @@ class Settings:
 class Model:
     """A network, or a batch of B parameter sets of it, as the arrays of its equations. Made by :func:`build`.
 
-    parameters : what was laid over the network's own numbers. layout : of the state vector: A (n_e, N) [m²];
-    Q (n_e, N+1) [m³/s]; P_C (n_outlets,) [Pa]; stress (m, n_e, N) [Pa], of the elements of walls with memory; history
-    (m, n_e, N+1) [m/s], of a force with memory.
-    wall : (B, n_e, N). outlet_wall : (B, n_outlets). minus_J_inverse, kinetic : (B, n_e, N) -1/J and ½ρα.
-    mass, friction : (B, n_e, N+1) ρ w J and ρ w J C_f. end_kinetic : (B, n_e, N+1) ½ρ(α - k) at the
-    element ends, by the outward normal there.
-    A_rest : (B, n_e, N). flow_floor, pressure_floor : (B,) corrections that are round-off; impedance : (B,) ρ c0/A0,
-    which turns flow into pressure: all of them per member, so that a batch does not change a member's answer.
+    parameters : values that replace the network's own. layout : of the state vector: A (n_e, N) [m²]; Q (n_e, N+1)
+    [m³/s]; P_C (n_outlets,) [Pa]; stress (m, n_e, N) [Pa], of the elements of walls with memory; history (m, n_e, N+1)
+    [m/s], of a force with memory.
+    wall : (B, n_e, N). outlet_wall : (B, n_outlets). minus_J_inverse, kinetic : (B, n_e, N) -1/J and ½ρα. mass,
+    friction : (B, n_e, N+1) ρ w J and ρ w J C_f. end_kinetic : (B, n_e, N+1) ½ρ(α - k) at the element ends, times the
+    outward normal there. A_rest : (B, n_e, N). flow_floor, pressure_floor : (B,) corrections that are round-off;
+    impedance : (B,) ρ c0/A0, which converts flow into pressure. All are per member, so that a batch does not change a
+    member's solution.
     memo : operators by dt, made by :func:`~solver.scheme.stage.operators`.
     """
 
@@ -89,7 +89,7 @@ class Model:
     memo: dict[float, Any] = field(default_factory=dict, repr=False)
 
     def with_parameters(self, changed: Parameters) -> Model:
-        """The same on the same mesh, with some parameters changed: only what they belong to is checked.
+        """The same model on the same mesh, with some parameters changed; only their owners are checked.
 
         Raises ValueError as :func:`build`.
         """
@@ -100,7 +100,7 @@ class Model:
         return _possible(lay_out(self.network, parameters, self.settings, c, self.mesh))
 
     def repeated(self, times: int) -> Model:
-        """A batch of all parameter sets, so many times one after the other."""
+        """A batch with all parameter sets repeated ``times`` times, one after the other."""
         B, every = self.coefficients.B, dict[str, Array]()
         for name, value in self.parameters.items():
             every[name] = np.tile(np.broadcast_to(value, B), times)
@@ -108,7 +108,7 @@ class Model:
         return _possible(lay_out(self.network, every, self.settings, c, self.mesh))
 
     def at_rest(self) -> Array:
-        """The state vector of a fluid at rest under P_0, whose walls have been at rest for ever."""
+        """The state vector of a fluid at rest under P_0, with walls that have always been at rest."""
         y = np.zeros_like(self.A_rest, shape=(self.coefficients.B, self.layout.size))
         self.layout.part(y, "A")[:] = self.A_rest
         self.layout.part(y, "P_C")[:] = self.coefficients.P_0
@@ -129,8 +129,8 @@ def build(network: Network, parameters: Parameters | None = None, settings: Sett
 def lay_out(
     network: Network, parameters: Parameters, settings: Settings, c: Coefficients, mesh: Mesh, every: bool = False
 ) -> Model:
-    """Spread the numbers from segments (B, n_segments) to points (B, n_e, N) and (B, n_e, N+1). every : whether the
-    damping of high degrees is there where it is 0."""
+    """Distribute the numbers from segments (B, n_segments) to points (B, n_e, N) and (B, n_e, N+1). every : include the
+    damping of high degrees even if it is 0."""
     el, ends = mesh.element, mesh.topology.outlet_segment
     wall = _walls(c, mesh, el.x_gauss)
     # full contiguous arrays: broadcasting over a last axis of length N is several times slower
@@ -171,14 +171,14 @@ def lay_out(
 
 
 def _inlets(network: Network, wall: Wall, mesh: Mesh, layout: Layout) -> Inlets:
-    """What stands at the first nodes."""
+    """The conditions at the first nodes."""
     at = (..., mesh.inlet_element, 0)
     by_flow = np.array([inlet.causality == "flow" for inlet in network.inlets])
     return Inlets.of(by_flow, wall.A0[at] / (wall.rho[at] * wall.c0[at]), layout.columns("Q")[mesh.inlet_element, 0])
 
 
 def _layout(c: Coefficients, mesh: Mesh, wall: Wall, force: Force) -> Layout:
-    """The state vector; without memory of any kind it is A and Q."""
+    """The state vector; without any memory it contains only A and Q."""
     gauss, lobatto = (mesh.n_elements, mesh.element.N), (mesh.n_elements, mesh.element.N + 1)
     remembers = wall.remembers or force.memories > 0 or any(ends.kind.stores for ends in c.outlets)
     return Layout(
@@ -199,7 +199,7 @@ def _walls(c: Coefficients, mesh: Mesh, xi: Array) -> Wall:
 
 
 def _force(c: Coefficients, mesh: Mesh, mass: Array) -> Force:
-    """The forces on the flow of the effects that are on, together."""
+    """The sum of the forces on the flow of all active effects."""
     el, found = mesh.element, list[Drag]()
     terms = [term for term in c.terms if changes(term.effect, "drag")]
     if terms:
@@ -222,7 +222,7 @@ def _force(c: Coefficients, mesh: Mesh, mass: Array) -> Force:
 
 
 def _possible(model: Model) -> Model:
-    """The model, if its walls can carry the start pressure; or ValueError."""
+    """The model, if its walls can carry the start pressure. Raises ValueError otherwise."""
     c, law = model.coefficients, model.network.elastic_law
     for _, e in np.argwhere(~(model.A_rest[..., 0] > 0.0)):
         name = model.network.segments[model.mesh.segment[e]].name

@@ -1,6 +1,6 @@
-"""Physics that a model may lack. Where it does, a term that is zero stands in its place, and costs nothing.
+"""Optional physics: a model without it has a term that is zero in its place, at no cost.
 
-A term of a stage is made from the term of the model by ``since``, which tells it what the stage starts from.
+``since`` makes the term of a stage from the term of the model and the start of the stage.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _LEAK_STEPS = 3  # Newton steps for ∂A/∂t: a leak takes little of the flow, 
 
 @dataclass(frozen=True)
 class NoForce:
-    """The flow feels no more than friction."""
+    """No force on the flow beside friction."""
 
     memories = 0
 
@@ -55,7 +55,7 @@ class DragForce:
     linear: Array | float = 0.0
     constant: Array | float = 0.0
 
-    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"at_lobatto": None}  # which counts a batch; the others' first
+    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"at_lobatto": None}  # no batch axis; the others have it first
 
     @staticmethod
     def of(drag: Drag, mass: Array, at_lobatto: Array) -> DragForce:
@@ -64,12 +64,12 @@ class DragForce:
 
     @property
     def memories(self) -> int:
-        """m, how many numbers its history has at a point."""
+        """m, the number of history variables at a point."""
         return self.rate.shape[1]
 
     def since(self, history: Array, tau: float) -> DragForce:
         """The force at the end of a stage of length tau [s] from z : (B, m, n_e, N+1) [m/s]."""
-        # dz/dt = -rate (z + U) by backward Euler, solved for exactly: y = z + U = (z_start + U)/(1 + τ rate)
+        # dz/dt = -rate (z + U) by backward Euler, solved exactly: y = z + U = (z_start + U)/(1 + τ rate)
         passed = tau * self.rate
         share = self.weight / (1.0 + passed)
         return replace(self, passed=passed, linear=share.sum(axis=1), constant=(share * history).sum(axis=1))
@@ -86,7 +86,7 @@ class DragForce:
         return by_Q, -by_Q * U
 
     def history(self, before: Array, Q: Array, A: Array) -> Array:
-        """The history at the end of the stage, when it was ``before`` at its start; A : (B, n_e, N)."""
+        """The history at the end of the stage, from the history ``before`` at its start; A : (B, n_e, N)."""
         U = Q / (A @ self.at_lobatto)
         return (before - self.passed * U[:, None]) / (1.0 + self.passed)
 
@@ -98,7 +98,7 @@ Force = NoForce | DragForce
 class Tight:
     """∂A/∂t = -∂Q/∂x (`massConserv_AQ`)."""
 
-    proportional: ClassVar[bool] = True  # whether areas grow in proportion to what flows in
+    proportional: ClassVar[bool] = True  # areas grow in proportion to the net inflow
 
     def since(self, wall: Wall, A: Array, tau: float, P_venous: Array) -> Tight:
         return self
@@ -117,7 +117,7 @@ class Tight:
 class Leaking:
     """∂A/∂t = -∂Q/∂x - g (P - P_sink), P_sink the venous pressure of the outlet where the segment ends, else 0.
 
-    leak : (B, n_e, N) g [m²/(Pa·s)]. sink : (n_e,) the outlet; their number where there is none.
+    leak : (B, n_e, N) g [m²/(Pa·s)]. sink : (n_e,) index of that outlet; the number of outlets if there is none.
     """
 
     proportional: ClassVar[bool] = False
@@ -130,20 +130,20 @@ class Leaking:
     P_sink: Array | float = 0.0
 
     def since(self, wall: Wall, A: Array, tau: float, P_venous: Array) -> Leaking:
-        """The storage of a stage of length tau [s] from A, with the walls of that moment."""
+        """The storage of a stage of length tau [s] from A, with the walls at that time."""
         pressures = np.concatenate([P_venous, np.zeros((*P_venous.shape[:-1], 1))], axis=-1)
         return replace(self, wall=wall, A=A, tau=tau, P_sink=pressures[..., self.sink, None])
 
     def area_rate(self, supply: Array) -> Array:
         """∂A/∂t at the end of a stage from supply = -∂Q/∂x, both (B, n_e, N) [m²/s]."""
-        A_t = 0.0 * supply  # Newton steps from 0, which a long stage does not multiply: P depends on A and ∂A/∂t
+        A_t = 0.0 * supply  # Newton steps from 0, which a long stage does not amplify: P depends on A and ∂A/∂t
         for _ in range(_LEAK_STEPS):
             A = self.A + self.tau * A_t
             A_t = A_t + self.left_over(supply, A, A_t) / (1.0 + self.leak * self._pressure_slope(A, A_t))
         return A_t
 
     def left_over(self, supply: Array, A: Array, A_t: Array) -> Array:
-        """Of what flows in, what neither fills nor leaks where area and ∂A/∂t are these, all (B, n_e, N) [m²/s]."""
+        """The residual of mass: inflow minus storage and leakage, for this area and ∂A/∂t, all (B, n_e, N) [m²/s]."""
         return supply - A_t - self.leak * (self.wall.pressure(A, A_t) - self.P_sink)
 
     def slope(self, A: Array, A_t: Array) -> Array:

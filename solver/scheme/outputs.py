@@ -32,11 +32,11 @@ class Reporter(Generic[S]):
 
 
 def reporter(model: Model, wall: Wall | None = None, tables: bool = True) -> Reporter[State]:
-    """Outputs of a network: P of each inlet (Q where P is driven), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
+    """Outputs of a network: P of each inlet (Q for a given P), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
     At a site A, ∂A/∂t and the effect of memory on the viscous stress are interpolated, and P follows from the wall law;
-    the nodal pressures are the multipliers H. wall : at the sites, default :func:`site_walls`. tables :
-    whether the pressures include what tables of sources add at the time of the state.
+    the nodal pressures are the multipliers H. wall : at the sites, default :func:`site_walls`. tables : include the
+    direct contributions of source tables at the time of the state.
     """
     network, mesh, (segment, position) = model.network, model.mesh, _sites(model)
     gauss, lobatto = mesh.sample_gauss(segment, position), mesh.sample_lobatto(segment, position)
@@ -87,15 +87,15 @@ def _sites(model: Model) -> tuple[Array, Array]:
 
 
 def inlet_answers(model: Model, state: State) -> Array:
-    """The pressure [Pa] of inlets with a given flow, the flow [m³/s] of inlets with a given pressure : (B,
+    """The pressure [Pa] of inlets with a given flow, or the flow [m³/s] of those with a given pressure : (B,
     n_inlets)."""
     inlets = model.inlets
     return np.where(inlets.by_flow, state.H[:, model.mesh.topology.inlets], state.y[:, inlets.first])
 
 
 def volume_entered(model: Model, before: State, after: State) -> Array:
-    """The volume [m³] that entered at each inlet in the step from one state to the next : (B, n_inlets), consistent
-    with the areas."""
+    """The volume [m³] that entered at each inlet between two successive states : (B, n_inlets), consistent with the
+    areas."""
     first, dt = (..., model.mesh.inlet_element, 0), after.dt
     stages = before.Q[first] + dt * np.tensordot(SDIRK3, after.rates[first], 1)
     entered: Array = dt * np.tensordot(SDIRK3[-1], stages, 1)

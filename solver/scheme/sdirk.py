@@ -19,8 +19,9 @@ SDIRK3 = np.array(
 )
 STAGES = len(SDIRK3)
 
-# The inflow of a step is given at these parts of it: a cubic, which enters the stages as the method integrates its
-# derivative. Imposing its values at the stages instead would cost the inlet pressure an order and a half (stage order).
+# The inflow of a step is given at these fractions of it. They define a cubic, whose derivative the method integrates to
+# the values at the stages. Imposing values at the stages instead would cost the inlet pressure an order and a half
+# (stage order).
 INFLOW_TIMES = np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
 _POWERS = np.arange(4)
 _STAGE_POWERS = np.column_stack(
@@ -28,8 +29,8 @@ _STAGE_POWERS = np.column_stack(
 )  # ∫ k s^(k-1) ds = s^k, by the method: exact at the end of the step
 _CUBIC = np.linalg.inv(INFLOW_TIMES[:, None] ** _POWERS)
 INFLOW_AT_STAGES = _STAGE_POWERS @ _CUBIC
-# A pressure is a force, whose values at the stages are what the method wants.
+# A pressure is a force, for which the method needs the values at the stages.
 VALUES_AT_STAGES = SDIRK3.sum(axis=1)[:, None] ** _POWERS @ _CUBIC
 
-# The same cubic at these parts of the first and of the second half of a step, (2, 4, 4).
+# The same cubic at these fractions of the first and of the second half of a step, (2, 4, 4).
 HALVES = np.stack([(0.5 * (half + INFLOW_TIMES))[:, None] ** _POWERS @ _CUBIC for half in (0, 1)])

@@ -27,11 +27,11 @@ _KEPT = 16  # lengths of step whose operators a model keeps
 
 @dataclass(frozen=True)
 class Loads:
-    """What the outlets put on the nodes at the end of a stage: :class:`~solver.laws.outlets.Load`, scale ΣQ = flow(P -
-    P_b).
+    """The loads of the outlets on the nodes at the end of a stage: :class:`~solver.laws.outlets.Load`, scale ΣQ =
+    flow(P - P_b).
 
-    scale : (B, n_nodes), 1 but at outlets and at inlets whose pressure is given. signs : what the flows at element
-    ends count then. keep, give, charge : (B, n_outlets). kinds : nodes, outlets, load of each.
+    scale : (B, n_nodes), 1 except at outlets and at inlets with a given pressure. signs : the weights of the flows at
+    element ends in this case. keep, give, charge : (B, n_outlets). kinds : nodes, outlets, load of each.
     """
 
     scale: Array
@@ -56,16 +56,16 @@ class Condensed:
     end_nodes: Array
 
     def for_long(self) -> Condensed:
-        """The same, made faster for many uses."""
+        """The same operators, prepared for many uses."""
         return replace(self, nodal=self.nodal.whole())
 
     def member(self, b: int) -> Condensed:
-        """That of one state of several."""
+        """The Jacobian of one state of several."""
         own = slice(b, b + 1)
         return replace(self, K_inverse=self.K_inverse[own], by_ends=self.by_ends[own], nodal=self.nodal.member(b))
 
     def add_to(self, Q: Array, H: Array) -> None:
-        """Add to Q : (B, n_e, N+1) what flows by pressures H : (B, n_nodes)."""
+        """Add the flow from nodal pressures H : (B, n_nodes) to Q : (B, n_e, N+1)."""
         flows = self.by_ends * H.take(self.end_nodes, 1)
         Q += flows[:, 0]
         Q += flows[:, 1]
@@ -73,7 +73,7 @@ class Condensed:
 
 @dataclass(frozen=True)
 class Operators:
-    """What every stage of length tau uses: inertia (B, n_e, N+1) ρ w J/τ, the loads, the Jacobian at rest."""
+    """The operators of all stages of length tau: inertia (B, n_e, N+1) ρ w J/τ, the loads, the Jacobian at rest."""
 
     tau: float
     inertia: Array
@@ -99,7 +99,7 @@ def operators(model: Model, dt: float) -> Operators:
 def operators_about(model: Model, tau: float, y: Array, H: Array) -> Operators:
     """The operators of stages of length tau [s], with the Jacobian about a steady state y : (B, n), H : (B, n_nodes).
 
-    With tau = 1/iω the Jacobian is that of small waves e^{iωt}: a stage puts (x - x_start)/tau for dx/dt.
+    With tau = 1/iω the Jacobian is that of small waves e^{iωt}: a stage replaces dx/dt by (x - x_start)/tau.
     """
     inertia, loads, memory = model.mass / tau, loads_of(model, tau), memory_of(model)
     about, behind = start(model, tau, inertia, memory, loads, y, model.coefficients.P_venous)
@@ -108,8 +108,8 @@ def operators_about(model: Model, tau: float, y: Array, H: Array) -> Operators:
 
 
 def operators_repeated(model: Model, times: int, dt: float) -> tuple[Model, Operators]:
-    """All parameter sets so many times in one batch, with the operators for steps of length dt [s]; their Jacobian is
-    that of the model, for residuals need none."""
+    """All parameter sets repeated in one batch, with the operators for steps of length dt [s]; their Jacobian is that
+    of the model, because residuals need none."""
     o, many = operators(model, dt), model.repeated(times)
     return many, replace(o, inertia=many.mass / o.tau, loads=loads_of(many, o.tau))
 
@@ -122,7 +122,7 @@ class NoMemory:
         return model.wall, model.force, P_venous
 
     def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
-        """Write what is remembered at the end of the stage into the state vector ``end``."""
+        """Write the memory at the end of the stage into the state vector ``end``."""
 
 
 class Memory:
@@ -145,14 +145,14 @@ class Memory:
 
 
 def memory_of(model: Model) -> Memory | NoMemory:
-    """What the states of a model remember beside A and Q."""
+    """The memory of a model's states beside A and Q."""
     return Memory() if model.layout.shapes["P_C"][0] else NoMemory()
 
 
 def start(
     model: Model, tau: float, inertia: Array, memory: Memory | NoMemory, loads: Loads, y: Array, P_venous: Array
 ) -> tuple[Start, Array]:
-    """What a stage of length tau [s] starts from, with the state vector y : (B, n), and P_b of its outlets."""
+    """The start of a stage of length tau [s] from the state vector y : (B, n), and P_b of its outlets."""
     A, Q = model.layout.part(y, "A"), model.layout.part(y, "Q")
     wall, force, behind = memory.recall(model, y, tau, loads, P_venous)
     return Start(model, tau, y, A, Q, inertia, wall, force, model.storage.since(wall, A, tau, P_venous)), behind
@@ -193,8 +193,8 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
 class Stage(NamedTuple):
     """A stage from ``start``: find Q and the nodal pressures H at its end, at time t [s].
 
-    behind : (B, n_outlets) [Pa] the pressures behind the outlets. given : (B, n_inlets) [m³/s] what drives the inlets,
-    by their gain. P_venous : (B, n_outlets) [Pa]. g : (n_sources,) amplitudes of what tables describe.
+    behind : (B, n_outlets) [Pa] the pressures behind the outlets. given : (B, n_inlets) [m³/s] the drives of the
+    inlets, times their gain. P_venous : (B, n_outlets) [Pa]. g : (n_sources,) amplitudes of the tables.
     """
 
     start: Start
@@ -216,8 +216,8 @@ class Stage(NamedTuple):
     def solve(self, Q: Array, H: Array, small: tuple[Array, Array]) -> tuple[Array, Array, Array]:
         """Chord iterations from a guess until Q and H change by no more than ``small`` : two (B,).
 
-        Returns Q, H and ∂A/∂t. A member of a batch that has converged stays what it is alone, whatever its neighbours
-        do. One that was thrown off starts again from the guess, with the Jacobian there.
+        Returns Q, H and ∂A/∂t. A converged member of a batch has the same result as alone, whatever its neighbours do.
+        A diverged one starts again from the guess, with the Jacobian there.
         Raises NonPhysicalState, located from the last finite iterate.
         """
         small_Q, small_H = small
@@ -249,14 +249,14 @@ class Stage(NamedTuple):
             Q, H = np.where(lost[:, None, None], guess[0], Q), np.where(lost[:, None], guess[1], H)
             try:
                 jacobian = condense(model, self.operators.loads, self.jacobian(Q), H, self.behind)
-            except np.linalg.LinAlgError:  # a state without a Jacobian: nothing to go on with
+            except np.linalg.LinAlgError:  # a state without a Jacobian cannot continue
                 break
         changes = np.abs(last[0] - before).max(axis=2)
         A_t = start.area_rate(last[0])
         refuse(model, start.area(A_t), A_t, *last, changes, self.P_venous, done, self.t)
 
     def jacobian(self, Q: Array) -> Array:
-        """That of momentum in every element, where the flow is Q."""
+        """The Jacobian of momentum in every element, at the flow Q."""
         return terms.jacobian(self.start, terms.flow(self.start, Q))
 
     def correct(self, jacobian: Condensed, Q: Array, H: Array) -> tuple[Array, Array]:
@@ -270,7 +270,7 @@ class Stage(NamedTuple):
         return Q_new, dH
 
     def node_residual(self, Q: Array, H: Array) -> Array:
-        """ΣQ at the nodes; what drives the inlets; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
+        """ΣQ at the nodes, minus the drives of the inlets; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
         model, loads = self.start.model, self.operators.loads
         net, inlets = model.mesh.net_inflow(Q, loads.signs), model.mesh.topology.inlets
         net[:, inlets] += model.inlets.flow(self.given, H[:, inlets])

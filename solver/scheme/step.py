@@ -30,20 +30,20 @@ from .stage import Stage, largest, operators
 
 Array = np.ndarray
 
-_BEFORE = [row[:stage] for stage, row in enumerate(SDIRK3.tolist())]  # what earlier stages count for, as plain numbers
+_BEFORE = [row[:stage] for stage, row in enumerate(SDIRK3.tolist())]  # weights of earlier stages, as plain numbers
 _FURTHEST = 10.0  # lengths of the last step over which the unknowns are extrapolated
-_HALVINGS = 4  # a step that does not converge is cut into halves, quarters, … this often before it is given up
-_PRESSURES = 10.0  # nodal pressures, which follow the flows' rates, may be off by this much more than the flows
+_HALVINGS = 4  # a step that does not converge is halved at most this often
+_PRESSURES = 10.0  # tolerance of nodal pressures, which follow the rates of flow, over that of the flows
 
 
 @dataclass(frozen=True)
 class State:
-    """Everything a step needs.
+    """The state that a step starts from.
 
     y : (B, n) the state vector, its parts in ``layout``. A_t : (B, n_e, N) ∂A/∂t [m²/s]; H : (B, n_nodes) [Pa].
-    unknowns, unknowns_before : (STAGES, B, m), ∂Q/∂t and H at the stages of the last step and of the one before, both
-    of length dt [s], which start the next iterations; their parts in ``guess``. halved : how many times, until now, a
-    step that did not converge was cut into halves.
+    unknowns, unknowns_before : (STAGES, B, m), ∂Q/∂t and H at the stages of the last two steps, both of length dt [s],
+    which give the initial guess of the next one; their parts in ``guess``. halved : number of halvings of steps until
+    now.
     """
 
     t: float
@@ -73,7 +73,7 @@ class State:
         return self.guess.part(self.unknowns, "rates")
 
     def of_moments(self, y: Array, A_t: Array, H: Array) -> State:
-        """Many moments at once, to be reported: a state vector y, ∂A/∂t and H of each."""
+        """Many moments at once, for outputs: a state vector y, ∂A/∂t and H of each."""
         return replace(self, y=y, A_t=A_t, H=H)
 
     def members(self, index: Array | slice) -> State:
@@ -98,9 +98,9 @@ def initial_state(model: Model, t: float = 0.0) -> State:
 
 
 def adopt(model: Model, state: State) -> State:
-    """A state of this mesh under other parameters, ready for these: memory is added where it lacks, or dropped.
+    """A state on this mesh adapted to other parameters: missing memory is added, unused memory dropped.
 
-    The stress of a wall that had no memory is that of its strain rate, the history of a fluid none. The state of
+    The stress of a wall without memory is that of its strain rate; a new memory of the fluid starts at 0. The state of
     one member serves a whole batch. Raises ValueError for a batch of another size.
     """
     B, members = model.coefficients.B, len(state.y)
@@ -125,19 +125,19 @@ def adopt(model: Model, state: State) -> State:
 
 
 def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> State:
-    """Advance by dt [s]; where that does not converge, by shorter steps: ``halved`` of the state counts how often.
+    """Advance by dt [s]; if that does not converge, by shorter steps, which ``halved`` of the state counts.
 
     drive : (n_inlets, 4) or (n_inlets, 4, B), the inflow [m³/s] at the times t + INFLOW_TIMES dt, or the pressure [Pa]
-    of an inlet that is driven by it; the axis of a single inlet may lack. P_venous : (n_outlets,) or (B, n_outlets)
-    [Pa] during the step, default the parameters'. A model of one parameter set steps B states as well; all of them
-    are halved where one is.
+    of an inlet with given pressure; a single inlet may omit its axis. P_venous : (n_outlets,) or (B, n_outlets) [Pa]
+    during the step, default the parameters'. A model of one parameter set steps B states as well; if one must be
+    halved, all are.
     Raises NonPhysicalState if the result is not physical.
     """
     return parts(model, state, dt, drive, P_venous)[-1]
 
 
 def parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> list[State]:
-    """As :func:`step`: the states at the ends of the parts into which the step was cut, as a rule the one."""
+    """As :func:`step`, but returns the states at the ends of all parts of the step, usually one."""
     with np.errstate(all="ignore"):
         return _parts(model, state, dt, model.inlets.each(drive), P_venous, _HALVINGS)
 
@@ -165,7 +165,7 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
     small = tolerances(model, state, model.inlets.gain * drive[:, -1].T)
     y = state.y.copy()
     model.inlets.begin(y, model.tables.let_in(drive[:, 0], state.t))
-    # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
+    # extrapolation of the last two stage values is so accurate that one iteration is usually enough
     last, before = at_stages_of(state, dt)
     guesses = 2.0 * last - before
     unknowns, k = np.empty_like(guesses), list[Array]()
@@ -187,15 +187,15 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
 
 
 def at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
-    """The unknowns of the last two steps, as if these had been of length dt [s].
+    """The unknowns of the last two steps, converted to a step length of dt [s].
 
-    Where they were of another length, the straight line through the values at their ends stands for them: a plain
-    restart would leave fifty times the error.
+    For another length, the straight line through the values at their ends replaces them: a plain restart would have
+    fifty times the error.
     """
     last, before = state.unknowns, state.unknowns_before
     if dt == state.dt or state.dt == 0.0:
         return last, before
-    if dt > _FURTHEST * state.dt:  # the line through two near points leads anywhere
+    if dt > _FURTHEST * state.dt:  # extrapolation of two near points is unreliable
         last = np.broadcast_to(last[-1], last.shape)
         return last, last
     slope = (last[-1] - before[-1]) * (dt / state.dt)
@@ -204,7 +204,7 @@ def at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
 
 
 def tolerances(model: Model, state: State, given: Array) -> tuple[Array, Array]:
-    """How little the flows and the nodal pressures may change in the last iteration of a stage : two (B,)."""
+    """Convergence limits of flows and nodal pressures in a stage : two (B,)."""
     driven = model.inlets.flow(given, state.H[:, model.mesh.topology.inlets])
     flow = np.maximum(largest(state.y[:, state.layout.places["Q"]]), largest(driven))
     pressure = largest(state.H - model.coefficients.P_0)

@@ -21,7 +21,7 @@ Array = np.ndarray
 
 
 class Start(NamedTuple):
-    """What an implicit stage of length tau [s] starts from, and the laws of wall and fluid that this makes for it.
+    """The start of an implicit stage of length tau [s], with the laws of wall and fluid for it.
 
     y : the state vector there; A, Q its parts. inertia : like Q, ρ w J/τ.
     """
@@ -73,7 +73,7 @@ class Change(NamedTuple):
 
 
 def flow(s: Start, Q: Array) -> Flow:
-    """What follows from Q."""
+    """The quantities that follow from Q."""
     m, el = s.model, s.model.mesh.element
     dQ = Q @ el.d_xi
     A_t = s.storage.area_rate(dQ * m.minus_J_inverse)

@@ -1,11 +1,11 @@
-"""Arrays without numbers, on which NumPy code runs once and is recorded.
+"""Arrays without numbers: NumPy code runs on them once and is recorded.
 
-The ``index`` of a :class:`Traced` array says where in a buffer its numbers will lie, so that NumPy itself does all that
-concerns shapes, on the index. What computes is written down by a :class:`~solver.tracing.recorder.Recorder`:
-elementwise operations, gathers, scatters, sums, small matrix products and inverses.
+The ``index`` of a :class:`Traced` array gives the places of its numbers in a buffer, so that NumPy itself computes
+shapes, on the index. A :class:`~solver.tracing.recorder.Recorder` records the computations: elementwise operations,
+gathers, scatters, sums, small matrix products and inverses.
 
-Code that asks for numbers, as a branch that depends on them does, raises :class:`Untraceable`. ``all()`` is taken to
-be true, and the program checks that it is.
+Code that needs numbers, such as a branch on them, raises :class:`Untraceable`. ``all()`` is assumed to be true, and the
+program checks it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Array = np.ndarray
 
 
 class Traced(View, NDArrayOperatorsMixin):
-    """An array whose numbers are not known yet."""
+    """An array whose numbers are not yet known."""
 
     __array_priority__ = 1000.0
 
@@ -80,11 +80,11 @@ class Traced(View, NDArrayOperatorsMixin):
         return self.copy()
 
     def copy(self) -> Traced:
-        """The same numbers, which later writes to this do not change."""
+        """The same numbers, independent of later writes to this array."""
         slot = self.recorder.operand(self, self.shape)
         if slot.single or slot.start or slot.slot.size != self.size:
             return elementwise(self.recorder, "copy", self)
-        self.buffer.own = False  # whoever writes first takes a copy
+        self.buffer.own = False  # the first writer makes a copy
         return of(self.recorder, slot.slot, self.shape)
 
     def __getitem__(self, key: Any) -> Traced:
@@ -97,7 +97,7 @@ class Traced(View, NDArrayOperatorsMixin):
     def __setitem__(self, key: Any, value: Any) -> None:
         self.recorder.assign(self._view(np.asarray(self.index[key])), value)
 
-    # --- numbers, which it has not ----------------------------------------------------------------------------------
+    # --- numbers, which are unknown ---------------------------------------------------------------------------------
 
     def _unknown(self, *_: Any, **__: Any) -> Any:
         return self.recorder.look(self)
@@ -117,7 +117,7 @@ class Traced(View, NDArrayOperatorsMixin):
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         found: Any
-        if any(hasattr(x, "has_two_parts") for x in inputs):  # a Complex, which knows what to do
+        if any(hasattr(x, "has_two_parts") for x in inputs):  # a Complex, which implements the operation
             return NotImplemented
         if method == "reduce":
             found = _reduced(self.recorder, ufunc.__name__, inputs[0], **options)
@@ -166,14 +166,14 @@ class Traced(View, NDArrayOperatorsMixin):
 
 
 class _Any(Traced):
-    """Whether any of something is true."""
+    """True if any element is; a branch on it may be recorded."""
 
     def __bool__(self) -> bool:
         return bool(self.recorder.look(self, "any"))
 
 
 class _Guard(Traced):
-    """What a branch takes to be true where it is not known: the program stops where it is not."""
+    """A condition that a branch assumes to be true while it is unknown; the program stops if it is false."""
 
     def __init__(self, recorder: Recorder, condition: Traced) -> None:
         super().__init__(recorder, condition.buffer, condition.index)
@@ -192,18 +192,18 @@ def of(r: Recorder, slot: Slot, shape: tuple[int, ...]) -> Traced:
 
 
 def array(r: Recorder, phase: int, shape: tuple[int, ...]) -> Traced:
-    """An array that is given to the program before a phase."""
+    """An input array of the program, given before a phase."""
     return of(r, Slot(math.prod(shape), phase), shape)
 
 
 def later(r: Recorder, x: Any, phase: int) -> Any:
-    """The same in a later phase: what is computed of it belongs there."""
+    """The same array in a later phase, to which computations with it then belong."""
     slot = Slot(x.size, phase)
     r.write(Instruction("copy", slot, 0, (r.operand(x, x.shape),), (x.size,)))
     return of(r, slot, x.shape)
 
 
-# --- what NumPy's functions are as operations ---------------------------------------------------------------------
+# --- NumPy functions as operations --------------------------------------------------------------------------------
 
 ELEMENTWISE = (
     "copy negative sqrt exp expm1 log log1p absolute sign square reciprocal sin cos sinh cosh tanh logical_not "
@@ -214,13 +214,13 @@ _ALIASES = {
     "positive": "copy", "fabs": "absolute", "true_divide": "divide", "invert": "logical_not", "conjugate": "copy",
     "bitwise_and": "logical_and", "bitwise_or": "logical_or", "float_power": "power",
 }  # fmt: skip
-_POWERS = {2: "square", 0.5: "sqrt", 1: "copy", -1: "reciprocal"}  # as NumPy does
+_POWERS = {2: "square", 0.5: "sqrt", 1: "copy", -1: "reciprocal"}  # as in NumPy
 _OF_NOTHING = {"add": 0.0, "logical_and": 1.0, "logical_or": 0.0}
 REDUCED = {"add": "sum", "maximum": "largest", "minimum": "least", "logical_and": "least", "logical_or": "largest"}
 
 
 def elementwise(r: Recorder, name: str, *values: Any) -> Traced:
-    """An operation of numbers at the same place, which ``values`` are broadcast to."""
+    """An elementwise operation on ``values``, broadcast to one shape."""
     shape = np.broadcast_shapes(*(np.shape(v) for v in values))
     size = math.prod(shape)
     return of(r, r.emit(name, tuple(r.operand(v, shape) for v in values), (size,), size), shape)
@@ -232,7 +232,7 @@ def _elementwise(r: Recorder, name: str, inputs: Sequence[Any]) -> Traced:
         name, inputs = _POWERS[inputs[1]], inputs[:1]
     if name not in ELEMENTWISE:
         raise Untraceable(f"np.{name} is not recorded")
-    if name == "divide":  # many divide by the same, which is then done once
+    if name == "divide":  # many divisions share a divisor, whose reciprocal is computed once
         with np.errstate(divide="ignore"):
             inverse = (
                 _elementwise(r, "reciprocal", inputs[1:])
@@ -286,14 +286,14 @@ def _matmul(r: Recorder, a: Any, b: Any) -> Traced:
 
 
 def _spread(r: Recorder, operand: Operand, size: int) -> Operand:
-    """All numbers of an operand that is one number again and again."""
+    """An operand with all its numbers, if it repeats a single one."""
     if not operand.single or size == 1:
         return operand._replace(single=False)
     return Operand(r.emit("copy", (operand,), (size,), size), 0, False)
 
 
 def _einsum(r: Recorder, formula: str, a: Any, b: Any) -> Traced:
-    """A product of two, as a product of matrices."""
+    """A product of two arrays as a matrix product."""
     given, found = formula.split("->")
     one, two = given.split(",")
     size = dict(zip([*one, *two], [*np.shape(a), *np.shape(b)], strict=True))
@@ -318,7 +318,7 @@ def _einsum(r: Recorder, formula: str, a: Any, b: Any) -> Traced:
 
 def _inverse(r: Recorder, x: Traced) -> Traced:
     count, n = math.prod(x.shape[:-2]), x.shape[-1]
-    found = r.emit("inverse", (_spread(r, r.operand(x, x.shape), x.size),), (count, n), x.size + n)  # and its pivots
+    found = r.emit("inverse", (_spread(r, r.operand(x, x.shape), x.size),), (count, n), x.size + n)  # with its pivots
     return Traced(r, Buffer(found), np.arange(x.size).reshape(x.shape))
 
 

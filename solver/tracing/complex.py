@@ -1,6 +1,6 @@
 """Complex arrays without numbers: two arrays of :class:`~solver.tracing.array.Traced`, recorded as real operations.
 
-They arise where the length of a stage is complex, 1/iω: what depends on frequency is complex, all else stays real.
+They arise if the length of a stage is complex, 1/iω: quantities that depend on frequency are complex, others real.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Complex(NDArrayOperatorsMixin):
         return self._each("sum", axis=axis)
 
     def all(self, axis: Any = None) -> Any:
-        """Whether none of them is 0, as a guard where ``axis`` is None."""
+        """True if no element is 0; a guard if ``axis`` is None."""
         return ((self.re != 0.0) | (self.im != 0.0)).all(axis)
 
     def _unknown(self, *_: Any, **__: Any) -> Any:
@@ -117,7 +117,7 @@ class Complex(NDArrayOperatorsMixin):
 
 
 def parts(x: Any) -> tuple[Any, Any]:
-    """Real and imaginary part; 0.0 where there is none."""
+    """Real and imaginary part; the latter is 0.0 for real numbers."""
     if isinstance(x, Complex):
         return x.re, x.im
     if isinstance(x, np.ndarray | complex) and np.iscomplexobj(x):
@@ -147,7 +147,7 @@ def _subtract(a: Any, b: Any) -> Complex:
 
 
 def _like(re: Any, im: Any) -> Complex:
-    """Both in the shape that they have together."""
+    """Both parts broadcast to their common shape."""
     shape = np.broadcast_shapes(np.shape(re), np.shape(im))
     return Complex(*(x if np.shape(x) == shape else np.broadcast_to(x, shape) for x in (re, im)))
 

@@ -1,9 +1,9 @@
-"""The program of a co-simulation component: from its parameters and the length of a step to the coefficients, to the
-steps, and to all that an FMU shows of a state.
+"""The program of a co-simulation component: from parameters and step length to coefficients, steps, and all FMU
+outputs.
 
-Unlike the program of :mod:`~solver.tracing.steps`, which belongs to a model and a step, one program serves every
-parameter set on one mesh: the first phase makes the coefficients, too. What it cannot be taken to (another mesh, walls
-that become nonlinear) it *requires* not to happen, and stops there.
+The program of :mod:`~solver.tracing.steps` belongs to one model and one step length. This one serves every parameter
+set on one mesh, because its first phase computes the coefficients, too. It *requires* that the mesh stays the same and
+that linear walls do not become nonlinear; otherwise it stops.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ Array = np.ndarray
 # phases after those of a model's program, in the order of native/fmu/component.h
 MORE = ("explain", "show")
 _PHASE = {name: number for number, name in enumerate((*PHASES, *MORE))}
-MARGINS = 4  # at most, that guards ask for
-# keys that all walls have, and that are 0 in one without them
+MARGINS = 4  # most margins of the guards
+# keys of all walls that are 0 in a wall without the effect
 _OF_WALLS = {key for e in ALL if e.always and e.owner == "segment" for key, value in e.neutral.items() if not value}
-_BENDS = 1e-3  # any value that is not 0
-# where it takes and leaves its numbers beside PLACES, in the order there
+_BENDS = 1e-3  # any value except 0
+# further inputs and outputs beside PLACES, in the order there
 FURTHER = (
     "parameters", "dt", "element_length", "y_rest", "A_rest", "lost_at_rest", "small_drives", "small_venous",
     "end_impedance", "viscosity", "A0", "r", "lost", *(f"margin_{i}" for i in range(MARGINS)),
@@ -48,7 +48,7 @@ FURTHER = (
 
 @dataclass(frozen=True)
 class Whole:
-    """A program, and the concrete model of the parameters that it was recorded with, whose mesh is that of all."""
+    """A program, and the concrete model of the parameters with which it was recorded; its mesh is valid for all."""
 
     program: Program
     model: Model
@@ -56,9 +56,9 @@ class Whole:
 
 
 def whole(network: Network, settings: Settings, bent: bool = False, shared: Shared | None = None) -> Whole:
-    """The program of a network's component. bent : whether it holds nonlinear walls, as any may become. shared : with
-    the programs before.
-    Raises Untraceable, which says what cannot be recorded.
+    """The program of a network's component. bent : record with nonlinear walls, so that any wall may become nonlinear.
+    shared : constants and indices of earlier programs.
+    Raises Untraceable with the operation that cannot be recorded.
     """
     made = parts(network, settings, bent)
     recording = _Component(made.recorder, made.m, GAMMA * made.step)
@@ -67,8 +67,8 @@ def whole(network: Network, settings: Settings, bent: bool = False, shared: Shar
 
 
 class Parts(NamedTuple):
-    """A model m of traced coefficients, its walls at the sites and its step; places : what is given to the first
-    phase."""
+    """A concrete model, a model m of traced coefficients, its walls at the sites and its step; places : inputs of the
+    first phase."""
 
     recorder: Known
     model: Model
@@ -79,7 +79,7 @@ class Parts(NamedTuple):
 
 
 def parts(network: Network, settings: Settings, bent: bool) -> Parts:
-    """What all programs of a component begin with: from parameters to coefficients."""
+    """The common beginning of all programs of a component: from parameters to coefficients."""
     values = network.parameters()
     c = coefficients(network, values, every=True)
     mesh = build_mesh(network, c.L[0], settings.element_length, settings.degree, coefficients(network, values).cuts)
@@ -88,7 +88,7 @@ def parts(network: Network, settings: Settings, bent: bool) -> Parts:
     given = array(recorder, 0, (len(values),))
     recorder.give(given, [*values.values()])
     traced: dict[str, Any] = {name: given[i] for i, name in enumerate(values)}
-    if bent:  # what is zero everywhere would be left out
+    if bent:  # a term that is zero everywhere would be left out
         recorder.lenient = True
         recorder.numbers[given.buffer.slot] = np.array([_bent(name, value) for name, value in values.items()])
     made = coefficients(network, traced, checked=False, every=True)
@@ -105,17 +105,17 @@ def parts(network: Network, settings: Settings, bent: bool) -> Parts:
 
 
 def _bent(name: str, value: float) -> float:
-    """A number that is not zero where a nonlinear wall has one."""
+    """A wall parameter that is not zero, as in a nonlinear wall."""
     return value or _BENDS if name.rpartition(".")[2] in _OF_WALLS else value
 
 
 def _same_mesh(recorder: Known, mesh: Mesh, c: Any, length: Traced) -> None:
-    """Require that the elements be as many, and end where they do."""
+    """Require the same number of elements with the same ends."""
     for term in c.terms:
         if term.effect.owner == "segment" and (term.effect.cuts or changes(term.effect, "cut_at")):
             for s in range(len(mesh.count)):
                 if term.effect.cut_at(term.at(s)):
-                    bool(term.on[s])  # asked for, and so required
+                    bool(term.on[s])  # evaluated as a bool, and so required
     width = 1.0 / mesh.parts * np.bincount(mesh.piece)[mesh.piece]
     pieces = np.bincount(mesh.piece)[mesh.piece]
     wanted = width * c.L[0][mesh.segment] / length - 1e-9
@@ -124,7 +124,7 @@ def _same_mesh(recorder: Known, mesh: Mesh, c: Any, length: Traced) -> None:
 
 
 class _Component(Recording):
-    """Steps, and what an FMU asks of them."""
+    """Steps, and the further requests of an FMU."""
 
     phases: ClassVar[Mapping[str, int]] = _PHASE
 
@@ -141,7 +141,7 @@ class _Component(Recording):
         return compiled(self.recorder, len(self.phases), self.m.mesh.n_elements, inputs, self.out, shared=shared)
 
     def rest(self) -> None:
-        """The state at rest, whether it can be, and what small changes of drive and P_venous are."""
+        """The state at rest, outlets that cannot reach it, and scales of drive and P_venous."""
         m, wall, at = self.m, self.m.wall, (0, self.m.mesh.inlet_element, 0)
         c = m.coefficients
         H = np.broadcast_to(c.P_0, (1, self.n_H))
@@ -154,7 +154,7 @@ class _Component(Recording):
         self.out["end_impedance"] = np.where(m.inlets.by_flow, Z, 1.0 / Z)
 
     def explain(self, venous: Any) -> None:
-        """What must be positive of an iterate, each by itself, and which outlets are lost."""
+        """Each margin that must be positive in an iterate, and outlets without a reachable pressure."""
         m, out = self.m, self.out
         A, A_t = (later(self.recorder, x, _PHASE["explain"]) for x in (m.layout.part(out["end"], "A"), out["A_t"]))
         Q = self.take("Q", "explain", *self.shapes["Q"])
@@ -165,7 +165,7 @@ class _Component(Recording):
         out["lost"] = self._lost(later(self.recorder, venous, _PHASE["explain"]), H)
 
     def show(self, state: State) -> None:
-        """Beside the outputs: volume, what inlets answer, the flows to P_venous."""
+        """Beside the outputs: volume, answers of the inlets, flows to P_venous."""
         y, H = self.take("y_report", "show", self.m.layout.size), self.take("H_report", "show", self.n_H)
         venous = self.take("venous_show", "show", len(self.m.mesh.topology.outlet_segment))
         moment = replace(state, y=y, H=H)
@@ -177,7 +177,7 @@ class _Component(Recording):
         return 1.0 * np.broadcast_to(x, self.m.wall.A0.shape)
 
     def _lost(self, venous: Any, H: Any) -> Any:
-        """1 for each outlet where no pressure of this size can be : (n_outlets,)."""
+        """1 for each outlet at which the wall cannot reach this pressure : (n_outlets,)."""
         m = self.m
         found = np.zeros_like(m.coefficients.P_0, shape=(1, len(m.mesh.topology.outlet_segment)))
         for ends in m.coefficients.outlets:
@@ -189,7 +189,7 @@ class _Component(Recording):
 
 
 def _text(reason: Callable[[], str]) -> str:
-    """A reason; with {} for a number that only a state has."""
+    """A reason; with {} for a number that depends on the state."""
     try:
         return reason()
     except Untraceable:

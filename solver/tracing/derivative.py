@@ -1,8 +1,8 @@
-"""The program of a step's derivative in one direction: of its outputs by what drives it and by its parameters.
+"""The program of a step's directional derivative: of its outputs with respect to its drive and its parameters.
 
-A stage solves F(x, p) = 0 for x = (Q, H), so that F_x dx = -F_p dp: one solution with the Jacobian where the step has
-ended, exact up to round-off. Values come from a step that was made; behind each operation on them stands that of its
-derivative (:mod:`~solver.tracing.tangent`).
+A stage solves F(x, p) = 0 for x = (Q, H), so that F_x dx = -F_p dp: one solution with the Jacobian at the end of the
+step, exact up to round-off. The values are those of a completed step; each operation is followed by its derivative
+(:mod:`~solver.tracing.tangent`).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from .recorder import Buffer, Slot
 from .steps import PHASES, Recording
 from .tangent import tangents
 
-# those of a step, the last one for the linear equations; in the order of native/fmu/derivative.c, as the places are
+# phases of a step, then one for the linear equations; in the order of native/fmu/derivative.c, as the places are
 DERIVED = (*PHASES, "solve")
-# what has a direction, and where it is given
+# inputs with a direction, and the phase in which each is given
 _GIVEN = {
     "parameters": "bind", "y": "prepare", "drive": "prepare", "venous": "prepare", "start": "start",
     "given_now": "start", "Q": "end", "y_report": "report", "A_t_report": "report", "H_report": "report",
@@ -71,7 +71,7 @@ class _Derivative(Recording):
         return compiled(self.recorder, len(self.phases), self.m.mesh.n_elements, inputs, out, shared=shared)
 
     def solve(self, stage: Stage) -> None:
-        """What is left over of the equations, and the change of Q and H that undoes something left over."""
+        """The residuals of the equations, and the change of Q and H that cancels a given residual."""
         Q, H = self.take("Q", "correct", *self.shapes["Q"]), self.take("H", "correct", self.n_H)
         R = terms.residual(stage.start, Q, H)
         self.m.tables.add_to_momentum(R, stage.g)

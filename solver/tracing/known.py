@@ -1,7 +1,7 @@
-"""A recorder that also does what it writes down, with the numbers of one parameter set.
+"""A recorder that also executes its operations, with the numbers of one parameter set.
 
-Code that makes coefficients of parameters asks now and then how these are: whether any wall is nonlinear, where
-elements must end. The answer is that of the parameter set at hand, and the program *requires* it of every other one.
+Code that computes coefficients sometimes branches on parameters: whether any wall is nonlinear, where elements must
+end. The recorder takes the branch of this parameter set, and the program *requires* the same branch of every other one.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ Array = np.ndarray
 _TRUTHS = set(
     "logical_not isfinite greater greater_equal less less_equal equal not_equal logical_and logical_or".split()
 )
-_PASSED = {"copy", "gather", "scatter", "largest", "least"}  # which make truths of truths
+_PASSED = {"copy", "gather", "scatter", "largest", "least"}  # operations that make truth values from truth values
 _NAMES = {"copy": "positive", "where": "where"}
 
 
 class Known(Recorder):
-    """numbers : of slots in the first phase. lenient : whether what is asked for by ``any`` may turn out otherwise
-    where the answer is yes, for programs that hold physics which is zero elsewhere."""
+    """numbers : of slots in the first phase. lenient : if an ``any`` is true, the program does not require it, so that
+    it may include physics that is zero elsewhere."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -33,11 +33,11 @@ class Known(Recorder):
         self._truths: set[Slot] = set()
 
     def give(self, x: View, value: Any) -> None:
-        """The numbers of an array that is given."""
+        """Set the numbers of an input array."""
         self.numbers[x.buffer.slot] = np.array(value, float).ravel()
 
     def of(self, x: View) -> Array | None:
-        """The numbers of an array, None where they depend on more than parameters."""
+        """The numbers of an array; None if they depend on more than parameters."""
         slot = x.buffer.slot
         if slot.phase == CONSTANT:
             return np.asarray((np.zeros(slot.size) if slot.data is None else slot.data)[x.index])
@@ -52,7 +52,7 @@ class Known(Recorder):
         return found != 0.0 if kind != "number" else found
 
     def require(self, x: View, value: Array) -> None:
-        """The program is to stop where x has other numbers."""
+        """Make the program stop if x has other numbers."""
         size = x.index.size
         same = self.emit("equal", (self.operand(x, x.index.shape), self.operand(value, x.index.shape)), (size,), size)
         least = self.emit("least", (Operand(same, 0, False),), (1, size), 1)
@@ -69,7 +69,7 @@ class Known(Recorder):
             with np.errstate(all="ignore"):
                 self._do(instruction)
 
-    # --- what the operations of native/engine.c do ------------------------------------------------------------------
+    # --- the operations of native/engine.c ------------------------------------------------------------------------
 
     def _do(self, i: Instruction) -> None:
         if i.name == "require":

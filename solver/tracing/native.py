@@ -1,7 +1,7 @@
-"""The compiled engine: steps of the staggered scheme in C, as :mod:`~solver.tracing` records them from its code.
+"""The compiled engine: steps of the staggered scheme in C, recorded by :mod:`~solver.tracing` from the Python code.
 
-The engine is one library for all networks, built from ``native/``. A step that it does not solve is made again by the
-Python code, which halves it, or says what is wrong. Without the library everything runs on NumPy.
+The engine is one library for all networks, built from ``native/``. The Python code repeats a step that the engine does
+not solve, and halves it or reports the failure. Without the library everything runs on NumPy.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .steps import PLACES, Recorded, recorded
 Array = np.ndarray
 
 BACKENDS = ("numpy", "auto", "native")
-# processor and system, as FMI 3.0 names them
+# processor and system in the spelling of FMI 3.0
 PLATFORM = "-".join([
     {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower()),
     {"win32": "windows"}.get(sys.platform, sys.platform),
@@ -37,16 +37,16 @@ PLATFORM = "-".join([
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 ENGINES = Path(__file__).parents[1] / "engine"
 LIBRARY = ENGINES / f"arterial_engine-{PLATFORM}{_SUFFIX}"
-# the C files: a wheel brings them beside its libraries, one for every platform; a checkout builds from native/
+# the C files: a wheel contains them beside its libraries, one for every platform; a checkout builds from native/
 _BROUGHT = ENGINES / "sources"
 SOURCES = _BROUGHT if _BROUGHT.is_dir() else Path(__file__).parents[2] / "native"
 _WHEELS = "published wheels have it for Linux and macOS on x86-64 and arm64, and for Windows on x86-64"
 _BUILD = _WHEELS if _BROUGHT.is_dir() else "in a checkout, python native/build.py makes it"
-_EQUAL = 1e-10  # to which a step of the engine must be that of NumPy, in parts of the largest of each kind of number
+_EQUAL = 1e-10  # largest difference between a step of the engine and NumPy, relative to the largest number of each kind
 
 
 class NoEngine(Exception):
-    """Why the engine cannot run something."""
+    """The reason why the engine cannot run something."""
 
 
 class Program(ctypes.Structure):
@@ -61,14 +61,14 @@ class Program(ctypes.Structure):
 
 
 def sources() -> str:
-    """A digest of the engine's sources, "" where they are not: a library of others is not used."""
+    """A digest of the engine's sources, "" if they are missing; a library of other sources is not used."""
     files = sorted(SOURCES.glob("*.[ch]"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16] if files else ""
 
 
 @cache
 def library() -> ctypes.CDLL:
-    """The library of the engine. Raises NoEngine where there is none that fits this code."""
+    """The library of the engine. Raises NoEngine if none matches this code."""
     if not LIBRARY.is_file():
         raise NoEngine(f"the compiled engine is not built; {_BUILD}")
     try:
@@ -88,18 +88,18 @@ def library() -> ctypes.CDLL:
 
 
 def check_backend(asked: str) -> None:
-    """Raise ValueError for an unknown one."""
+    """Raise ValueError for an unknown backend."""
     if asked not in BACKENDS:
         raise InputError(f"backend = {asked!r}: must be {', '.join(map(repr, BACKENDS))}.")
 
 
 def refuse_without(reason: NoEngine) -> NoReturn:
-    """Say why the engine, which was asked for, cannot be had."""
+    """Raise InputError with the reason why the requested engine is not available."""
     raise InputError(f"backend = 'native': {reason}. Or use 'auto', or 'numpy'.") from None
 
 
 def available() -> str:
-    """What --version says of the engine."""
+    """The backends, for --version."""
     try:
         library()
     except NoEngine as reason:
@@ -108,8 +108,8 @@ def available() -> str:
 
 
 class Bound:
-    """A program with the numbers of a model : c, as the engine takes it; work : its workspace; fixed : (B, n_fixed) the
-    numbers of every member, and what follows from them alone. Raises NoEngine where they are singular."""
+    """A program with the numbers of a model, in the form of the engine. c : the structure. work : workspace. fixed :
+    (B, n_fixed) numbers of every member and their consequences. Raises NoEngine for singular equations at rest."""
 
     def __init__(self, model: Model, recorded: Recorded, arrays: list[Array]) -> None:
         p, layout, n_H = recorded.program, model.layout, model.mesh.n_nodes
@@ -119,7 +119,7 @@ class Bound:
             p.n_fixed, p.n_work, layout.size, n_A, n_Q, layout.places["Q"].start, n_H, len(model.inlets.by_flow),
             len(model.mesh.topology.outlet_segment), len(model.network.output_units()), len(model.tables.tables),
         )  # fmt: skip
-        self.program = p  # which the pointers need
+        self.program = p  # keeps the memory of the pointers alive
         self.c = Program(*pointers, *counts, tuple(p.address.get(name, 0) for name in PLACES))
         self.work = np.zeros(p.n_work + STAGES * layout.size + 2 * n_Q + n_H)
         self.fixed = np.zeros((model.coefficients.B, p.n_fixed))
@@ -132,7 +132,7 @@ class Bound:
 
 
 class Engine:
-    """The steps of a model, of length dt [s]. Raises NoEngine where it cannot make them."""
+    """The steps of a model, of length dt [s]. Raises NoEngine if the engine cannot make them."""
 
     def __init__(self, model: Model, dt: float) -> None:
         self.model, self.dt, self.library = model, dt, library()
@@ -149,10 +149,10 @@ class Engine:
         self._venous = given
 
     def steps(self, state: State, drive: Array, table: Array) -> tuple[int, State]:
-        """Steps from a state, drive : (n, n_inlets, 4) or (n, n_inlets, 4, B): how many were made, and the state after
-        them; table : (n, B, n_outputs) takes the outputs.
+        """Step from a state with drive : (n, n_inlets, 4) or (n, n_inlets, 4, B). Returns the number of steps made and
+        the state after them; table : (n, B, n_outputs) receives the outputs.
 
-        The last of the first ones that a program makes is compared with NumPy's. Raises NoEngine where it is another.
+        In the first call of a program, the last step is compared with NumPy's. Raises NoEngine if they differ.
         """
         if self.recorded.checked:
             return self._steps(state, drive, table)
@@ -184,7 +184,7 @@ class Engine:
         return done, replace(after, unknowns=last, unknowns_before=before)
 
     def _acting(self, t: float, n: int) -> Array:
-        """What tables give at the start and at the stages of n steps from the time t [s] on : (n, 4, n_sources)."""
+        """Amplitudes of tables at the start and at the stages of n steps from time t [s] : (n, 4, n_sources)."""
         moments = np.concatenate([[0.0], SDIRK3.sum(axis=1)])
         times = t + self.dt * np.add.outer(np.arange(n), moments)
         each = [np.zeros(0) if g is None else g for g in self.model.tables.at(times.ravel())]
@@ -200,8 +200,8 @@ def _compare(found: State, expected: State) -> None:
 
 
 class Backend:
-    """What makes the steps of a run: the engine, or none, which leaves them to NumPy. name : which, and why where it is
-    not the one that was asked for."""
+    """The backend of a run: the engine, or None, which leaves the steps to NumPy. name : the backend, with the reason
+    if it is not the requested one."""
 
     def __init__(self, asked: str, engine: Engine | None = None, reason: str = "") -> None:
         self.asked, self.engine, self.reason = asked, engine, reason
@@ -212,8 +212,8 @@ class Backend:
 
     @staticmethod
     def of(asked: str, model: Any, dt: float) -> Backend:
-        """That which is asked for. Raises ValueError for an unknown one, and for "native" where the engine cannot run
-        the model."""
+        """The requested backend. Raises ValueError for an unknown one, and for "native" if the engine cannot run the
+        model."""
         check_backend(asked)
         made = Backend(asked)
         if asked == "numpy":
@@ -227,11 +227,11 @@ class Backend:
         return made
 
     def again(self, model: Any) -> Backend:
-        """The same for another model with steps of the same length."""
+        """The same for another model with steps of equal length."""
         return Backend.of(self.asked, model, self.engine.dt) if self.engine else self
 
     def steps(self, state: Any, drive: Array, table: Array) -> tuple[int, Any]:
-        """As :meth:`Engine.steps`; none where there is no engine."""
+        """As :meth:`Engine.steps`; no steps without an engine."""
         if self.engine is None:
             return 0, state
         try:

@@ -1,8 +1,8 @@
-"""Recorded operations as numbers that the engine in ``native/`` runs.
+"""Recorded operations as numbers for the engine in ``native/``.
 
-A program has five kinds of memory: constants of the code; what a parameter set fixes, one block a member of a batch;
-workspace; what one phase makes that is held beside it, a block each time that it runs; and indices. An address is
-4 · offset + kind. What only one phase uses shares its place with others.
+A program has five kinds of memory: constants of the code; numbers of a parameter set, one block per member of a batch;
+workspace; held results of one phase, one block per run of that phase; and indices. An address is 4 · offset + kind.
+Numbers used in one phase only share their places.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _AT_ONCE = 256  # numbers of an operation
 
 
 class Pool:
-    """Arrays one after the other, each once, which programs may share: what is put there later moves nothing."""
+    """Distinct arrays one after the other, which programs may share: later additions move nothing."""
 
     def __init__(self, kind: type) -> None:
         self.parts: list[Array] = [np.zeros(1, kind)]
@@ -35,7 +35,7 @@ class Pool:
         self._known: dict[bytes, int] = {}
 
     def put(self, x: Array) -> int:
-        """Where it begins."""
+        """The offset of an array, which is added if it is new."""
         x = x.astype(self.parts[0].dtype)
         key = x.tobytes()
         if key not in self._known:
@@ -50,7 +50,7 @@ class Pool:
 
 @dataclass
 class Shared:
-    """What programs of one network have in common."""
+    """Constants and indices that the programs of one network share."""
 
     constants: Pool = field(default_factory=lambda: Pool(float))
     index: Pool = field(default_factory=lambda: Pool(np.int32))
@@ -62,9 +62,9 @@ class Shared:
 
 @dataclass(frozen=True)
 class Program:
-    """code : of all phases, begin : (n_phases + 1,) where each begins. constants, index : numbers and places in it.
-    n_fixed, n_work, n_held : how many numbers a member, the workspace and a block have. address : of inputs and outputs
-    by name."""
+    """code : of all phases; begin : (n_phases + 1,) their offsets. constants, index : numbers and places used by it.
+    n_fixed, n_work, n_held : sizes of the numbers of a member, the workspace and a held block. address : of inputs and
+    outputs by name."""
 
     code: Array
     begin: Array
@@ -80,9 +80,9 @@ def compiled(
     r: Recorder, phases: int, units: int, inputs: Mapping[str, Sequence[Traced]], outputs: Mapping[str, Traced],
     held: int | None = None, shared: Shared | None = None,
 ) -> Program:  # fmt: skip
-    """The program of all that was recorded and that outputs need; units : elements of the mesh; held : the phase that
-    makes blocks; shared : constants and indices of programs before, to which those of this one are added. What several
-    phases take as one input has one place."""
+    """The program of all recorded operations that outputs need. units : elements of the mesh. held : the phase whose
+    results are held in blocks. shared : constants and indices of earlier programs, to which those of this one are
+    added. An input of several phases has one place."""
     r.merge()
     ends = {name: r.operand(x, x.shape) for name, x in outputs.items()}
     for name, end in ends.items():
@@ -124,7 +124,7 @@ def compiled(
 
 @dataclass
 class _Group:
-    """Operations that are done together part by part, so that what they pass on stays in the cache."""
+    """Operations that are executed together part by part, so that intermediate results stay in the cache."""
 
     units: int
     written: set[Slot] = field(default_factory=set)
@@ -143,7 +143,7 @@ class _Group:
 
 
 def _apart(each: Instruction) -> list[Operand]:
-    """The operands that it reads elsewhere than where it writes."""
+    """The operands that are read at other places than those written."""
     if each.name == "gather":
         return list(each.operands)
     if each.name == "product":
@@ -155,8 +155,8 @@ def _apart(each: Instruction) -> list[Operand]:
 
 @dataclass
 class _Places:
-    """Where slots lie. lasting : those that outlive their phase, or are given or asked for. units : elements of the
-    mesh, by which operations are done part by part."""
+    """Addresses of slots. lasting : slots that outlive their phase, or are inputs or outputs. units : elements of the
+    mesh, by which operations are divided into parts."""
 
     units: int
     lasting: set[Slot]
@@ -173,7 +173,7 @@ class _Places:
                 self.lasting |= {o.slot for o in instruction.operands if o.slot.phase != phase}
 
     def of(self, slot: Slot) -> int:
-        """The address of a slot, which gets one the first time."""
+        """The address of a slot, assigned at the first call."""
         if slot not in self.address:
             kind = {CONSTANT: _CONSTANT, 0: _FIXED, self.held: _HELD}.get(slot.phase, _WORK)
             kind = _WORK if kind != _CONSTANT and slot not in self.lasting else kind
@@ -202,12 +202,12 @@ class _Places:
         return code + self._straight(plain, last)
 
     def _skippable(self, block: Block, last: Mapping[Slot, Instruction]) -> list[int]:
-        """A block after the operation that may skip it: numbers that are looked at, result, words skipped."""
+        """A block after the operation that may skip it: tested numbers, result, words skipped."""
         within, out = self._straight(block.instructions, last), block.instructions[-1].out
         return [_CODES["skip"], 7, self.of(block.of), block.of.size, self.of(out), out.size, len(within), *within]
 
     def _straight(self, instructions: Sequence[Instruction], last: Mapping[Slot, Instruction]) -> list[int]:
-        """Operations one after the other, neighbours in groups. last : of those of the phase that use a slot."""
+        """Consecutive operations, neighbours in groups. last : the last operation of the phase that uses each slot."""
         code, group = list[int](), _Group(0)
         for each in instructions:
             units = self._units(each)
@@ -225,9 +225,9 @@ class _Places:
         return code + group.encoded()
 
     def _units(self, each: Instruction) -> int:
-        """In how many equal parts it may be done, one after the other with its neighbours; 0 for none.
+        """The number of equal parts in which an operation can be grouped with its neighbours; 0 for none.
 
-        It then writes a whole slot. What it reads elsewhere than where it writes must last: its place is no one's else.
+        It must then write a whole slot, and operands read at other places must be lasting: no other slot reuses them.
         """
         outside = all(o.slot in self.lasting or o.slot.phase == CONSTANT for o in _apart(each) if not o.single)
         if each.start or not outside or each.name not in (*ELEMENTWISE, "gather", "product"):
@@ -240,7 +240,7 @@ class _Places:
         return 0 if n != each.out.size else self.units if n % self.units == 0 else n
 
     def _width(self, each: Instruction, units: int) -> int:
-        """Numbers of a part; rows, or matrices, of a product."""
+        """Numbers of a part; for a product, its rows or matrices."""
         count, *rest = each.sizes
         return (rest[0] if each.name == "product" and count == 1 else count) // units
 
@@ -258,7 +258,7 @@ class _Places:
         return [_CODES[each.name], flags, self._width(each, units), out, *places, *[0] * (3 - len(places)), extra]
 
     def _elementwise(self, each: Instruction) -> list[int]:
-        """An elementwise operation that is a group of its own, because of where it reads or writes."""
+        """An elementwise operation as a group of its own, because of the places that it reads or writes."""
         single = sum(1 << i for i, o in enumerate(each.operands) if o.single)
         places = [self.of(o.slot) + 4 * o.start for o in each.operands]
         numbers = [1, *places, *[0] * (3 - len(places)), 0]
@@ -266,7 +266,7 @@ class _Places:
         return [0, each.sizes[0], each.sizes[0], 1, _CODES[each.name], single, 1, out, *numbers[1:]]
 
     def _index(self, each: Instruction) -> int:
-        """Where its places begin among all indices."""
+        """The offset of its places among all indices."""
         return 0 if each.places is None else self.shared.index.put(each.places)
 
     def _other(self, each: Instruction) -> list[int]:

@@ -1,7 +1,7 @@
-"""Operations on numbers that are not known yet, written down in the order in which a program is to do them.
+"""Record operations on unknown numbers, in the order in which a program executes them.
 
-An operation belongs to the *phase* of the latest of its operands: what depends on parameters alone is computed when
-these are given, what depends on the state at the start of a stage once a stage, and only the rest in every iteration.
+An operation belongs to the *phase* of the latest of its operands: operations on parameters alone are executed once per
+parameter set, those on the state at the start of a stage once per stage, and only the rest in every iteration.
 """
 
 from __future__ import annotations
@@ -12,39 +12,39 @@ import numpy as np
 
 Array = np.ndarray
 
-CONSTANT = -1  # the phase of numbers that the code itself contains
+CONSTANT = -1  # the phase of numbers in the code itself
 
 
 class Untraceable(TypeError):
-    """An array program cannot be recorded: it asks for numbers, or calls what the engine does not have."""
+    """An array program cannot be recorded: it needs numbers, or an operation that the engine does not have."""
 
 
 class Slot:
-    """Numbers of a program: how many, in which phase they are computed, and the numbers themselves if constant."""
+    """Numbers of a program: their count, the phase in which they are computed, and their values if constant."""
 
     def __init__(self, size: int, phase: int, data: Array | None = None) -> None:
         self.size, self.phase, self.data = size, phase, data
         self.empty = phase == CONSTANT and data is None  # nothing has been written yet
-        self.version = 0  # counts writes to a part of it
+        self.version = 0  # counts writes to parts of it
         self.read_in = phase  # the last phase that reads it
 
 
 class Buffer:
-    """What views share: the slot that holds the numbers now. own : whether no other buffer has it."""
+    """The storage shared by views: the slot that contains the numbers now. own : no other buffer has this slot."""
 
     def __init__(self, slot: Slot, own: bool = False) -> None:
         self.slot, self.own = slot, own
 
 
 class View:
-    """Numbers of a buffer : ``index`` says where they lie, in the shape of an array."""
+    """Numbers of a buffer : ``index`` contains their places, in the shape of an array."""
 
     def __init__(self, recorder: Recorder, buffer: Buffer, index: Array) -> None:
         self.recorder, self.buffer, self.index = recorder, buffer, index
 
 
 class Operand(NamedTuple):
-    """Numbers an operation reads: from ``start`` in a slot, one after the other, or the same one again and again."""
+    """Numbers that an operation reads: consecutive ones from ``start`` in a slot, or a single one repeatedly."""
 
     slot: Slot
     start: int
@@ -52,7 +52,7 @@ class Operand(NamedTuple):
 
 
 class Instruction(NamedTuple):
-    """out[start:] = name(operands); ``sizes`` are those that the operation needs, ``places`` where things lie."""
+    """out[start:] = name(operands); ``sizes`` are those that the operation needs, ``places`` its indices."""
 
     name: str
     out: Slot
@@ -63,7 +63,7 @@ class Instruction(NamedTuple):
 
 
 class Recorder:
-    """Writes operations down, by phase."""
+    """Records operations by phase."""
 
     def __init__(self) -> None:
         self.phases: dict[int, list[Instruction]] = {}
@@ -75,14 +75,13 @@ class Recorder:
         return self._constants.setdefault(data.tobytes(), Slot(data.size, CONSTANT, data))
 
     def look(self, x: View, kind: str = "truth") -> Array:
-        """The numbers behind an array that code asks for: a "truth", "any" of them, or a "number". Here there are
-        none."""
+        """The numbers of an array that code needs: a "truth", "any" of them, or a "number". Here they are unknown."""
         raise Untraceable("a number is asked for that depends on the state")
 
     # --- operands -------------------------------------------------------------------------------------------------
 
     def operand(self, x: Any, shape: tuple[int, ...]) -> Operand:
-        """x in a shape, as numbers one after the other, which are gathered where they are not."""
+        """x in a shape, as consecutive numbers; scattered ones are gathered."""
         if not isinstance(x, View):
             value = np.broadcast_to(np.asarray(x, float), shape)
             same = value.size > 0 and value.max() == value.min()
@@ -100,7 +99,7 @@ class Recorder:
     def emit(
         self, name: str, operands: tuple[Operand, ...], shape: tuple[int, ...], size: int, index: Array | None = None
     ) -> Slot:
-        """The slot of size numbers that an operation makes."""
+        """The slot of ``size`` numbers with the result of an operation."""
         read = tuple((o.slot, o.slot.version, o.start, o.single) for o in operands)
         key = (name, read, shape, None if index is None else index.tobytes())
         if key not in self._known:
@@ -116,7 +115,7 @@ class Recorder:
         self.phases.setdefault(phase, []).append(instruction)
 
     def merge(self) -> None:
-        """Make one gather of copies of single numbers that are written one after the other to the same array."""
+        """Merge consecutive copies of single numbers to the same array into one gather."""
         for phase, each in self.phases.items():
             found = list[Instruction]()
             for i in each:
@@ -129,7 +128,7 @@ class Recorder:
     # --- writing to a part ----------------------------------------------------------------------------------------
 
     def assign(self, target: View, value: Any) -> None:
-        """target[...] = value: views of the same buffer see it."""
+        """target[...] = value, visible in all views of the buffer."""
         buffer, index = target.buffer, target.index.ravel()
         if isinstance(value, View) and value.buffer is buffer and np.array_equal(value.index, target.index):
             return  # the second half of x[...] += y
@@ -157,7 +156,7 @@ class Recorder:
 
 
 def _together(one: Instruction, two: Instruction) -> Instruction | None:
-    """Two operations as one gather, where they are copies of the same numbers to neighbouring places."""
+    """Two operations as one gather, if they copy numbers of one slot to neighbouring places; otherwise None."""
     count, source = one.sizes[0] if one.sizes else 0, two.operands[0]
     follows = two.name == "copy" and two.sizes == (1,) and one.out is two.out and one.start + count == two.start
     if not follows or len(one.operands) != 1 or one.operands[0].slot is not source.slot or source.slot is two.out:

@@ -1,8 +1,8 @@
-"""Which operations of a program only make zeros where some parameters are zero, so that it need not do them.
+"""Find operations of a program that only produce zeros if some parameters are zero, so that the engine can skip them.
 
-Walls that damp themselves have no further damping: its coefficients, ``np.maximum(..., 0.0)``, are then all 0. A
-*block* is what only leads up to a product with coefficients that are so clipped; where these are all zero, the engine
-skips it and puts zeros in place of its result.
+Walls with enough viscosity need no further damping: its coefficients, ``np.maximum(..., 0.0)``, are then all 0. A
+*block* contains operations that only lead up to a product with such clipped coefficients; if these are all zero, the
+engine skips the block and sets its result to zero.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from typing import NamedTuple
 
 from .recorder import CONSTANT, Instruction, Slot
 
-_FACTORS = {"multiply", "product"}  # 0 where any operand is
-_TERMS = {"add", "subtract", "maximum", "minimum"}  # where all are
+_FACTORS = {"multiply", "product"}  # 0 if any operand is
+_TERMS = {"add", "subtract", "maximum", "minimum"}  # 0 if all operands are
 _PASSED = {"copy", "gather", "negative", "absolute", "square", "sign", "sqrt", "sum", "sums", "largest", "least"}
-_LEAST = 6  # operations; fewer are done sooner than it is seen that they need not be
+_LEAST = 6  # operations; a smaller block takes less time than the test whether to skip it
 
 
 class Block(NamedTuple):
-    """Operations, the last of which writes the result; it is zero where the numbers of the slot ``of`` all are."""
+    """Operations of which the last writes the result; it is zero if all numbers of the slot ``of`` are."""
 
     of: Slot
     instructions: list[Instruction]
 
 
 def blocks(kept: Mapping[int, Sequence[Instruction]], asked: Iterable[Slot]) -> dict[int, list[Instruction | Block]]:
-    """The operations of every phase, those that can be skipped in blocks; asked : slots that are read from outside."""
+    """The operations of every phase, skippable ones in blocks; asked : slots that are read from outside."""
     written = Counter(i.out for each in kept.values() for i in each)
     uses = defaultdict[Slot, list[tuple[int, int]]](list)
     for phase, each in kept.items():
@@ -36,7 +36,7 @@ def blocks(kept: Mapping[int, Sequence[Instruction]], asked: Iterable[Slot]) -> 
             for slot in {o.slot for o in i.operands}:
                 uses[slot].append((phase, n))
     zero, outside = _zeros(kept, written), set(asked)
-    # what may stand in a block: written once, read here alone, and of what is written once, so that it may move
+    # candidates for blocks: written once, read only here, from slots that are written once, so that they may move
     inner = {
         i.out: uses[i.out]
         for each in kept.values()
@@ -47,7 +47,7 @@ def blocks(kept: Mapping[int, Sequence[Instruction]], asked: Iterable[Slot]) -> 
 
 
 def _zeros(kept: Mapping[int, Sequence[Instruction]], written: Mapping[Slot, int]) -> dict[Slot, tuple[Slot, ...]]:
-    """For every slot the clipped coefficients of which each is enough: where it is zero, so is the slot."""
+    """For every slot the clipped coefficients of which any single one suffices: if it is zero, so is the slot."""
     zero = dict[Slot, tuple[Slot, ...]]()
     for phase in sorted(kept):
         for i in kept[phase]:
@@ -64,7 +64,7 @@ def _zeros(kept: Mapping[int, Sequence[Instruction]], written: Mapping[Slot, int
 
 
 def _clipped(i: Instruction) -> bool:
-    """Whether it makes numbers that are 0 where they would be negative: coefficients that are often all 0."""
+    """True if an operation clips negative numbers to 0: coefficients that are often all 0."""
     data = [o.slot.data for o in i.operands if o.slot.phase == CONSTANT]
     return i.name == "maximum" and any(x is not None and not x.any() for x in data)
 
@@ -75,14 +75,14 @@ def _in_blocks(
     inner: Mapping[Slot, Sequence[tuple[int, int]]],
     phase: int,
 ) -> list[Instruction | Block]:
-    """Those of one phase. inner : who uses what may stand in a block, by phase and place there."""
+    """The operations of one phase, in blocks. inner : users of the candidates for blocks, by phase and place there."""
     makes = {i.out: n for n, i in enumerate(each) if i.out in inner}
     taken, found = set[int](), dict[int, Block]()
     for end in range(len(each))[::-1]:
         if end in taken or not zero[each[end].out]:
             continue
         own, asked = {end}, [-end]
-        while asked:  # the latest first: who uses it is known to be in the block or not
+        while asked:  # latest first, so that all users of an operation were already visited
             for operand in each[-heappop(asked)].operands:
                 n = makes.get(operand.slot, -1)
                 fits = n >= 0 and n not in own and n not in taken

@@ -1,8 +1,8 @@
-"""The steps of a model as a program: one pass of the scheme's own code over arrays without numbers.
+"""The steps of a model as a program: one pass of the scheme's own code over arrays without values.
 
-Recorded are :func:`~solver.scheme.stage.operators_about` at rest, :class:`~solver.scheme.stage.Stage` with its
+The recording covers :func:`~solver.scheme.stage.operators_about` at rest, :class:`~solver.scheme.stage.Stage` with its
 Jacobian, the tolerances, the guards and the outputs, with the laws, outlets and effects of the network at hand. Models
-that differ in numbers alone share a program.
+that differ only in numbers share a program.
 """
 
 from __future__ import annotations
@@ -32,37 +32,37 @@ Array = np.ndarray
 
 # the phases of a program, in the order of native/engine.h
 PHASES = ("bind", "prepare", "start", "correct", "finite", "refresh", "correct_fresh", "end", "check", "report")
-# where it takes and leaves its numbers, in the order there
+# its inputs and outputs, in the order there
 PLACES = (
     "y", "H0", "drive", "venous", "begun", "given", "small_Q", "small_H", "start", "given_now", "Q", "H",
     "Q_new", "dH", "change_Q", "change_H", "Q_new_fresh", "dH_fresh", "change_Q_fresh", "change_H_fresh",
     "finite", "end", "A_t", "margin", "y_report", "A_t_report", "H_report", "report", "g_begin", "g", "g_report",
 )  # fmt: skip
 _PHASE = {name: number for number, name in enumerate(PHASES)}
-CORE = 32  # nodes that are inverted as a whole: compiled, a round costs less than in NumPy
-_KEPT = 16  # programs
+CORE = 32  # nodes that are inverted as a whole: in compiled code a round costs less than in NumPy
+_KEPT = 16  # programs in the cache
 _MESH = ("segment", "parts", "left", "piece", "ends")
 
 
 @dataclass
 class Recorded:
-    """A program, and the address of each array of numbers of its models, -1 where none needs it. checked : whether a
-    step of it was compared with NumPy's. classes : what it was recorded from, without the network."""
+    """A program, and the address of each number array of its models, -1 if it is not used. checked : a step of it was
+    compared with NumPy's."""
 
     program: Program
     places: tuple[int, ...]
     checked: bool = False
 
 
-# --- a model as numbers and what they belong to --------------------------------------------------------------------
+# --- a model as numbers and structure -------------------------------------------------------------------------------
 
 
 @dataclass
 class Leaves:
-    """The arrays of numbers in frozen objects, in the order of their fields.
+    """The number arrays in frozen objects, in the order of their fields.
 
-    arrays : (B, n) each. kind : what else the objects hold; classes : theirs. Models that are alike in both have one
-    program. recorder : where :meth:`of` makes traced arrays of one member in their place; without one it only looks.
+    arrays : (B, n) each. kind : other contents of the objects; classes : their classes. Models with equal kind and
+    classes share a program. recorder : if given, :meth:`of` replaces the arrays by traced ones of one member.
     """
 
     recorder: Recorder | None = None
@@ -72,7 +72,7 @@ class Leaves:
     classes: list[Hashable] = field(default_factory=list)
 
     def of(self, x: Any, axis: int | None = 0) -> Any:
-        """The same object with traced arrays in it; ``axis`` counts the members of a batch, None where they share x."""
+        """The same object with traced arrays; ``axis`` counts the members of a batch, None if all share x."""
         if isinstance(x, np.ndarray):
             return self._array(x, axis)
         if isinstance(x, (Network, Mesh, Layout)):
@@ -109,7 +109,7 @@ class Leaves:
 
 
 def _facts(x: Network | Mesh | Layout) -> Hashable:
-    """What a program takes from it."""
+    """The contents that a program depends on."""
     if isinstance(x, Network):
         names = tuple(segment.name for segment in x.segments)
         return names, tuple((site.segment, site.position) for site in x.sites), tuple(x.output_units())
@@ -119,8 +119,8 @@ def _facts(x: Network | Mesh | Layout) -> Hashable:
 
 
 def numbers(model: Model) -> tuple[Any, ...]:
-    """All that a step and its outputs are made of."""
-    tables = model.tables.given(np.zeros(len(model.tables.tables)))  # g(t) is given, moment by moment
+    """All objects that a step and its outputs depend on."""
+    tables = model.tables.given(np.zeros(len(model.tables.tables)))  # g(t) is an input, moment by moment
     return replace(model, parameters={}, memo={}, mesh=replace(model.mesh, core=CORE), tables=tables), site_walls(model)
 
 
@@ -128,15 +128,15 @@ def numbers(model: Model) -> tuple[Any, ...]:
 
 
 def recorded(model: Model, tau: float) -> tuple[Recorded, list[Array]]:
-    """The program of the steps of a model with stages of length tau [s], and the numbers that it is bound to.
+    """The program of the steps of a model with stages of length tau [s], and the numbers to bind.
 
-    Raises Untraceable, which says what cannot be recorded.
+    Raises Untraceable with the operation that cannot be recorded.
     """
     return _programs.of(numbers(model), tau, lambda r, own, leaves: Recording(r, own[0], tau).all(leaves, own[1]))
 
 
 class Programs:
-    """The programs of the last kinds of models."""
+    """A cache of programs by kind of model."""
 
     def __init__(self) -> None:
         self.kept: dict[Hashable, Recorded] = {}
@@ -144,8 +144,8 @@ class Programs:
     def of(
         self, own: tuple[Any, ...], tau: float, record: Callable[[Recorder, tuple[Any, ...], Leaves], Recorded]
     ) -> tuple[Recorded, list[Array]]:
-        """The program for objects, which ``record`` makes of traced ones where none of the same kind has it, and the
-        numbers in them. tau : the length of stages."""
+        """The program for objects and the numbers in them. If none of the same kind is cached, ``record`` makes it from
+        traced objects. tau : the length of stages."""
         looked = Leaves()
         looked.of(own)
         key = (tau, tuple(looked.kind), tuple(looked.classes))
@@ -164,7 +164,7 @@ _programs = Programs()
 
 
 class Recording:
-    """What is given to the program of a model m, and what it leaves, by name; all of one member."""
+    """Inputs and outputs, by name, of the program of a model m; for one member."""
 
     phases: ClassVar[Mapping[str, int]] = _PHASE
 
@@ -176,7 +176,7 @@ class Recording:
         self.o = self.operators()
 
     def operators(self) -> Operators:
-        """Of the steps."""
+        """The operators of the steps."""
         H = np.broadcast_to(self.m.coefficients.P_0, (1, self.n_H))
         return operators_about(self.m, self.tau, self.m.at_rest(), H)
 
@@ -186,7 +186,7 @@ class Recording:
         return self.recorded(leaves)
 
     def steps(self, walls: Any) -> tuple[State, Any]:
-        """All phases of steps; the state at their start, and P_venous."""
+        """All phases of steps; returns the state at their start, and P_venous."""
         state, venous = self.prepare()
         stage = self.start(venous)
         self.correct(stage, "correct", "", self.o.at_rest)
@@ -196,24 +196,24 @@ class Recording:
         return state, venous
 
     def recorded(self, leaves: Leaves, held: int | None = None) -> Recorded:
-        """The program of all that is given and left; held : the phase whose numbers are kept apart."""
+        """The program of all inputs and outputs; held : the phase whose numbers have a memory of their own."""
         places = {f"leaf {i}": [leaf] for i, leaf in enumerate(leaves.traced)}
         units = self.m.mesh.n_elements
         program = compiled(self.recorder, len(self.phases), units, {**self.given, **places}, self.out, held)
         return Recorded(program, tuple(program.address.get(name, -1) for name in places))
 
     def acting(self, name: str, phase: str) -> Any:
-        """The model whose tables have amplitudes that are given before a phase."""
+        """The model with table amplitudes that are given before a phase."""
         n = self.n_sources
         return replace(self.m, tables=self.m.tables.given(self.take(name, phase, n)[0])) if n else self.m
 
     def take(self, name: str, phase: str, *shape: int) -> Any:
-        """An array that is given before a phase; one of the same name lies where that of an earlier phase does."""
+        """An input array given before a phase; it shares its place with one of the same name in an earlier phase."""
         self.given[name].append(array(self.recorder, self.phases[phase], (1, *shape)))
         return self.given[name][-1]
 
     def prepare(self) -> tuple[State, Any]:
-        """What a step begins with: tolerances, what drives the inlets at its stages, the state with the new inflow."""
+        """The start of a step: tolerances, drives of the inlets at its stages, the state with the new inflow."""
         m, out = self.m, self.out
         y, H = self.take("y", "prepare", m.layout.size), self.take("H0", "prepare", self.n_H)
         drive = self.take("drive", "prepare", len(m.inlets.by_flow), len(INFLOW_TIMES))[0, ..., None]
@@ -226,21 +226,21 @@ class Recording:
         return state, venous
 
     def start(self, venous: Any) -> Stage:
-        """A stage, from the state vector where it starts."""
+        """A stage from the state vector at its start."""
         y = self.take("start", "start", self.m.layout.size)
         given = self.take("given_now", "start", len(self.m.inlets.by_flow))
         (g,) = self.acting("g", "start").tables.at(np.zeros(1))
         return Stage.of(self.m, self.o, y, given, venous, 0.0, g)
 
     def correct(self, stage: Stage, phase: str, fresh: str, jacobian: Any) -> None:
-        """A chord iteration, and how much it changes."""
+        """A chord iteration, and the size of its change."""
         Q, H = self.take("Q", phase, *self.shapes["Q"]), self.take("H", phase, self.n_H)
         Q_new, dH = stage.correct(jacobian, Q, H)
         self.out |= {f"Q_new{fresh}": Q_new, f"dH{fresh}": dH, f"change_H{fresh}": largest(dH)}
         self.out[f"change_Q{fresh}"] = largest((Q_new - Q).reshape(1, -1))
 
     def refresh(self, stage: Stage) -> None:
-        """Whether the last iterate is one to go on from, the Jacobian there, and iterations with it."""
+        """A test whether the last iterate is usable, the Jacobian there, and iterations with it."""
         s, Q = stage.start, self.take("Q", "finite", *self.shapes["Q"])
         self.out["finite"] = (s.area(s.area_rate(Q)) > 0.0).all(axis=(0, 1, 2))
         Q, H = self.take("Q", "refresh", *self.shapes["Q"]), self.take("H", "refresh", self.n_H)
@@ -248,7 +248,7 @@ class Recording:
         self.correct(stage, "correct_fresh", "_fresh", there)
 
     def end(self, stage: Stage) -> None:
-        """The state at the end of the stage, and the smallest number that must be positive of a solution."""
+        """The state at the end of the stage, and the smallest margin that must be positive."""
         m, Q = self.m, self.take("Q", "end", *self.shapes["Q"])
         A_t: Any = stage.start.area_rate(Q)
         end: Any = stage.end(Q, A_t)

@@ -1,7 +1,7 @@
-"""Forward mode: recorded operations with the derivatives of what they make, in one direction.
+"""Forward-mode differentiation of recorded operations, in one direction.
 
-Behind every operation that depends on what has a direction stands that of its derivative, in the same phase: the
-product rule of each, as it is written in :data:`_RULES`. Comparisons have none; where a branch is taken, it stays.
+Each operation that depends on a seeded input is followed by its derivative, in the same phase, by the rules in
+:data:`_RULES`. Comparisons have no derivative; branches stay as taken.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _LINEAR = {"copy", "negative", "gather", "scatter", "sums", "sum"}
 
 
 def tangents(r: Recorder, seeds: Mapping[Slot, Slot]) -> dict[Slot, Slot]:
-    """Write derivatives behind the operations, and return their slots. seeds : those of what is given, by slot."""
+    """Write derivatives behind the operations, and return their slots. seeds : directions of inputs, by slot."""
     made = dict(seeds)
     grown = True
     while grown:  # a part of an array may be written, and read, before another part that has a direction
@@ -40,7 +40,7 @@ def tangents(r: Recorder, seeds: Mapping[Slot, Slot]) -> dict[Slot, Slot]:
 
 
 def _at_one_value(i: Instruction) -> bool:
-    """Whether an operation asks if numbers are those of the code."""
+    """True if an operation compares numbers with a constant of the code."""
     return i.name == "equal" and any(o.slot.phase == CONSTANT for o in i.operands)
 
 
@@ -58,7 +58,7 @@ class _Forward:
         return o._replace(slot=self.made[o.slot]) if o.slot in self.made else None
 
     def derive(self, i: Instruction) -> None:
-        """Write the derivative of what an operation makes."""
+        """Write the derivative of an operation's result."""
         self.i, out, d = i, self.made[i.out], [self.tangent(o) for o in i.operands]
         self.size = i.out.size if i.name == "product" else i.sizes[0]
 
@@ -80,7 +80,7 @@ class _Forward:
         elif i.name in _RULES:
             value = Operand(i.out, i.start, False)
             put("copy", (_RULES[i.name](self, value, *i.operands, *d),), (self.size,))
-        else:  # nothing asks for it
+        else:  # never used
             put("copy", (self.constant(np.nan),), (self.size,))
 
     def product(self, a: Operand, b: Operand) -> Operand:
@@ -95,12 +95,12 @@ class _Forward:
         return Operand(slot, 0, False)
 
     def added(self, a: Operand | None, b: Operand | None) -> Operand:
-        """The sum of what there is."""
+        """The sum of the operands that are not None."""
         return self("add", a, b) if a and b else a or b or self.constant(0.0)
 
     def chosen(self, c: Operand, da: Operand, db: Operand) -> Operand:
-        """The derivative of ``where``: of the branch that is taken; but where that holds at one value alone, such as at
-        a coefficient of 0, the other branch is the neighbourhood, if its derivative is finite."""
+        """The derivative of ``where``: that of the branch taken. For a condition at a single value only, such as a
+        coefficient of 0, the derivative of the other branch is valid nearby, and is taken if finite."""
         if c.slot in self.alone:
             c = self("logical_and", c, self("logical_not", self("isfinite", db)))
         return self("where", c, da, db)
@@ -123,7 +123,7 @@ def _chosen(comparison: str) -> Callable[..., Operand]:
 
 
 def _of_slope(slope: Callable[[_Forward, Operand, Operand], Operand]) -> Callable[..., Operand]:
-    """The chain rule of a function y of one number a, whose slope is made of both."""
+    """The chain rule of a function y of one number a, with a slope computed from both."""
     return lambda f, y, a, da: f("multiply", slope(f, y, a), da)
 
 

@@ -10,7 +10,7 @@ from arterial_fmu.cli.terminal.console import right
 
 
 def preview_table(found: dict[str, Any]) -> Printed:
-    """The same for people; what is asked for stands below it: :func:`preview_questions`."""
+    """The preview as a table; the open questions follow it: :func:`preview_questions`."""
     table = Printed(
         "Column", "Unit", right("First values"), right("Min"), right("Max"), right("Gaps"), "Read as",
         title=f"{found['file']}: {found['samples']} samples; {found['format']}",

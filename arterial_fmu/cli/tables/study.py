@@ -1,4 +1,4 @@
-"""What the commands print: tables and sentences of an outcome and of a sensor plan."""
+"""Tables and sentences of an outcome and of a sensor plan, for the terminal."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MOST_NAMED = 3
 
 
 def effect_rows(outcome: Outcome) -> Iterator[tuple[str, ...]]:
-    """Of every parameter that was added: effect, place, name, value and interval as people read them, confidence."""
+    """Per added parameter: effect, place, name, value and interval in display units, confidence."""
     for effect in outcome.effects:
         for name, each in effect.parameters.items():
             value, interval = estimate_text(name, each)
@@ -33,11 +33,11 @@ def effect_rows(outcome: Outcome) -> Iterator[tuple[str, ...]]:
 
 
 def effects_table(outcome: Outcome) -> Table:
-    """The effects that were added, with their parameters; what is said of an effect, in its first line."""
-    titles = {"ambiguous": "best of the class", "partial": "a part of what was missing"}
-    title = titles.get(outcome.verdict, "what was missing")
+    """The added effects with their parameters; name, place and confidence of an effect only in its first line."""
+    titles = {"ambiguous": "best of the class", "partial": "added effect: explains a part"}
+    title = titles.get(outcome.verdict, "added effect" + ("s" if len(outcome.effects) > 1 else ""))
     if outcome.verdict == "ambiguous" and len(outcome.members) < 2:
-        title = "two faults of sensors"
+        title = "two sensor faults"
     numbers = (Column(each, no_wrap=True) for each in ("parameter", "value", "95 % interval", "confidence"))
     table, told = Table("effect", "where", *numbers, title=title, pad_edge=False), None  # fits 80 columns
     for effect, where, *parameter, confidence in effect_rows(outcome):
@@ -48,7 +48,7 @@ def effects_table(outcome: Outcome) -> Table:
 
 
 def recordings_table(outcome: Outcome) -> Table:
-    """What is left of each of several recordings."""
+    """The residual of each of several recordings."""
     columns = (Column(title, overflow="fold") for title in TITLES)  # names of numbers are longer than their column
     table = Table(*columns, title="each recording, before → after", pad_edge=False)
     for row in rows(outcome.recordings):
@@ -57,8 +57,8 @@ def recordings_table(outcome: Outcome) -> Table:
 
 
 def gap_text(outcome: Outcome) -> str:
-    """The gap to the record, before and after, and the RMS of channels over the held-out beats, in their units; of
-    several recordings their table says these."""
+    """The gap to the record, before and after, and the RMS of the channels over the held-out beats, in their units. The
+    table of several recordings has these RMS."""
     if outcome.gap_before is None:
         return ""
     before, after = gap_pair(outcome.gap_before), gap_pair(outcome.gap_after)
@@ -68,22 +68,22 @@ def gap_text(outcome: Outcome) -> str:
     rms = ""
     if first and sum(each.fitted for each in outcome.recordings) < 2:
         rms = f"; rms {changes(first, last, loud) if set(last) == set(first) else sizes(first, loud)}"
-    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones{rms}\n  {gap_unit(outcome)}"
+    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out beats{rms}\n  {gap_unit(outcome)}"
 
 
 def statements(outcome: Outcome) -> Iterator[str]:
-    """What is said below that table: how sure, what remains, what cannot be told apart, which walls, what next."""
+    """The sentences below that table: confidence, gap, residual, class, walls, next measurement."""
     if outcome.verdict == "none" and outcome.confidence is not None:  # of a name, the table says it
         yield f"probability that nothing is missing: {percent(outcome.confidence)}"
     yield gap_text(outcome)
     remains = outcome.remains or (outcome.reason if outcome.verdict == "unknown" and not outcome.met else None)
     if remains:
-        yield f"what remains: {remains}{of_fit(outcome)}"
+        yield f"residual: {remains}{of_fit(outcome)}"
     if members := class_texts(outcome):
-        yield f"cannot be told apart: {'; '.join(members)}"
+        yield f"not distinguishable: {'; '.join(members)}"
     if outcome.walls is not None and outcome.kind == "network":
         own, why = bool(outcome.walls.arteries), why_walls(outcome)
-        kind = "individual, every artery by itself" if own else "common, all arteries differ from the file together"
+        kind = "individual, one change for each artery" if own else "common, one change for all arteries"
         yield f"walls: {kind} ({why})" + (f". {spread_text(outcome)}".rstrip() if own else "")
     yield outcome.separating_measurement or ""
     if outcome.verdict == "unusable":
@@ -94,9 +94,9 @@ def statements(outcome: Outcome) -> Iterator[str]:
 
 
 def plan_table(plan: SensorPlan) -> Table:
-    """Every effect that the channels see: how well, and what it could be taken for."""
+    """Every visible effect with its visibility and its nearest rival."""
     columns = ("effect of typical size", right("d′"), "nearest rival", right("separation"))
-    table = Table(*columns, title=f"what inlet.Q, {', '.join(plan.channels)} can tell apart")
+    table = Table(*columns, title=f"effects that inlet.Q, {', '.join(plan.channels)} can distinguish")
     for effect, visibility in plan.table.visible.items():
         rival, separation = plan.table.nearest(effect) or (DASH, math.inf)
         table.add_row(plain(effect), number(visibility), plain(rival), number(separation))
@@ -104,30 +104,30 @@ def plan_table(plan: SensorPlan) -> Table:
 
 
 def plan_statements(plan: SensorPlan) -> Iterator[str]:
-    """What could be taken for something else, what these sensors do not see, and which one to add."""
+    """The effects that are not distinguishable, those that are invisible, and the sensor to add."""
     found = {effect: rivals for effect in plan.table.visible if (rivals := plan.table.confused(effect))}
     told = "; ".join(f"{plain(effect)} from {_few(rivals)}" for effect, rivals in found.items())
-    apart = f"Cannot be told apart (separation below {INSEPARABLE:g}): {told}."
-    yield apart if found else "Every visible effect can be told from every other."
+    apart = f"Not distinguishable (separation below {INSEPARABLE:g}): {told}."
+    yield apart if found else "Every visible effect can be distinguished from every other."
     invisible, not_judged = (", ".join(map(plain, each)) for each in (plan.table.invisible, plan.table.not_judged))
     said = f"Invisible (d′ below {INVISIBLE:g}): {invisible}."
-    left = f" Not judged (the model breaks down with it): {not_judged}." if not_judged else ""
-    yield (said if invisible else "Nothing of typical size is invisible.") + left
+    left = f" Not judged (the simulation fails with it): {not_judged}." if not_judged else ""
+    yield (said if invisible else "No effect of typical size is invisible.") + left
     useful = [f"{g.channel} ({_brings(g)})" for g in plan.gains if g.visible or g.separable > 0][:_MOST_GAINS]
     if useful:
-        yield f"Add {useful[0]}" + (f"; or else {', or '.join(useful[1:])}." if useful[1:] else ".")
+        yield f"Add {useful[0]}" + (f"; otherwise {', or '.join(useful[1:])}." if useful[1:] else ".")
     else:
-        yield "No further sensor of this network would show an effect or separate a pair that these do not."
+        yield "No further sensor of this network would reveal another effect or separate another pair."
 
 
 def _few(effects: Sequence[str]) -> str:
-    """Effects in words; many by their number."""
+    """Effects in words, or their number if there are many."""
     return ", ".join(map(plain, effects)) if len(effects) <= _MOST_NAMED else f"{len(effects)} others"
 
 
 def _brings(gain: Gain) -> str:
-    """What a sensor brings, in words."""
-    said = [f"shows {', '.join(map(plain, gain.visible))}"] if gain.visible else []
+    """The gain from a sensor, in words."""
+    said = [f"reveals {', '.join(map(plain, gain.visible))}"] if gain.visible else []
     if gain.separable > 0:
         said.append(f"separates {gain.separable} more pair{'s' if gain.separable > 1 else ''}")
     return "; ".join(said)

@@ -30,7 +30,7 @@ NetworkName = Annotated[
     str,
     typer.Argument(help="A network file (TOML), a bundled network (see list), or an FMU.", autocompletion=networks_for),
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no tables and no notes.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress, no tables and no notes.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing file that may have been edited.")]
 Json = Annotated[
     bool,

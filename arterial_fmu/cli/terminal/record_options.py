@@ -53,8 +53,8 @@ Beside = Annotated[
         "--with",
         metavar="FILE[=SHIFT]",
         is_eager=True,
-        help="A further file of the same recording, repeatable: aligned by the times in the files, to which a shift, "
-        'as "Q.csv=0.3 s", is added; "Q.csv=start" starts with the first.',
+        help="A further file of the same recording, repeatable, aligned by the times in the files. "
+        '"Q.csv=0.3 s" adds a shift; "Q.csv=start" aligns it with the start of the first file.',
     ),
 ]
 Filters = Annotated[
@@ -66,12 +66,13 @@ Filters = Annotated[
     ),
 ]
 Decimal = Annotated[
-    str | None, typer.Option("--decimal", is_eager=True, help="Decimal mark: comma or point; default: found.")
+    str | None, typer.Option("--decimal", is_eager=True, help="Decimal mark: comma or point; default: from the file.")
 ]
 AsMeasured = Annotated[
-    bool, typer.Option("--as-measured", help="Accept values that no artery has, as of a phantom or a vein.")
+    bool,
+    typer.Option("--as-measured", help="Accept values outside the range of arteries, e.g. of a phantom or a vein."),
 ]
-Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
+Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: from the record.')]
 Columns = Annotated[
     bool, typer.Option("--columns", callback=_look, help="Show the columns of the record and exit; also with --json.")
 ]

@@ -34,7 +34,7 @@
 
   const minus = (text) => text.replace("-", "\u2212");
 
-  // the curves of the view: the beats themselves, or model less measured
+  // the curves of the view: the beats themselves, or model minus measured
   const curves = () => {
     const channel = state.channel;
     const difference = state.view === "difference";
@@ -87,7 +87,7 @@
     const drawn = curves(), edges = band(), s = scales(drawn, edges);
     plot.replaceChildren();
     plot.setAttribute("viewBox", `0 0 ${s.width} ${s.height}`);
-    const words = state.view === "difference" ? "model less measured" : "mean beat";
+    const words = state.view === "difference" ? "model minus measured" : "mean beat";
     plot.setAttribute("aria-label", `${state.channel.name}, ${words}: ${drawn.map((c) => c.text).join(", ")}`);
     axes(s);
     const outline = edges.map((e, i) => [beats.time[i], e[1]]).concat(edges.map((e, i) => [beats.time[i], e[0]]).reverse());

@@ -1,4 +1,4 @@
-"""What data determine and what they do not: singular values of a whitened Jacobian, and sentences about them."""
+"""Identifiability: the parameters that data determine, from the singular values of a whitened Jacobian."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 
 Array = np.ndarray
 
-_WEAK = 1.0  # a direction whose singular value in prior units is below this owes more to the prior than to the data
+_WEAK = 1.0  # below this singular value, in prior units, a direction depends more on the prior than on the data
 _PART = 0.25  # of the largest component: smaller ones are left out of a sentence
 _CORRELATED = 0.95
-_NOTHING = 1e-8  # precision in prior units of what neither data nor prior determine
+_NOTHING = 1e-8  # precision in prior units of a direction that neither data nor prior determine
 
 
 @dataclass(frozen=True)
 class Determined:
     """A linearised least-squares problem with priors, p unknowns in units of their prior's standard deviation.
 
-    singular_values : (p,) of the whitened Jacobian, largest first; 0 where below doubt : (p,), what the Jacobian's own
-    error can make of nothing. directions : (p, p), one per row, in those units. covariance : (p, p), in the unknowns'
-    own units, data and prior. effective : number of parameters that the data pay for, tr (J (JᵀJ + prior)⁻¹ Jᵀ).
-    sizes : (p,) the units.
+    singular_values : (p,) of the whitened Jacobian, largest first; 0 where below doubt : (p,), the largest singular
+    value that the error of the Jacobian can cause. directions : (p, p), one per row, in those units. covariance : (p,
+    p), in the unknowns' own units, data and prior. effective : number of parameters determined by the data, tr (J (JᵀJ
+    + prior)⁻¹ Jᵀ). sizes : (p,) the units.
     """
 
     singular_values: Array
@@ -38,7 +38,7 @@ def determined(jacobian: Array, prior: Array, sizes: Array, scale: float, error:
 
     prior : (p,) precision of the prior in those units (1, or 0 for none). sizes : (p,) the units. scale : the data's
     covariance is multiplied by it. error : relative error of the Jacobian's columns; directions that change the data
-    by less than it does are taken to change nothing.
+    by less count as without effect.
     """
     n, p = jacobian.shape
     jacobian = np.concatenate([jacobian, np.zeros((max(0, p - n), p))])  # as many directions as unknowns
@@ -75,7 +75,7 @@ def sentences(
         elif len(parts) == 2:
             a, b = int(parts[0]), int(parts[1])
             said.update((a, b))
-            # along the direction this combination stands still
+            # this combination does not change along the direction
             factor = -direction[a] * known.sizes[a] / (direction[b] * known.sizes[b])
             along = known.covariance[np.ix_(parts, parts)]
             spread = np.sqrt(max(float(np.array([1.0, factor]) @ along @ np.array([1.0, factor])), 0.0))
@@ -91,15 +91,16 @@ def sentences(
     for a in range(len(names)):
         for b in range(a):
             if abs(correlation[a, b]) > _CORRELATED and not {a, b} <= said:
-                result.append(f"{names[b]} and {names[a]} are hard to tell apart (correlation {correlation[a, b]:.3f})")
+                pair = f"{names[b]} and {names[a]}"
+                result.append(f"{pair} are hard to distinguish (correlation {correlation[a, b]:.3f})")
     return result
 
 
 def _sparse(rows: Array) -> Array:
     """Rows of the same span, each with as few unknowns as elimination with full pivoting leaves.
 
-    Singular vectors of one singular value (0) are any mixture of each other; three unknowns without effect would read
-    as three combinations.
+    Singular vectors of one singular value (0) are any mixture of each other; three unknowns without effect would be
+    reported as three combinations.
     """
     rows = rows.copy()
     for done in range(len(rows)):

@@ -1,9 +1,9 @@
 """Intervals of single unknowns by profile likelihood, for hypotheses whose unknowns share a curved valley.
 
 With C(x) = -2 ln(likelihood × priors), the profile of an unknown is p(x_i) = min C over all the others. Its interval
-ends where p has risen by q² above its minimum, on either side; if C is quadratic, at x̂_i ± q sd_i. An unknown that
-comes to the end of its range before that has its interval end there. Of several valleys, it is the profile of the one
-that the fit lies in. Points that other profiles met on their way, as probable as its ends, are in the interval, too.
+ends where p has risen by q² above its minimum, on either side; if C is quadratic, at x̂_i ± q sd_i. If an
+unknown reaches its bound first, its interval ends there. With several minima, the profile is that of the valley of the
+fit. The interval also includes points of other profiles that are as probable as its ends.
 D. J. Venzon, S. H. Moolgavkar, Appl. Statist. 37 (1988) 87.
 """
 
@@ -25,15 +25,15 @@ Array = np.ndarray
 _CLOSE = 0.05  # relative error of the rise that ends a search
 _TRIES = 8  # of one end at most
 _FARTHER = 3.0  # times as far out as the last try, at most
-_MARGIN = 0.1  # of a bracket, that a try keeps off its ends
+_MARGIN = 0.1  # of a bracket: distance of a trial from its ends
 
 
 def reaches(
     problem: Forward, fit: Fit, unknowns: Collection[Unknown], quantile: float, runs: Runs | None = None
 ) -> dict[str, Reach]:
-    """How far the intervals of some of a fit's unknowns go, by name, in standard deviations of its covariance.
+    """Lower and upper reach of the intervals of some unknowns of a fit, by name, in its standard deviations.
 
-    quantile : q, half an interval of a quadratic. Empty where the fit itself cannot be simulated.
+    quantile : q, half an interval of a quadratic. Empty if the fit itself cannot be simulated.
     Raises OutOfTime after the deadline of ``runs``.
     """
     low, high = bounds(fit.unknowns)
@@ -57,7 +57,7 @@ def reaches(
             end.answer(refit, lowest)
         active = [e for e in active if not e.done]
         asked = [e.held() for e in active]
-    # what one profile meets on its way lies in the intervals of the others: a record may show only a product of two
+    # points of one profile belong to the intervals of the others: a record may determine only a product of two unknowns
     met = [f.x for e in ends for f in e.refits if f.cost <= lowest + quantile**2]
     apart = np.reshape([e.reached(met) / sd[e.i] for e in ends], (-1, 2))
     return {fit.unknowns[i].name: (float(a), float(b)) for i, (a, b) in zip(chosen, apart, strict=True)}
@@ -67,9 +67,9 @@ def reaches(
 class _End:
     """The search for one end by the root of the rise, which is linear in x_i if C is quadratic.
 
-    i : the unknown. side : -1 or 1. limit : of its range. x : where it is held next. inside : x_i and root of the rise
-    of the farthest try that rises less than q², and before : of the one before; outside : of the nearest that rises
-    more, ∞ where it cannot be simulated.
+    i : the unknown. side : -1 or 1. limit : of its range. x : its next fixed value. inside : x_i and root of the rise
+    of the farthest trial below q², before : of the previous one; outside : of the nearest trial above q², ∞ if it
+    cannot be simulated.
     """
 
     fit: Fit
@@ -90,19 +90,19 @@ class _End:
 
     @property
     def end(self) -> float:
-        """Where the rise is q², as far as it is known."""
+        """The present estimate of the point where the rise is q²."""
         x, g = self.inside
         if self.outside is not None and math.isfinite(self.outside[1]):
             return x + (self.outside[0] - x) * (self.q - g) / (self.outside[1] - g)
         return self._farther() if self.outside is None and g * g > (1.0 - _CLOSE) * self.q**2 else x
 
     def reached(self, met: Sequence[Array]) -> float:
-        """How far from the fit its end lies; no nearer than points that were met in the same direction."""
+        """The distance of its end from the fit, at least that of points met in the same direction."""
         here = float(self.fit.x[self.i])
         return max(0.0, *(self.side * (float(x) - here) for x in (self.end, *(x[self.i] for x in met))))
 
     def held(self) -> Fit:
-        """The fit with the unknown held at x, the others where the refits so far point to."""
+        """The fit with the unknown fixed at x, the others extrapolated from the refits so far."""
         near, *others = sorted(self.refits, key=lambda f: abs(float(f.x[self.i]) - self.x))
         along = others[0].x - near.x if others else self.fit.covariance[:, self.i]
         x = near.x + along * (self.x - near.x[self.i]) / along[self.i]
@@ -113,7 +113,7 @@ class _End:
         return replace(near, unknowns=tuple(unknowns), x=x)
 
     def answer(self, refit: Fit | None, lowest: float) -> None:
-        """What came of the last try."""
+        """Use the result of the last trial."""
         g = math.inf if refit is None else math.sqrt(max(refit.cost - lowest, 0.0))
         self.tries += 1
         if refit is not None:
@@ -132,7 +132,7 @@ class _End:
             self.x = x + (self.outside[0] - x) * min(max(part, _MARGIN), 1.0 - _MARGIN)
 
     def _farther(self) -> float:
-        """Along the line through the last two tries, in the range."""
+        """The next trial, on the line through the last two, within the range."""
         (x0, g0), (x, g) = self.before, self.inside
         most = (_FARTHER - 1.0) * (x - float(self.fit.x[self.i]))
         step = (x - x0) * (self.q - g) / (g - g0) if g > g0 else most

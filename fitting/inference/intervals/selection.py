@@ -1,10 +1,11 @@
-"""What selection does to an interval: an effect that was only just found is mostly one that noise made look larger.
+"""Intervals after selection: noise has usually increased the estimate of an effect just above its threshold.
 
 The size x ~ N(θ, 1) of an effect is reported only if |x| > c. Given that it was,
 
     P(X > x) = Φ(θ - x)/S for x > c,   S = Φ(θ - c) + Φ(-θ - c),
 
-and the interval of θ holds what puts x between the 2.5 % and the 97.5 % points. Far above c it is x ± 1.96.
+and the interval of θ contains the values for which x lies between the 2.5 % and 97.5 % points. Far above c it is
+x ± 1.96.
 H. Zhong, R. L. Prentice, Biostatistics 9 (2008) 621.
 """
 
@@ -17,12 +18,12 @@ from scipy.special import ndtr
 
 from ...results.estimate import Estimate
 
-_FAR = 4.0  # standard deviations above the threshold from which selection does nothing
+_FAR = 4.0  # standard deviations above the threshold beyond which selection has no effect
 _WIDEST = 12.0  # that an interval may reach down
 
 
 def reach(d: float, threshold: float, quantile: float) -> tuple[float, float]:
-    """How far the interval of a size of d standard deviations goes toward zero and away, in standard deviations.
+    """Reach of the interval of a size of d standard deviations, toward zero and away from it, in standard deviations.
 
     threshold : c. quantile : half an interval without selection.
     """
@@ -41,7 +42,7 @@ def reach(d: float, threshold: float, quantile: float) -> tuple[float, float]:
 
 
 def conditioned(told: Estimate, toward_low: bool, d: float, threshold: float, quantile: float) -> Estimate:
-    """An estimate of a size of d standard deviations, given that it was found.
+    """An estimate of a size of d standard deviations, conditioned on its detection.
 
     toward_low : whether the value is smaller where the effect is absent.
     """

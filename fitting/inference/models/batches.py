@@ -1,4 +1,4 @@
-"""Points of hypotheses simulated together: in batches of one kind, and each simulation once."""
+"""Simulate points of hypotheses together: in batches of one kind, and each distinct simulation once."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from .simulator import Simulator
 
 Array = np.ndarray
 
-_LARGEST = 64  # members at once
-_FEWEST = 16  # of them in a process of its own: a batch costs ten members more than it has (measured)
+_LARGEST = 64  # members of a batch
+_FEWEST = 16  # members of a batch in a separate process: a batch has an overhead of ten members (measured)
 
-Batch = tuple[Simulator, list[Member], float]  # and until when it may run, [s] of time.monotonic
-Answer = tuple[list[Array | None] | None, int]  # X of a batch, and how many were simulated
+Batch = tuple[Simulator, list[Member], float]  # with its deadline, [s] of time.monotonic
+Answer = tuple[list[Array | None] | None, int]  # X of a batch, and the number of simulated members
 
 
 def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) -> list[list[Array | None]]:
-    """X : (K+1, m) as the sensors show it, of every member of some sets.
+    """X : (K+1, m) after the sensors, of every member of some sets.
 
-    None where the simulation broke down.
+    None if the simulation broke down.
     """
     groups: dict[tuple[int, str], list[int]] = {}
     for s, (_, members) in enumerate(sets):
         for i, member in enumerate(members):
             groups.setdefault((s, kind_of(member.terms)), []).append(i)
     parts = [(s, part) for (s, _), there in groups.items() for part in _cut(there, runs.workers.jobs)]
-    until = time.monotonic() + runs.left if runs.workers.jobs > 1 else np.inf  # a clock of all processes
+    until = time.monotonic() + runs.left if runs.workers.jobs > 1 else np.inf  # a clock that processes share
     batches: list[Batch] = [(sets[s][0], [sets[s][1][i] for i in part], until) for s, part in parts]
 
     def counted(found: Answer) -> list[Array | None]:
@@ -57,7 +57,7 @@ def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) ->
 
 
 def _cut(there: list[int], jobs: int) -> list[list[int]]:
-    """Batches of one kind: the largest, or of even sizes where several processes share them."""
+    """Batches of one kind: of the largest size, or of equal sizes if several processes share them."""
     if jobs == 1:
         return [there[at : at + _LARGEST] for at in range(0, len(there), _LARGEST)]
     each = -(-len(there) // (jobs * _LARGEST))
@@ -66,8 +66,8 @@ def _cut(there: list[int], jobs: int) -> list[list[int]]:
 
 
 def _elsewhere(batch: Batch) -> Answer:
-    """A batch in another process, and what it simulated. None after the deadline: an exception would end the process,
-    and there may be more to do by a later one."""
+    """Simulate a batch in another process, and count the simulations. None after the deadline: an exception would end
+    the process, which may be needed for a later one."""
     simulator, members, until = batch
     runs = Runs(deadline=until)
     try:
@@ -77,13 +77,13 @@ def _elsewhere(batch: Batch) -> Answer:
 
 
 def kind_of(terms: Sequence[Term]) -> str:
-    """Hypotheses that share a mesh, outlets and states run in one batch."""
+    """The kind of a hypothesis: those that share a mesh, outlets and states run in one batch."""
     own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts or t.remembers]
     return " ".join(sorted(set(own)))
 
 
 def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-    # a term that may lie anywhere along its segment has the label of that in its usual place, and more unknowns
+    # a term with free position has the label of the fixed one, but more unknowns
     terms = {(t.label, *(u.name for u in t.unknowns)): t for member in members for t in member.terms}
     network = rewired(simulator.network, terms.values())
     nominal = network.parameters()
@@ -104,7 +104,7 @@ def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[
 
 
 def _values(members: Sequence[Member], network: Network) -> Iterator[dict[str, float]]:
-    """The parameters of every member that move, [SI]; those of one hypothesis after the other are found together."""
+    """The parameters that each member changes, [SI]; found together for consecutive members of one hypothesis."""
     for unknowns, some in groupby(members, key=lambda m: m.unknowns):
         x = np.stack([m.x for m in some])
         found = parameter_values(unknowns, network, x)

@@ -1,9 +1,9 @@
-"""The bench: pressure and radius of one site, compared through the local wall law, both of them noisy.
+"""The bench: pressure and radius of one site, compared through the local wall law; both are noisy.
 
 With the true waves P and R, the channels measure p = H_P P + o_P and r = H_R R + o_R, where H and o are the measurement
-chain (1 and 0 if perfect). The law of :mod:`solver.loop`, with all effects of the wall, then makes of the measured
-radius r the measured pressure G(r). Errors in variables (:mod:`fitting.inference.models.loop`), for every effect that a
-bench can show.
+chain (1 and 0 if perfect). The law of :mod:`solver.loop`, with all effects of the wall, then gives the measured
+pressure G(r) for the measured radius r. This is an errors-in-variables model (:mod:`fitting.inference.models.loop`)
+with every effect that a bench can show.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from solver import loop as law
-from solver.laws.catalogue import filtered, neutral_value, terms_of
+from solver.laws.catalogue import filtered, neutral_value, terms_of, zero_of
 from solver.network.description import Network
 
 from ...records.alignment.beats import Beats
@@ -42,18 +42,18 @@ Chain = tuple[Array, Array]
 
 _MOST_HARMONICS = 40
 _ABOVE_NOISE = 4.0  # standard deviations
-_RULES = Rules(gain=1e-3, latent=True)  # a step of a thirtieth of a standard deviation moves no verdict
-_STEP = 1e-4  # of x, for derivatives of the law, which is smooth
-_FLOOR = 1e-9  # of the pulse: noise assumed at least
-_BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part of a beat
+_RULES = Rules(gain=1e-3, latent=True)  # a step of a thirtieth of a standard deviation changes no verdict
+_STEP = 1e-4  # finite difference step of x for derivatives of the smooth law
+_FLOOR = 1e-9  # of the pulse: least noise
+_BEATS = 3  # of an FMU: a wall forgets its initial state within φ0/E or τ, a small fraction of a beat
 
 
 @dataclass(frozen=True)
 class Seen:
     """The law of a batch of walls, with the period T [s], between two channels: pressure(r) of a measured radius.
 
-    wall : arrays (B, 1), the first of them the one that is linearised. P, R : of both channels the transfer function
-    and the offset, which broadcast to (B, N//2 + 1) and (B, 1).
+    wall : arrays (B, 1); the first wall is linearised. P, R : transfer function and offset of each channel, which
+    broadcast to (B, N//2 + 1) and (B, 1).
     """
 
     wall: law.Wall
@@ -62,18 +62,18 @@ class Seen:
     R: Chain
 
     def true(self, r: Array) -> tuple[Array, Array]:
-        """True radius and pressure (B, N) where the measured radius is r : (N,)."""
+        """True radius and pressure (B, N) for the measured radius r : (N,)."""
         transfer, offset = map(np.atleast_2d, self.R)
         R = _chained(1.0 / transfer, r - offset)
         return R, law.pressure(self.wall, R, R @ law.derivative_matrix(len(r), self.T).T, self.T)
 
     def pressure(self, r: Array) -> Array:
-        """G : (B, N), the measured pressure of a measured radius."""
+        """G : (B, N), the measured pressure for a measured radius."""
         transfer, offset = map(np.atleast_2d, self.P)
         return _chained(transfer, self.true(r)[1]) + offset
 
     def slope(self, r: Array) -> Array:
-        """dG/dr : (N, N) of the first of the batch."""
+        """dG/dr : (N, N) of the first wall of the batch."""
         N, R = len(r), self.true(r)[0][0]
         to_P, to_R = (np.atleast_2d(transfer)[0] for transfer, _ in (self.P, self.R))
         A = law.slope(self.wall, R, law.derivative_matrix(N, self.T) @ R, self.T)
@@ -91,9 +91,9 @@ def _chained(h: Array, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Bench(Forward):
-    """A bench record of one site and the network whose wall it is compared with.
+    """A bench record of one site, and the network whose wall is compared with it.
 
-    loop : the mean beats; K : harmonics above the noise; n_beats : behind them. error : (N//2 + 1,) [Pa] of the law.
+    loop : the mean beats; K : harmonics above the noise; n_beats : averaged ones. error : (N//2 + 1,) [Pa] of the law.
     highest : half the sampling rate [Hz].
     """
 
@@ -112,14 +112,14 @@ class Bench(Forward):
 
     @cached_property
     def artery(self) -> Network:
-        """The site's artery alone, with all terms that a wall may have, neutral."""
+        """The site's artery alone, with all possible wall terms at their neutral values."""
         neutral = {f"{self.site}.{key}": neutral_value(key) for key in terms_of("segment")}
         alone = self.part(self.network)
         return alone.with_terms(neutral | alone.parameters())
 
     @cached_property
     def start(self) -> Array:
-        """(N,) [m] the radius up to harmonic K, where searches begin: a ringing sensor undone makes much of noise."""
+        """(N,) [m] the radius up to harmonic K, where searches start: inverting a ringing sensor amplifies noise."""
         X = spectral.coefficients(self.loop.R)
         X[self.K + 1 :] = 0.0
         return np.fft.irfft(X * self.loop.N, self.loop.N)
@@ -130,7 +130,7 @@ class Bench(Forward):
         return order, np.zeros_like(order)
 
     def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
-        """The linear problems of trials, at the radius that was most probable where they step from."""
+        """The linear problems of trials, each at the most probable radius after its step."""
         runs.check()
         radius = [self.start if t.before is None else t.before.memory.after(t.step) for t in trials]
         return [_linearised(self, t.member, r, t.by) for t, r in zip(trials, radius, strict=True)]
@@ -144,9 +144,9 @@ class Bench(Forward):
 
     def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
               columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
-        """The most probable unknowns of every hypothesis; ``start`` : of another one.
+        """The most probable unknowns of every hypothesis; ``start`` : a fit to another one.
 
-        known : the cost of one found before; where it is given, a search that promises to stay far above the best ends.
+        known : cost of an earlier fit; if given, a search that promises to stay far above the best ends.
         """
         found: list[Fit | None] = []
         for terms in hypotheses:
@@ -156,7 +156,7 @@ class Bench(Forward):
                 known = min(known, last.cost)
         return found
 
-    def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:  # from start, or nothing
+    def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:  # from start or zero
         for begin in (start, None):
             with suppress(NoFit):
                 return allowed(self.network, fit(self, terms, begin, known))
@@ -185,7 +185,7 @@ class Bench(Forward):
         return [] if state is None else without_groups(fit, fit.order, state.memory.L[: len(fit.z), : len(fit.z)])
 
     def beside(self, fit: Fit) -> Beside | None:
-        """With errors of the wall law, as of its pressure: of its mean, and of its harmonics."""
+        """The fit with errors of the wall law in pressure, one of the mean and one of the harmonics."""
         state = _settled(self, fit.member)
         if state is None:
             return None
@@ -209,7 +209,7 @@ class Bench(Forward):
 
     @property
     def weights(self) -> tuple[Array, Array]:
-        """What :meth:`restored` makes the same problem of: the covariance of the loop's noise, and errors in it."""
+        """Data for :meth:`restored`: the covariance of the loop's noise, and the law errors included in it."""
         return self.loop.noise, self.error
 
     def restored(self, weights: tuple[Array, Array]) -> Bench:
@@ -236,12 +236,12 @@ class Bench(Forward):
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) [Pa] the mean pressure, before its filter."""
-        X = np.fft.rfft(self.loop.P)
+        X = np.fft.rfft(self.loop.P - zero_of(self.network, self.signals[0]))
         X[: self.K + 1] /= undoable(self.network, self.signals[0], beats.omega * np.arange(self.K + 1))
         return np.fft.irfft(X, self.loop.N)
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
-        """(N,) [Pa] the true pressure at the site that P and R together make most probable under a hypothesis."""
+        """(N,) [Pa] the most probable true pressure at the site given P and R, under a hypothesis."""
         state = _settled(self, fit.member)
         if state is None:
             return self.loop.P
@@ -261,8 +261,9 @@ class Bench(Forward):
         omega = 2.0 * np.pi / self.loop.T * np.arange(self.loop.N // 2 + 1)
         (P, o_P), (R, o_R) = (chain(moved, name, omega) for name in self.signals)
         to_P, to_R = (filtered(self.network, name, omega) for name in self.signals)
-        to_R[self.K + 1 :] = 1.0  # noise alone, which the law would undo a filter of
-        return Seen(wall, self.loop.T, (P * to_P, o_P), (R * to_R, o_R))
+        to_R[self.K + 1 :] = 1.0  # noise only; the law would amplify it by inverting a filter
+        z_P, z_R = (zero_of(self.network, name) for name in self.signals)
+        return Seen(wall, self.loop.T, (P * to_P, o_P + z_P), (R * to_R, o_R + z_R))
 
     @property
     def noise(self) -> Array:
@@ -284,7 +285,7 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
         X = np.abs(spectral.coefficients(x)) ** 2
         above = np.flatnonzero(X > _ABOVE_NOISE**2 * own[: len(X), i, i].real)
         highest.append(int(above[-1]) if len(above) else 1)
-    # where one of the two is noise alone, a sensor or wall that is slow enough would explain it
+    # if one of the two is noise only, a sufficiently slow sensor or wall would explain it
     usable = np.flatnonzero(np.abs(filtered(network, signals[1], beats.omega * np.arange(len(own)))) >= SAFE)
     K = min(_MOST_HARMONICS, max(1, min(*highest, int(usable[-1]))))
     return Bench(network, site, signals, replace(loop, noise=noise), K, beats.n_beats, highest=0.5 * beats.N / beats.T)
@@ -294,10 +295,10 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
 
 
 def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None, known: float = np.inf) -> Fit:
-    """The most probable size of the terms and of the nuisances.
+    """The most probable values of terms and nuisance parameters.
 
-    start : of a simpler hypothesis, whose unknowns are taken over. known : as of :meth:`Bench.refit`.
-    Raises NoFit if no wall of this kind carries the loop.
+    start : a fit to a simpler hypothesis, whose unknowns are the start. known : as in :meth:`Bench.refit`.
+    Raises NoFit if no wall of this kind explains the loop.
     """
     found: list[Fit] = []
     for member in _begin(problem, tuple(terms), start):
@@ -309,7 +310,7 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None, known: 
 
 
 def _searched(problem: Bench, member: Member, known: float = np.inf) -> Fit:
-    """The minimum that a search from one point comes to. Raises NoFit where it cannot begin there."""
+    """The minimum that a search from one point reaches. Raises NoFit if the law has no pressure there."""
     found = Search(member, _RULES)
     search(partial(problem.points, runs=Runs()), [found], known)
     if found.here is None:
@@ -318,10 +319,10 @@ def _searched(problem: Bench, member: Member, known: float = np.inf) -> Fit:
 
 
 def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[Member]:
-    """Where searches begin: at the simpler fit, the new terms at the best of their starting points.
+    """Starting points: the simpler fit, with new terms at the best of their own starts.
 
-    Where a term has several valleys, or the simpler fit is an odd wall, also at an ordinary one: a slow sensor and a
-    viscous wall are alike from afar, and the simpler fit may have taken the one for the other.
+    If a term has several starts or the simpler fit has an odd wall, also one with a nominal wall: a slow sensor and a
+    viscous wall look alike, and the simpler fit may have taken the one for the other.
     """
     unknowns = problem.hypothesis(terms)
     known = () if start is None else [u.name for u in start.unknowns]
@@ -334,11 +335,11 @@ def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[M
 
 
 def _promise(problem: Bench, member: Member) -> float:
-    """The cost that one linear step from a point promises."""
+    """The cost predicted by one linear step from a point."""
     point = _linearised(problem, member, problem.start)
     try:
         return np.inf if point is None else Search(member, _RULES, point).promised()
-    except np.linalg.LinAlgError:  # a law that all but overflows
+    except np.linalg.LinAlgError:  # a law that nearly overflows
         return np.inf
 
 
@@ -346,7 +347,7 @@ def _promise(problem: Bench, member: Member) -> float:
 
 
 def _settled(problem: Bench, member: Member) -> Point | None:
-    """The linear problem at given parameters, at the radius that is most probable under them."""
+    """The linear problem at given parameters, at the most probable radius for these."""
     r = problem.start
     for _ in range(2):
         point = _linearised(problem, member, r, np.arange(0))
@@ -358,10 +359,10 @@ def _settled(problem: Bench, member: Member) -> Point | None:
 
 def _linearised(problem: Bench, member: Member, r: Array, by: Array | None = None) -> Point | None:
     """The whitened linear problem at a point and the measured radius r, harmonic by harmonic up to K, with derivatives
-    by the unknowns ``by`` : (q,), default all; None where the law has no pressure there.
+    by the unknowns ``by`` : (q,), default all; None if the law has no pressure there.
 
-    Harmonics beyond K hold noise alone; a sensor that is slow enough would explain it away. log_volume : log det of V
-    up to K, which keeps a hypothesis from explaining the residual by a larger noise.
+    Harmonics beyond K contain only noise, which a sufficiently slow sensor would explain. log_volume : log det of V up
+    to K, which penalises hypotheses that explain the residual by a larger noise.
     """
     by = np.arange(len(member.x)) if by is None else by
     steps = finite_steps(member.unknowns, member.x, _STEP)
@@ -370,7 +371,7 @@ def _linearised(problem: Bench, member: Member, r: Array, by: Array | None = Non
         G = seen.pressure(r)
         columns = (G[1:] - G[0]).T / steps[by]
         try:
-            # L in the order of the harmonics: an entry of z depends on harmonics up to its own only
+            # L in the order of the harmonics: an entry of z depends only on harmonics up to its own
             linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, fourier(len(r)))
         except NoFit:
             return None

@@ -1,4 +1,4 @@
-"""The bench as a network: one short piece of artery under an imposed pressure, so that its FMU gives R for a P."""
+"""The bench as a network: a short piece of artery under an imposed pressure; its FMU computes R from P."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from solver.network.description import Inlet, Network, Segment, Site
 
 from ...results.parameter_set import ParameterSet
 
-LENGTH = 1e-3  # [m]; over a millimetre the pressure falls by less than a pascal, and the radius follows the wall alone
+LENGTH = 1e-3  # [m]; over it the pressure falls by less than a pascal, so that the radius depends on the wall alone
 NEEDED = ("R0", "h", "E")
 
 
 def bench_network(site: str, parameters: ParameterSet, T: float = 0.5) -> Network:
-    """A segment named as the site, closed at the inlet, with the pressure `<site>.outlet.P_venous` at its end.
+    """A segment with the name of the site, closed at the inlet, with the pressure `<site>.outlet.P_venous` at its end.
 
-    parameters : must hold R0, h and E of the site; its other values of the site and of ``network``, and its laws, apply
-    too. T : period of the default inflow (which is 0) [s]. P_ref = 0: R0 is the radius without pressure.
-    Raises ValueError, one sentence, if a value is missing or not allowed.
+    parameters : must contain R0, h and E of the site; its other values of the site and of ``network``, and its laws,
+    also apply. T : period of the default inflow (which is 0) [s]. P_ref = 0: R0 is the radius without pressure. Raises
+    ValueError, one sentence, if a value is missing or not allowed.
     """
     missing = [f"{site}.{key}" for key in NEEDED if f"{site}.{key}" not in parameters.values]
     if missing:
@@ -39,8 +39,8 @@ def on_bench(
 ) -> Network:
     """A millimetre of one artery of a network, with the pressure `<site>.outlet.P_venous` at its end and no inflow.
 
-    T : period of the default inflow (which is 0) [s]; default that of the network. source : where it is from.
-    segment : that the site is in, if it has another name.
+    T : period of the default inflow (which is 0) [s]; default that of the network. source : origin, for the reference.
+    segment : of the site, if it has another name.
     """
     return replace(
         network,

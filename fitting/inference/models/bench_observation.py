@@ -1,4 +1,4 @@
-"""What the measurement chains of a hypothesis show of the true channels, in the numbers that a search can follow."""
+"""Observation model: the measurement chains of a hypothesis on the true channels, and the inverse for the inflow."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = np.ndarray
 def chain(moved: Mapping[str, Array], channel: str, omega: Array) -> tuple[Array, Array]:
     """Transfer function (…, n) of a measurement chain at omega : (n,) [rad/s], and its offset (…, 1).
 
-    moved : values (…,) of the search's numbers by name; of an effect that has none, the chain has nothing.
+    moved : values (…,) of the unknowns by name; effects without a value are not in the chain.
     """
     H, offset = np.ones(len(omega)), np.zeros(1)
     for effect in effects.ALL:
@@ -32,9 +32,9 @@ def chain(moved: Mapping[str, Array], channel: str, omega: Array) -> tuple[Array
 
 
 def sense(member: Member, names: Sequence[str], X: Array, T: float, means: bool = True) -> Array:
-    """Observation: what the measurement chains of a hypothesis make of the coefficients X : (n, m).
+    """The coefficients X : (n, m) after the measurement chains of a hypothesis.
 
-    means : with their offsets.
+    means : include offsets.
     """
     if not any(term.is_sensor for term in member.terms):
         return X
@@ -48,7 +48,7 @@ def sense(member: Member, names: Sequence[str], X: Array, T: float, means: bool 
 
 
 def inlet_sensor(member: Member) -> dict[str, float]:
-    """The numbers of a hypothesis that say how the flow meter at the inlet shows the inflow."""
+    """The parameters of the inlet flow meter in a hypothesis."""
     found = values(member.unknowns, member.x, {}) if any(term.place == INFLOW for term in member.terms) else {}
     return {name: float(value) for name, value in found.items() if name.startswith(f"{INFLOW}.")}
 
@@ -61,7 +61,7 @@ def meter(member: Member, n: int, T: float) -> tuple[Array, float]:
 
 
 def driven(shown: Inflow, members: Sequence[Member]) -> Inflow:
-    """What flowed in each hypothesis, if the flow meter showed ``shown``; that itself where none doubts the meter."""
+    """The true inflow of each hypothesis if the flow meter showed ``shown``; that itself without meter faults."""
     if not any(map(inlet_sensor, members)):
         return shown
     H, offset = zip(*(meter(m, shown.X.shape[-1], shown.T) for m in members), strict=True)
@@ -69,7 +69,7 @@ def driven(shown: Inflow, members: Sequence[Member]) -> Inflow:
 
 
 def shown(member: Member, wave: Array, T: float) -> Inflow:
-    """What the flow meter of a hypothesis shows of the flow (N,): the inverse of :func:`driven`."""
+    """The reading of a hypothesis' flow meter for the flow (N,): the inverse of :func:`driven`."""
     X = np.fft.rfft(wave, norm="forward")
     X[-1] *= 1.0 if len(wave) % 2 else 0.5  # the Nyquist coefficient is its own conjugate
     H, offset = meter(member, len(X), T)
@@ -79,10 +79,10 @@ def shown(member: Member, wave: Array, T: float) -> Inflow:
 
 
 def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
-    """Variance (m,) by which the mean of one part of a record may be off that of the other: what means drift a beat.
+    """Variance (m,) of the mean of one part of a record about that of the other: the drift of the means per beat.
 
-    A slow drift is alike in neighbouring beats, so that averaging over few of them leaves it as it is. A beat with gaps
-    counts by what it has, against the mean beat; one without a sample does not count.
+    A slow drift is alike in neighbouring beats, so that averaging over few of them does not reduce it. A beat with gaps
+    counts by its samples relative to the mean beat; one without a sample does not count.
     """
 
     def of(name: str) -> float:
@@ -94,10 +94,10 @@ def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
 
 
 def of_other_beats(covariance: Array, error: Array, beats: Beats, fitted: Beats, names: Sequence[str]) -> Array:
-    """The covariance (n, m, m) of other beats of the same record, with the noise that the fitted ones showed, for their
+    """The covariance (n, m, m) of other beats of the same record, from the noise of the fitted ones, scaled to their
     number.
 
-    error : (n, m) standard deviation of errors that more beats do not lower, of solver and model.
+    error : (n, m) standard deviation of the errors of solver and model, which more beats do not reduce.
     """
     times, at = fitted.n_beats / beats.n_beats, np.arange(len(names))
     found = covariance * times

@@ -1,19 +1,19 @@
 """The problem of a calibration: the whitened residual with its derivatives, by batches of the solver.
 
 With priors of standard deviation s the search (:mod:`fitting.inference.gauss_newton`) minimises |z(x)|² + Σ (x_i/s_i)²,
-where z holds the residuals of all recordings, one after the other. One batch a recording gives z and its derivatives,
-by finite differences, for little more than the price of z.
+where z contains the residuals of all recordings, one after the other. One batch per recording gives z and its
+derivatives, by finite differences, at little more than the cost of z.
 
-What the model of a calibration lacks, as a random error of its channels: its size by evidence at the current point.
+Model discrepancy is a random error of the channels; its size is estimated from the evidence at the current point.
 
-Every harmonic of a channel has an error of the standard deviation a s, independent of the others, where s is the
-standard deviation of the channel's mean beat and a one number of the means, which zeros of sensors and heights shift,
-and one of all harmonics, by restricted maximum likelihood (:mod:`fitting.inference.model_discrepancy`). Both are 0
-where the unknowns, refitted in the linear problem, leave noise alone. Far from the minimum they are large and the cost
-smooth; as the search comes nearer they fall by themselves. Where the model is wrong they stay, and channels and
-harmonics count by what is left of them in mmHg or mL/s, not by a noise far below that. All recordings and channels have
-the same two: with its own each could be fitted at the cost of the others. Of one channel alone both are one: with an
-error of its own, the one mean would be given up for the harmonics.
+Every harmonic of a channel has an independent error of standard deviation a s, where s is the standard deviation of the
+channel's mean beat. There are two factors a, one of the means, which sensor zeros and heights shift, and one of all
+harmonics, estimated by restricted maximum likelihood (:mod:`fitting.inference.model_discrepancy`). Both are 0 if the
+unknowns, refitted in the linear problem, leave only noise. Far from the minimum they are large and the cost is smooth;
+they shrink as the search approaches it. For a wrong model they remain, and channels and harmonics count by their
+residual in mmHg or mL/s, not by a noise far below it. All recordings and channels share the two factors: with own ones,
+one could be fitted at the cost of the others. For a single channel the two factors are one: otherwise its only mean
+would be sacrificed to the harmonics.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ import numpy as np
 from solver import Settings
 from solver.errors import InputError
 from solver.harmonics import has_room
+from solver.laws.catalogue import zero_of
 from solver.network.description import Network
 from solver.simulate import BROKEN
 
@@ -40,26 +41,27 @@ from ..intervals.identify import Determined, determined
 from ..model_discrepancy import Block, estimated, settled
 from ..runs import Meter, Runs
 from ..unknown import Unknown, finite_steps, parameter_values
+from ..zeros import apart, unmoved
 from .simulator import HARMONICS_BEYOND, Simulator, linear_response, varying
 
 Array = np.ndarray
 
-# Of x in prior units: truncation and the jumps where a stage takes one iteration more are then both some 1e-4 of the
+# Of x in prior units. The truncation error and jumps by one more iteration of a stage are then both about 1e-4 of the
 # derivative (measured, sheep network)
 STEP = 3e-4
 DERIVATIVE_ERROR = 5e-4
-TOLERANCE = 1e-7  # of periodic beats, whose small differences are the derivatives
-CHANCE = 4.0  # standard deviations of χ² from which more than noise is left
-_ALTERNATIONS = 12  # of search and error, at most
-_SAME = 0.1  # relative change of an error that changes no weight
+TOLERANCE = 1e-7  # of periodic beats, whose small differences give the derivatives
+CHANCE = 4.0  # standard deviations of χ² above which more than noise remains
+_ALTERNATIONS = 12  # of search and error estimate, at most
+_SAME = 0.1  # relative change of an error that is negligible
 
 
 @dataclass(frozen=True)
 class Part:
     """One recording: its m channels up to harmonic K, and their simulation under its inflow.
 
-    unknowns : the q that act in it; which : (q,) their numbers among all. target : what the record says, with its
-    weights; None until they are known. log_volume : ln det of their covariance over that of the noise.
+    unknowns : the q that affect it; which : (q,) their indices among all. target : its data with their weights; None
+    until these are known. log_volume : ln det of their covariance over that of the noise.
     """
 
     beats: Beats
@@ -72,13 +74,13 @@ class Part:
 
     @property
     def size(self) -> int:
-        """Numbers in its residual."""
+        """Number of entries of its residual."""
         return len(self.simulator.names) * (2 * self.simulator.K + 1)
 
     def with_target(self, x: Array, error: Array) -> Part:
-        """The part weighted for all unknowns x : (p,) and a solver's error (K+1, m)."""
+        """The part weighted for all unknowns x : (p,) and a solver error (K+1, m)."""
         s = self.simulator
-        own = parameter_values(self.unknowns, s.network, x[self.which])
+        own, _ = apart(parameter_values(self.unknowns, s.network, x[self.which]), s.network)
         at = {name: float(value) for name, value in own.items()}
         H = linear_response(s.network, s.names, s.T, s.K, at)
         felt = varying(self.beats, s.network, s.names, s.K, at)
@@ -86,15 +88,18 @@ class Part:
 
     def simulate(self, x: Array) -> Array:
         """Coefficients (B, K+1, m) of the periodic beat for its unknowns x : (B, q)."""
-        parameters = parameter_values(self.unknowns, self.simulator.network, x)
         network = self.simulator.network
+        parameters, zeros = apart(parameter_values(self.unknowns, network, x), network)
+        parameters = parameters or unmoved(network, len(x))
         X = self.simulator.coefficients(network, parameters, Runs(self.meter))
+        for i, name in enumerate(self.simulator.names):
+            X[:, 0, i] += zeros.get(f"{name}.zero", zero_of(network, name)) - zero_of(network, name)
         if np.isnan(X).any():
             raise InputError(f"network {network.name}: it has no periodic beat with these values.")
         return X
 
     def batch(self, x: Array) -> Array:
-        """Coefficients (1+q, K+1, m) at all unknowns x : (p,) and one step away from it along each of its own."""
+        """Coefficients (1+q, K+1, m) at all unknowns x : (p,) and one step away along each of its own."""
         own = x[self.which]
         return self.simulate(np.concatenate([own[None], own + np.diag(finite_steps(self.unknowns, own, STEP))]))
 
@@ -107,7 +112,7 @@ class Part:
         return z[0], J
 
     def rms(self, X: Array) -> dict[str, float]:
-        """RMS over the beat [SI] by which simulated coefficients X : (K+1, m) miss each channel."""
+        """RMS residual over the beat [SI] of simulated coefficients X : (K+1, m), by channel."""
         assert self.target is not None
         power = np.abs(X - self.target.X) ** 2
         return dict(zip(self.target.names, np.sqrt(power[0] + 2.0 * power[1:].sum(axis=0)).tolist(), strict=True))
@@ -115,23 +120,23 @@ class Part:
 
 @dataclass(frozen=True)
 class Problem:
-    """Unknowns p of a network, and the recordings that tell them. Of a point the memory holds each part's batch."""
+    """Unknowns p of a network, and the recordings that determine them. A point's memory has each part's batch."""
 
     unknowns: tuple[Unknown, ...]
     parts: tuple[Part, ...]
 
     @property
     def typical(self) -> Array:
-        """(p,) prior standard deviations, or what they would be: the unit of x in the search."""
+        """(p,) prior standard deviations, or typical ones: the unit of x in the search."""
         return np.array([u.typical_sd for u in self.unknowns])
 
     @property
     def prior(self) -> Array:
-        """(p,) 1 where an unknown has a prior, 0 where not: its precision in those units."""
+        """(p,) prior precision in those units: 1 for unknowns with a prior, otherwise 0."""
         return np.array([0.0 if u.prior_sd is None else 1.0 for u in self.unknowns])
 
     def with_targets(self, x: Array, errors: Sequence[Array]) -> Problem:
-        """The problem weighted for parameters x : (p,) and each part's error of the solver (K+1, m)."""
+        """The problem weighted for parameters x : (p,) and each part's solver error (K+1, m)."""
         weighted = [part.with_target(x, error) for part, error in zip(self.parts, errors, strict=True)]
         return replace(self, parts=tuple(weighted))
 
@@ -150,7 +155,7 @@ class Problem:
         return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
     def evaluated(self, trials: Sequence[Trial]) -> list[Point | None]:
-        """Trials of :func:`fitting.inference.gauss_newton.search`; None where a simulation breaks down."""
+        """Trials of :func:`fitting.inference.gauss_newton.search`; None if a simulation breaks down."""
         found: list[Point | None] = []
         for trial in trials:
             found.append(None)
@@ -159,7 +164,7 @@ class Problem:
         return found
 
     def determined(self, point: Point, scale: float = 1.0) -> Determined:
-        """What the data determine at a point; scale : of their covariance."""
+        """The directions that the data determine at a point; scale : of their covariance."""
         return determined(point.J * self.typical, self.prior, self.typical, scale, DERIVATIVE_ERROR)
 
 
@@ -167,7 +172,7 @@ def part_of(
     beats: Beats, network: Network, unknowns: tuple[Unknown, ...], which: Array, names: Sequence[str], K: int,
     settings: Settings, meter: Meter,
 ) -> Part:  # fmt: skip
-    """The part of a recording; its beats are found by harmonic balance if that has room."""
+    """The part of a recording; its beats are found by harmonic balance if that fits into memory."""
     beyond = HARMONICS_BEYOND if has_room(network, K + HARMONICS_BEYOND, settings) else 0
     simulator = Simulator(network, inflow(beats, settings.dt, network), beats.T, tuple(names), K, settings,
                           tolerance=TOLERANCE, beyond=beyond)  # fmt: skip
@@ -179,8 +184,8 @@ def part_of(
 
 @dataclass(frozen=True)
 class Ended:
-    """Where a search ended. errors : (2,) a of means and of harmonics. history : the cost, -2 ln of likelihood and
-    priors up to a constant, at all points kept: comparable between searches with other errors."""
+    """The end of a search. errors : (2,) a of means and of harmonics. history : the cost, -2 ln of likelihood and
+    priors up to a constant, at all accepted points: comparable between searches with different errors."""
 
     search: Search
     errors: Array
@@ -188,14 +193,14 @@ class Ended:
 
     @property
     def batches(self) -> Sequence[Array]:
-        """Of every recording where it ended."""
+        """The batch of every recording at the end."""
         assert self.search.here is not None
         found: Sequence[Array] = self.search.here.memory
         return found
 
 
 def minimum(problem: Problem, x: Array, batches: Sequence[Array], rules: Rules) -> Ended:
-    """The search from x : (p,), whose batches are known, in turn with the errors of the model."""
+    """Search from x : (p,), whose batches are known, alternating with estimates of the model errors."""
     errors, history = np.full(2, math.inf), list[float]()
     for _ in range(_ALTERNATIONS):
         told = model_errors(problem, x, batches)
@@ -210,7 +215,7 @@ def minimum(problem: Problem, x: Array, batches: Sequence[Array], rules: Rules) 
 
 
 def granted(problem: Problem, errors: Array) -> Problem:
-    """The problem with errors (2,) of the model in the covariance of its data."""
+    """The problem with model errors (2,) in the covariance of its data."""
     parts = []
     for part in problem.parts:
         assert part.target is not None
@@ -222,9 +227,9 @@ def granted(problem: Problem, errors: Array) -> Problem:
 
 
 def model_errors(problem: Problem, x: Array, batches: Sequence[Array]) -> Array:
-    """(2,) the errors that make what is left most probable, about x : (p,).
+    """(2,) the model errors that make the residual about x : (p,) most probable.
 
-    The linear problem's own minimum counts as far as one step of the search reaches.
+    The residual is that of the linear problem's minimum, within the reach of one step of the search.
     """
     point = problem.point(x, batches)
     n, free = len(point.z), np.array([u.low < u.high for u in problem.unknowns], bool)
@@ -236,16 +241,16 @@ def model_errors(problem: Problem, x: Array, batches: Sequence[Array]) -> Array:
     fit = Fit((), near, np.zeros(len(near)), point.z, point.J[:, free], np.zeros(n, int), np.zeros(n, int))
     if settled(fit).chi2 < n + CHANCE * math.sqrt(2.0 * n):
         return np.zeros(2)
-    lone = len(problem.parts) == 1 and len(problem.parts[0].simulator.names) == 1  # one mean tells no error of means
+    lone = len(problem.parts) == 1 and len(problem.parts[0].simulator.names) == 1  # one mean gives no error of means
     each = zip(problem.parts, problem.rows(), strict=True)
     means, rest = estimated(fit, [block for part, rows in each for block in _blocks(part, rows.start, int(lone))], 2)
-    return np.array([max(means, rest), rest])  # few means tell little of their error: it is not below the harmonics'
+    return np.array([max(means, rest), rest])  # few means determine it poorly: at least that of the harmonics
 
 
 def _blocks(part: Part, start: int, of_means: int) -> Iterator[Block]:
-    """The errors of every harmonic as they look in z, whose real parts of harmonics 1 … K come before the imaginary.
+    """The errors of every harmonic in z, where real parts of harmonics 1 … K precede the imaginary ones.
 
-    of_means : the index of the error that means have.
+    of_means : the index of the error of the means.
     """
     assert part.target is not None
     white, m = part.target.whitener * pulses(part.beats, part.target.names), len(part.target.names)
@@ -257,9 +262,9 @@ def _blocks(part: Part, start: int, of_means: int) -> Iterator[Block]:
 
 
 def widening(problem: Problem, z: Array, paid: float) -> float:
-    """By how much the covariance of the unknowns is too small: an error that is alike at all harmonics is less than
-    that of the worst octave, harmonics 0 to 3, then 4 to 7, 8 to 15 … z : (n,) whitened with the error; paid : numbers
-    that the unknowns took of them."""
+    """Factor by which the covariance of the unknowns is too small. An error that is equal at all harmonics
+    underestimates that of the worst octave: harmonics 0 to 3, then 4 to 7, 8 to 15 … z : (n,) whitened with the error;
+    paid : degrees of freedom of the unknowns."""
     left, worst = z**2 * len(z) / max(len(z) - paid, 1.0), 1.0
     for part, rows in zip(problem.parts, problem.rows(), strict=True):
         each = np.maximum(np.log2(np.maximum(np.arange(part.simulator.K + 1), 1)).astype(int), 1)

@@ -5,10 +5,11 @@ With A = ∂G/∂R, linearised at the present R and θ, the residual
 
     u = P̄ - G(R; θ) - A (R̄ - R) = n_P - A n_R + C δθ,    V = ⟨u uᵀ⟩ = C_PP - A C_RP - C_PR Aᵀ + A C_RR Aᵀ
 
-gives δθ by generalised least squares, and then the most probable radius R = R̄ - (C_RP - C_RR Aᵀ) V⁻¹ u. Iterated,
-this is the maximum of the joint likelihood (Britt and Luecke, Technometrics 15, 1973, 233–247): columns evaluated at
-the noisy R̄ would bias θ, columns at the estimated R do not. The noise need not be white: its covariance is circulant,
-one 2×2 matrix a harmonic, so that a beat-to-beat variation that P and R share is not taken for noise of the law.
+gives δθ by generalised least squares, and then the most probable radius R = R̄ - (C_RP - C_RR Aᵀ) V⁻¹ u. The iteration
+converges to the maximum of the joint likelihood (Britt and Luecke, Technometrics 15, 1973, 233–247): columns evaluated
+at the noisy R̄ would bias θ, columns at the estimated R do not. The noise need not be white: its covariance is
+circulant, one 2×2 matrix per harmonic, so that beat-to-beat variation common to P and R does not count as noise of the
+law.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ from ...records.channels.spectral import coefficients
 
 Array = np.ndarray
 
-_MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none is half known
-_FLOOR = 1e-10  # noise assumed at least, relative to the pulse: keeps V regular for noise-free data
-_ORDER = 3  # elastic, viscous and what bends them: powers of iω
+_MOST_SAMPLES = 127  # of a fitted beat: 63 harmonics; odd, so that both parts of each are known
+_FLOOR = 1e-10  # least noise relative to the pulse: keeps V regular for noise-free data
+_ORDER = 3  # powers of iω: elastic, viscous and curvature
 _FOLLOWING = "P if it followed R"
 
 
 class NoFit(InputError):
-    """No wall of this model describes the loop."""
+    """No wall of this model fits the loop."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Loop:
 
     @property
     def floor(self) -> tuple[float, float]:
-        """Variances of a Fourier coefficient that stand for rounding."""
+        """Variances of a Fourier coefficient that represent rounding."""
         P, R = (float((_FLOOR * np.ptp(x)) ** 2) / self.N for x in (self.P, self.R))
         return P, R
 
@@ -86,9 +87,9 @@ def mean_loop(beats: Beats, site: str) -> Loop:
 
 
 def paired(beats: Beats, site: str) -> Beats:
-    """A gap of P is a gap of R and the other way round, unless that leaves a phase without any sample.
+    """Make gaps of P gaps of R and vice versa, unless that leaves a phase without any sample.
 
-    What varies from beat to beat must be in the mean of both, or in neither.
+    Beat-to-beat variation must be in the mean of both, or in neither.
     """
     P, R = beats.site(site)
     gaps = np.isnan(P) | np.isnan(R)
@@ -100,12 +101,12 @@ def paired(beats: Beats, site: str) -> Beats:
 
 def _loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
     """Covariance (K + 1, 2, 2), K = N'//2 of N' samples a beat, of the mean beats of P and R of a site, and the part
-    (N,) of P that is there because beats differ in length.
+    (N,) of P caused by different lengths of beats.
 
-    A wall answers a change of radius by a change of pressure, δP = A δR, with A of the mean loop; that is no noise.
-    What is left, δP - A δR, is that of both sensors: S_u = S_P + |A|² S_R. The share s of the change of R that P does
-    not follow is noise of R, S_R = s var(R). P less what it follows, (1 - s) A δR, has nothing in common with R and
-    the variance S_P + (1 - s)|A|² S_R, which gives S_P.
+    A wall responds to a change of radius with a change of pressure, δP = A δR, with A of the mean loop; that is no
+    noise. The rest, δP - A δR, is noise of both sensors: S_u = S_P + |A|² S_R. The share s of the change of R that P
+    does not follow is noise of R, S_R = s var(R). P minus the part that follows, (1 - s) A δR, is uncorrelated with R
+    and has the variance S_P + (1 - s)|A|² S_R, which gives S_P.
     """
     P, R = names = (f"{site}.P", f"{site}.R")
     raw = beats.covariance(names)
@@ -114,7 +115,7 @@ def _loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
     A = _series(a, beats.T, K)
     seen = felt(beats, R, lambda T, n: _series(a, T, n)[:, None], K, memory=False)
     moved = following(beats, A[:, None], seen, R)[0]
-    # a name without converter: what rounding leaves in the mean beat is no change from beat to beat
+    # a name without converter: the rounding error of the mean beat is no beat-to-beat variation
     both = replace(beats, values={P: beats.values[P], _FOLLOWING: moved}).covariance((P, _FOLLOWING))
     followed, could = both[:, 0, 1].real, both[:, 1, 1].real
     coherent = followed**2 > limit.COHERENT * both[:, 0, 0].real * could
@@ -161,8 +162,8 @@ def _series(a: Array, T: float, n: int) -> Array:
 class Linear:
     """The problem u = C δθ + noise of covariance V at one point, whitened: z = L⁻¹ F u with L Lᵀ = F V Fᵀ.
 
-    z : (N,). columns : (N, p) L⁻¹ F C. L : (N, N) lower. F : (N, N) orthonormal, or None for unity. B : (N, N) with
-    R = R̄ + Bᵀ V⁻¹ u. V : (N, N). R_bar : (N,) the measured radius.
+    z : (N,). columns : (N, p) L⁻¹ F C. L : (N, N) lower. F : (N, N) orthonormal, or None for unity. B : (N, N) with R =
+    R̄ + Bᵀ V⁻¹ u. V : (N, N). R_bar : (N,) the measured radius.
     """
 
     z: Array
@@ -174,12 +175,12 @@ class Linear:
     R_bar: Array
 
     def radius(self, left: Array) -> Array:
-        """The most probable radius (N,) where ``left`` : (N,) is left of z."""
+        """The most probable radius (N,) for a remaining residual ``left`` : (N,) of z."""
         w = solve_triangular(self.L, left, lower=True, trans=1, check_finite=False)
         return self.R_bar + self.B.T @ (w if self.F is None else self.F.T @ w)
 
     def after(self, step: Array) -> Array:
-        """The most probable radius (N,) after a step (p,) of what the columns are by."""
+        """The most probable radius (N,) after a step (p,) along the columns."""
         return self.radius(self.z - self.columns @ step)
 
     def unwhiten(self, left: Array) -> Array:
@@ -189,10 +190,10 @@ class Linear:
 
 
 def linearise(loop: Loop, R: Array, G: Array, A: Array, C: Array, F: Array | None = None) -> Linear:
-    """The linear problem at the radius R : (N,), where the law has the pressure G : (N,), its derivative A : (N, N)
-    by R, and C : (N, p) by the parameters. F : orthonormal rows in whose order z is whitened.
+    """The linear problem at the radius R : (N,), with the pressure G : (N,) of the law, its derivative A : (N, N) by R,
+    and C : (N, p) by the parameters. F : orthonormal rows in whose order z is whitened.
 
-    Raises NoFit where it overflows, or where there is no noise to weigh by.
+    Raises NoFit if the law overflows, or if there is no noise to weight by.
     """
     C_PP, C_RR, C_RP = loop.covariances
     u = loop.P - G - A @ (loop.R - R)

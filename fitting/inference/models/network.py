@@ -1,7 +1,7 @@
-"""The network: inlet flow in, P, Q and R at some sites compared, hypotheses refitted by batches of the solver.
+"""The network problem: inlet flow in, P, Q and R at some sites compared; batches of the solver refit hypotheses.
 
-The residual is that of :mod:`fitting.records.channels.noise`: whitened Fourier coefficients of the mean beats, with the
-noise of the inflow, which all channels share, and the solver's own error in their covariance. Hypotheses are
+The residual is that of :mod:`fitting.records.channels.noise`: whitened Fourier coefficients of the mean beats. Their
+covariance includes the noise of the inflow, which all channels share, and the solver's own error. Hypotheses are
 re-simulated, not linearised: each has its own unknowns, and all are members of one batch.
 """
 
@@ -45,22 +45,22 @@ from .simulator import Simulator, linear_response, varying
 
 Array = np.ndarray
 
-_STEP = 0.02  # of x: finite differences
-# A step that promises a hundredth of what a datum of noise does is not worth a simulation, and after four steps the
-# derivatives that are kept up to date are too far off
+_STEP = 0.02  # finite difference step of x
+# A step that promises less than a hundredth of the cost of a noise datum is not worth a simulation. After four steps
+# the updated derivatives are too inaccurate
 _RULES = Rules(gain=0.02, fresh=4)
-_SHARPER = 2  # times that the elements are halved at most
-_NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter elements
+_SHARPER = 2  # times that the elements are halved, at most
+_NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller solver error needs no shorter elements
 
 
 @dataclass(frozen=True)
 class NetworkProblem(Forward):
-    """A network record and the network that it is compared with.
+    """A network record with the network for comparison.
 
-    error : (K+1, m) standard deviation of the solver's errors. exact : the target without, model_error : (K+1, m, m)
-    covariance of, the errors of the model that it allows for, if any. More beats lower neither. response : (K+1, m) of
-    the channels to the inflow. felt : by the network as given, of beats that differ. deviations : what every artery has
-    of its own; none where all have it in common. possible : what it may have.
+    error : (K+1, m) standard deviation of the solver's errors. exact : target without model error, if there is any, and
+    model_error : its covariance (K+1, m, m). More beats reduce neither. response : (K+1, m) of the channels to the
+    inflow. felt : response of the network as given to beats that differ. deviations : unknowns of individual arteries;
+    empty for common walls. possible : those that may be used.
     """
 
     kind = "network"
@@ -125,8 +125,8 @@ class NetworkProblem(Forward):
         return flowed(beats, self.network)
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
-        """(N,) [m³/s] the inflow given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual
-        x = n - H q + e of a hypothesis, through its flow meter; as measured where that breaks down."""
+        """(N,) [m³/s] the inflow given all channels: the measured one minus E[q | x] = -S_q H† C⁻¹ x for the residual x
+        = n - H q + e of a hypothesis, through its flow meter; as measured if the simulation breaks down."""
         (X,) = self.observe([fit.member])
         if X is None:
             return self.measured_wave(beats)
@@ -148,7 +148,7 @@ class NetworkProblem(Forward):
         return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
 
     def driven(self, wave: Array) -> Drive:
-        """The inflow; a run begins at rest: best where the flow is least; with tables, where these begin."""
+        """The inflow. A run begins at rest, best where the flow is least; with tables, at their beginning."""
         return Drive(INFLOW, 0 if self.network.sources else int(np.argmin(np.abs(wave))))
 
     @property
@@ -163,7 +163,7 @@ class NetworkProblem(Forward):
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
-        # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
+        # parameters of a rewired outlet are unknowns of its term, not of a nuisance of all outlets
         nuisance = [u for u in of_animal(rewired(self.network, terms), self.deviations) if not set(u.variables) <= mine]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
 
@@ -171,9 +171,9 @@ class NetworkProblem(Forward):
         return replace(self, deviations=self.possible)
 
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
-        """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
+        """X : (K+1, m) after the sensors, of every member; None if the simulation broke down.
 
-        runs : counts them, and ends them in time.
+        runs : counts the simulations and limits their time.
         """
         return simulated([(self.simulator, members)], runs or Runs())[0]
 
@@ -211,10 +211,10 @@ class NetworkProblem(Forward):
 
     def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
               columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
-        """The most probable unknowns of every hypothesis, all searched together in batches.
+        """The most probable unknowns of every hypothesis, all fitted together in batches.
 
-        start : of another hypothesis; where it is a simpler one, ``columns`` of the terms there (:meth:`columns`) save
-        the derivatives. known : a cost; searches that promise to stay far above it end early.
+        start : a fit to another hypothesis; if that is simpler, ``columns`` of the new terms there (:meth:`columns`)
+        save the first derivatives. known : a cost; searches that promise to stay far above it end early.
         """
         runs = runs or Runs()
         return self._searched([self._begin(terms, start, columns or {}, runs) for terms in hypotheses], runs, known)
@@ -230,7 +230,7 @@ class NetworkProblem(Forward):
         begun = self._started(there, start, runs)
         old = set() if start is None else {t.label for t in start.terms}
         new = [t for t in terms if t.label not in old]
-        simpler = start is not None and old <= {t.label for t in terms}  # else its residual is of something more
+        simpler = start is not None and old <= {t.label for t in terms}  # else its residual is of a larger hypothesis
         told = all(t.label in columns and not (t.rewires or t.moves_along) for t in new)
         if start is None or not (simpler and told and np.array_equal(begun.x, there.x)):
             return Search(begun, _RULES)
@@ -244,10 +244,10 @@ class NetworkProblem(Forward):
     def searched_from(
         self, members: Sequence[Member], runs: Runs, known: Mapping[str, Array] | None = None, cost: float = np.inf
     ) -> list[Fit | None]:
-        """The most probable unknowns of hypotheses, searched for from where they are.
+        """The most probable unknowns of hypotheses, fitted from given starting points.
 
-        known : whitened derivatives (n,) by unknowns, which need no simulation to begin with. cost : of a hypothesis;
-        searches that promise to stay far above it end early.
+        known : whitened derivatives (n,) by unknown, which save the first simulations. cost : of a hypothesis; searches
+        that promise to stay far above it end early.
         """
         rules = replace(_RULES, afar=True)
         return self._searched([Search(m, rules, known=known) for m in members], runs, cost)
@@ -259,10 +259,10 @@ class NetworkProblem(Forward):
         return self._searched([Search(f.member, _RULES, known=f.columns) for f in fits], runs or Runs())
 
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> NetworkProblem:
-        """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
+        """The same problem weighted for a fit: with the solver's error there, and the response to the inflow.
 
-        Where the error would matter beside the noise, the elements become shorter; where these break down, as those of
-        a quadratic viscosity near its turn do, the problem stays as it is.
+        If the error is not negligible against the noise, the elements become shorter. If these break down, as with a
+        quadratic viscosity near its turning point, the problem stays unchanged.
         """
         member, problem, runs = fit.member, self, runs or Runs()
         for _ in range(_SHARPER):
@@ -281,19 +281,19 @@ class NetworkProblem(Forward):
     # --- errors of the model --------------------------------------------------------------------------------------
 
     def granted(self, part: float) -> NetworkProblem:
-        """With an independent error granted to every harmonic of every channel, of this part of its size."""
+        """The problem with an independent model error, this fraction of the size of every harmonic and channel."""
         variance = (part * sizes(self.target.X)) ** 2
         return self.widened(variance[..., None] * np.eye(len(self.signals))) if part else self
 
     def widened(self, errors: Array | float) -> NetworkProblem:
-        """With errors of the model of covariance (K+1, m, m) in that of the channels."""
+        """The problem with model errors of covariance (K+1, m, m) added to the covariance of the channels."""
         exact = self.exact or self.target
         errors = errors if self.exact is None else self.model_error + errors
         target = Target.of(exact.names, exact.X, exact.covariance + errors)
         return replace(self, target=target, exact=exact, model_error=errors)
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
-        """Fits to the same record under its earlier weights, where they are, under these."""
+        """Fits under earlier weights of the same record, with z and J under these weights and x unchanged."""
         own, old = self.target, before.target
         return [
             replace(f, z=own.whiten(old.unwhiten(f.z[:, None]))[:, 0], J=own.whiten(old.unwhiten(f.J))) for f in fits
@@ -305,8 +305,8 @@ class NetworkProblem(Forward):
 
     @property
     def weights(self) -> tuple[float, Array, Array | float | None, Array, Array]:
-        """What :meth:`restored` makes the same problem of: length of the elements [m], errors of the solver and, if
-        any, of the model, covariance without these, response."""
+        """Data for :meth:`restored`: element length [m], solver errors, model errors if any, covariance without these,
+        response."""
         length, exact = self.simulator.settings.element_length, self.exact or self.target
         errors = None if self.exact is None else self.model_error
         return length, self.error, errors, exact.covariance, self.response
@@ -319,7 +319,7 @@ class NetworkProblem(Forward):
         return found if errors is None else found.widened(errors)
 
     def at(self, terms: Sequence[Term], unknowns: tuple[Unknown, ...], x: Array) -> NetworkProblem:
-        """The same problem weighted for these numbers."""
+        """The same problem weighted for these parameters."""
         return self._weighted(Member(tuple(terms), unknowns, x), self.error)
 
     def _weighted(self, member: Member, error: Array) -> NetworkProblem:
@@ -328,13 +328,13 @@ class NetworkProblem(Forward):
         at = {name: float(value) for name, value in parameter_values(member.unknowns, network, member.x).items()}
         H = linear_response(network, self.signals, self.simulator.T, self.K, at)
         H = sense(member, self.signals, H, self.simulator.T, means=False)
-        H = H / meter(member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
+        H = H / meter(member, len(H), self.simulator.T)[0][:, None]  # a slow meter hides more noise of the true inflow
         felt = varying(self.beats, network, self.signals, self.K, at, self.felt)
         weights = target(self.beats, self.signals, H, error, felt)
         return replace(self, target=weights, exact=None, error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
-        """With new sensors, and places along a segment, at the best of their starting points: one simulation each."""
+        """New sensors and positions along a segment at the best of their starting points; one simulation each."""
         before = set() if start is None else set(start.unknowns)
         for term in member.terms:
             few = term.is_sensor or term.place == EVERY or term.moves_along

@@ -1,4 +1,4 @@
-"""A network record made ready: the problem of its beats, with the network's own error and the noise of its channels."""
+"""Prepare a network record: the problem of its beats, with the error of the solver and the noise of its channels."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from ..runs import Runs
 from .network import NetworkProblem
 from .simulator import HARMONICS_BEYOND, Simulator, linear_response, started, varying
 
-STEP_DT = 1e-3  # s, where no balance is found
-_FEWEST = 80  # of such steps in a beat
-_REPEATS = 3.0  # of their tolerance: what beats need not repeat better than where they take more than two
+STEP_DT = 1e-3  # s, if there is no harmonic balance
+_FEWEST = 80  # steps in a beat, at least
+_REPEATS = 3.0  # times the tolerance of the steps: accepted difference of beats after more than two
 
 
 def network_problem(
     beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None,
     prior: Calibrated | None = None,
 ) -> NetworkProblem:  # fmt: skip
-    """The problem of a record with inlet.Q and some outputs of the network. prior : of a calibration.
+    """The problem of a record with inlet.Q and some outputs of the network. prior : from a calibration.
 
-    Raises ValueError if they do not belong together, or if the network breaks down with this inflow.
+    Raises ValueError if they do not match, or if the network breaks down with this inflow.
     """
     check_flow_driven(network)
     runs, known = runs or Runs(), network.output_units()

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver import NonPhysicalState, Settings, beat_harmonics, repeating_beat
 from solver.errors import InputError
-from solver.laws.catalogue import filtered
+from solver.laws.catalogue import filtered, zero_of
 from solver.mesh.sources import Source
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
@@ -24,15 +24,15 @@ from ..runs import Runs
 Array = np.ndarray
 
 
-HARMONICS_BEYOND = 8  # above those of the record that a balance keeps: without more, 7e-5 of the pulse in elastic walls
-_BEATS = 30  # without repeating, after which a hypothesis has broken down
-_SHORTER = 2  # times that the step is halved where the model as given breaks down
+HARMONICS_BEYOND = 8  # above K in a harmonic balance: without them the error is 7e-5 of the pulse with elastic walls
+_BEATS = 30  # without repeating, after which the simulation has failed
+_SHORTER = 2  # times that the step is halved if the model as given breaks down
 
 
 @dataclass(frozen=True)
 class Forced:
-    """What acts beside a network's own equations. amplitudes : (K+1, n_sources) harmonics of sources; signals :
-    (K+1, m) of what channels show beside it."""
+    """Sources beside a network's own equations. amplitudes : (K+1, n_sources) harmonics of sources; signals : (K+1, m)
+    added to the channels."""
 
     sources: tuple[Source, ...]
     amplitudes: Array
@@ -43,11 +43,10 @@ class Forced:
 class Simulator:
     """Harmonics 0 … K of the channels ``names`` of a network under a periodic flow.
 
-    beyond : harmonics above K that a harmonic balance keeps (:func:`~solver.beat_harmonics`); 0 of a model that has no
-    balance: the beat is run in time, in steps of settings.dt.
-    start : time [s] in the beat at which such runs begin: where the flow is least, because a run begins at rest, and a
-    flow that sets in at once would strain the walls as no heart does. tolerance, resolved : of the periodic beat.
-    forced : by sources, of which there are balances alone.
+    beyond : harmonics above K in a harmonic balance (:func:`~solver.beat_harmonics`); 0 for a model without balance,
+    whose beat is run in time with steps of settings.dt. start : time [s] in the beat at which such runs begin, where
+    the flow is least: a run begins at rest, and a sudden flow would strain the walls more than any heart. tolerance,
+    resolved : of the periodic beat. forced : sources, which only a balance can include.
     """
 
     network: Network
@@ -67,17 +66,17 @@ class Simulator:
         return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0))
 
     def finer(self) -> Simulator:
-        """The same with half the step and half the elements, to see what both do."""
+        """The same with half the step and half the element length, to measure the errors of both."""
         half = self.halved()
         return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
 
     def coefficients(
         self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
     ) -> Array:  # fmt: skip
-        """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps,
-        through the filters that the network says its channels have.
+        """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow (possibly one per member),
+        after the known filters and zeros of the channels.
 
-        Members without a beat that repeats are NaN.
+        Members without a periodic beat are NaN.
         Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
         """
         runs.check()
@@ -89,11 +88,11 @@ class Simulator:
         else:
             X = np.full((B, self.K + 1, len(self.names)), np.nan, complex)
         runs.meter.add(B)
-        X = X * filters(network, self.names, self.T, self.K)
+        X = as_shown(network, self.names, self.T, X)
         return X if self.forced is None else X + self.forced.signals
 
     def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
-        """By harmonic balance; NaN where none is found. Raises ValueError where a member has no steady state."""
+        """By harmonic balance; NaN if none is found. Raises ValueError if a member has no steady state."""
         forced = self.forced if self.forced and self.forced.sources else None
         sources, amplitudes = (forced.sources, forced.amplitudes) if forced else ((), None)
         return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
@@ -101,7 +100,7 @@ class Simulator:
                               sources=sources, amplitudes=amplitudes, progress=runs.check)  # fmt: skip
 
     def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
-        """By running beats until they repeat."""
+        """By time stepping until beats repeat."""
 
         def drive(t: Array) -> Array:
             return inflow(t + self.start)
@@ -115,9 +114,9 @@ class Simulator:
 
 
 def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
-    """The model as given under this inflow; where it has no balance, in time, with shorter steps if it needs them.
+    """The model as given under this inflow; if it has no balance, by time stepping, with shorter steps if needed.
 
-    Raises NonPhysicalState if none will do, ValueError where it has no steady state under the mean of the inflow.
+    Raises NonPhysicalState if all steps fail, ValueError if it has no steady state under the mean inflow.
     """
     X = simulator.coefficients(simulator.network, {}, runs)[0]
     if not np.isnan(X).any():
@@ -132,13 +131,20 @@ def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
 
 
 def filters(network: Network, names: Sequence[str], T: float, K: int) -> Array:
-    """H : (K+1, m) of the filters that a network says its channels have."""
+    """H : (K+1, m) of the known filters of the channels."""
     return np.stack([filtered(network, name, 2.0 * np.pi / T * np.arange(K + 1)) for name in names], axis=1)
 
 
+def as_shown(network: Network, names: Sequence[str], T: float, X: Array) -> Array:
+    """Coefficients X : (…, K+1, m) through the known filters of their channels, with the known zeros."""
+    found = X * filters(network, names, T, X.shape[-2] - 1)
+    found[..., 0, :] += [zero_of(network, name) for name in names]
+    return found
+
+
 def linear_response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
-    """The linearised response (K + 1 + neighbours, m) to the inflow, both as their filters show them; where the linear
-    solver lacks a term of a wall, that of the walls without terms."""
+    """The linearised response (K + 1 + neighbours, m) to the inflow, with the filters of both. If the linear solver
+    lacks a wall term, the response of walls without terms."""
     K += NEIGHBOURS
     shown = filters(network, names, T, K) / undoable(network, INFLOW, 2.0 * np.pi / T * np.arange(K + 1))[:, None]
     try:
@@ -157,9 +163,9 @@ def varying(
     parameters: Mapping[str, float] | None = None,
     known: Felt | None = None,
 ) -> Felt | None:
-    """What the linearised network feels of an inflow whose beats differ; None of beats cut at equal intervals.
+    """The linearised response to beat-to-beat variation of the inflow; None for beats cut at equal intervals.
 
-    known : of other parameters, whose seam is kept: fits are compared under several weights, with one mean beat.
+    known : for other parameters; its seam is kept, so that fits under several weights refer to one mean beat.
     """
 
     def transfer(T: float, n: int) -> Array:

@@ -1,11 +1,10 @@
-"""What acts beside a hypothesis, whatever it is: free sources at places, integrated out of its evidence.
+"""Model discrepancy of a network hypothesis: free sources at places, integrated out of its evidence.
 
     C'_k = C_k + Σ_p G_pk v_pk G_pkᴴ
 
-is the covariance of the channels where sources of variances v act at places p
-(:mod:`~fitting.inference.source_maps.place_model`): an error of the model that goes where waves can carry it, and
-nowhere else. The places are those that the evidence of the linear problem about the hypothesis leaves, or those of the
-source map.
+is the covariance of the channels with sources of variances v at places p
+(:mod:`~fitting.inference.source_maps.place_model`). This model error has only patterns that waves can carry. The places
+are selected by the evidence of the linear problem about the hypothesis, or are those of the source map.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ from .source_map import SourceMap
 
 Array = np.ndarray
 
-_NO_ANSWER = (InputError, np.linalg.LinAlgError)  # of small waves: no steady state, or no start
+_NO_ANSWER = (InputError, np.linalg.LinAlgError)  # small waves have no steady state or no start
 
 
 def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
-    """With the places that the evidence of the linear problem about a fit asks for.
+    """The model discrepancy at the places that the evidence of the linear problem about a fit selects.
 
-    None where it asks for none, or for numbers that stand out alone, which are this animal; and where small waves have
-    no answer: the fit is at the end of what the equations can.
+    None if it selects none, or only outlying parameters, which belong to this subject. None also if the small waves
+    have no solution: the fit is then at the limit of the equations.
     """
     model = PlaceModel(problem, Runs(), fit.terms, fit.unknowns)
     nothing = np.zeros((problem.K + 1, 0), complex)
@@ -55,14 +54,14 @@ def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
 
 
 def without_errors(problem: NetworkProblem, fit: Fit) -> Beside:
-    """A fit with nothing beside it, as it is."""
+    """The fit without model discrepancy."""
     m = len(problem.signals)
     return Beside(fit, np.zeros((problem.K + 1, m, m)), 0.0)
 
 
 def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs) -> Beside | None:
-    """The animal of the source map, with what acts there free; None where it cannot be simulated, or where small waves
-    have no answer. none : gives order and signal; its x, z and J are replaced."""
+    """The subject of the source map with its free sources; None if it cannot be simulated, or if the small waves have
+    no solution. none : gives order and signal; its x, z and J are replaced."""
     model = PlaceModel(problem, runs)
     active = tuple(Active(s.place, s.law) for s in found.signals)
     columns = model.columns_of(active)
@@ -74,14 +73,14 @@ def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs)
         G = model.responses(found.x)
     except _NO_ANSWER:
         return None
-    left = D - np.einsum("kms,ks->km", G[:, :, columns], g)  # linear: without the sources
+    left = D - np.einsum("kms,ks->km", G[:, :, columns], g)  # in the linear model: without the sources
     z, J = problem.target.whiten(left[..., None])[:, 0], problem.target.whiten(found.J)
     fit = replace(none, x=found.x, z=z, J=J, log_volume=0.0)
     return _integrated_out(model, Point(active, found.x, g, {}, D, found.J, G), fit)
 
 
 def _integrated_out(model: PlaceModel, point: Point, fit: Fit) -> Beside:
-    """The fit, its sources at 0, with those of a point integrated out."""
+    """The fit with sources at 0, and those of a point integrated out."""
     problem, own = model.problem, point.G[:, :, model.columns_of(point.active)]
     parts = np.where(np.arange(len(own)) == 0, 1.0, 2.0)[:, None, None]  # real and imaginary
     covariance = (own * parts * model.variance(point.active)[:, None]) @ own.conj().swapaxes(1, 2)

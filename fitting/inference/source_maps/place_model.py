@@ -1,6 +1,6 @@
-"""A record's places as a model: what is simulated with something that acts there, and what the evidence of that is.
+"""The places of a record as a model: simulations with sources at places, and the evidence of these.
 
-Everything at one point of a search (:mod:`~fitting.inference.source_maps.source_map`): the residual of the full
+Everything refers to one point of a search (:mod:`~fitting.inference.source_maps.source_map`): the residual of the full
 balance, its derivatives, and the linear problem of all places about it.
 """
 
@@ -29,20 +29,20 @@ from ..unknown import Unknown, bounds, finite_steps, parameter_values, precision
 from .source_evidence import FIRST_LOOK, PRICE, Law, Normal, marginal
 
 Array = np.ndarray
-Move = tuple[float, tuple["Active", ...]]  # -2 ln evidence, and the places that act
+Move = tuple[float, tuple["Active", ...]]  # -2 ln evidence, and the active places
 
-MOST = 3  # places at once
-CLOSELY = 14  # places that are looked at closely, of all
-SETTLED = 0.3  # of -2 ln evidence: less is no change
-_STEP = 0.02  # of x: finite differences
-_UNIT = 0.01  # of a pulse: the sources' units
-_SWEEPS = 3  # over amplitudes and widths in turn
-_FARTHEST = 20.0  # stated spreads that a number may be off
+MOST = 3  # active places at once
+CLOSELY = 14  # places of the first screening that are inferred in full
+SETTLED = 0.3  # of -2 ln evidence: a smaller change counts as none
+_STEP = 0.02  # finite difference step of x
+_UNIT = 0.01  # of a pulse: the unit of the sources
+_SWEEPS = 3  # of alternating estimates of amplitudes and widths
+_FARTHEST = 20.0  # stated spreads: bound on the deviation of a parameter
 
 
 @dataclass(frozen=True)
 class Active:
-    """A place in which something acts, with how large it is beforehand; None of a number that stands out."""
+    """An active place with the prior of its harmonics; None for an outlying parameter."""
 
     place: Place
     law: Law | None = None
@@ -50,7 +50,7 @@ class Active:
 
 @dataclass(frozen=True)
 class Point:
-    """Where the search is: active places, θ : (p,), g : (K+1, q) of all their sources; widths. Where it is linearised,
+    """A point of the search: active places, θ : (p,), g : (K+1, q) of all their sources; widths. Its linearisation:
     D : (K+1, m), J : (K+1, m, p) and G : (K+1, m, S) of all places."""
 
     active: tuple[Active, ...]
@@ -64,8 +64,8 @@ class Point:
 
 
 class PlaceModel:
-    """The places of a record, and how they are simulated and compared, beside the effects ``terms``. unknowns : of a
-    hypothesis that narrows some; default those of the problem."""
+    """Simulation and inference for the places of a record, beside the effects ``terms``. unknowns : of a hypothesis
+    that narrows some; by default those of the problem."""
 
     def __init__(
         self, problem: NetworkProblem, runs: Runs, terms: Sequence[Term] = (), unknowns: Sequence[Unknown] = ()
@@ -73,7 +73,7 @@ class PlaceModel:
         self.problem, self.runs, self.terms = problem, runs, tuple(terms)
         self.unknowns = tuple(unknowns) or problem.hypothesis(self.terms)
         self.places = places(problem.network, problem.signals, self.unknowns)
-        self.worth = 2.0 * math.log(len(self.places))  # any place is as likely beforehand
+        self.worth = 2.0 * math.log(len(self.places))  # all places are equally likely a priori
         ends = np.cumsum([p.columns for p in self.places])
         self.columns = {p.key: np.arange(e - p.columns, e) for p, e in zip(self.places, ends, strict=True)}
         pulse = dict(zip(problem.signals, _UNIT * pulses(problem.beats, problem.signals), strict=True))
@@ -83,12 +83,12 @@ class PlaceModel:
             else [pulse[p.channel]] for p in self.places
         ])  # fmt: skip
         self.low, self.high = (np.clip(b, -_FARTHEST, _FARTHEST) for b in bounds(self.unknowns))
-        self.volume = problem.target.log_volume  # from which ln det C is counted
+        self.volume = problem.target.log_volume  # reference of ln det C
         self.sd0 = np.array([1.0 if p == 0.0 else p**-0.5 for p in precisions(self.unknowns)])
 
     def weigh_at(self, x: Array) -> None:
-        """Weigh the record by what the noise of the inflow does to channels with the numbers x : (p,), which those of
-        the file may be far from. What was measured stays: the seam of unlike beats is kept."""
+        """Update the weights of the record to the response to inflow noise at the parameters x : (p,), which may be far
+        from the file's. The data stay: the correction for unequal beats is not recomputed."""
         self.problem = self.problem.at(self.terms, self.unknowns, x)
 
     # --- simulation ---------------------------------------------------------------------------------------------------
@@ -98,18 +98,18 @@ class PlaceModel:
         return np.concatenate(found) if found else np.zeros(0, int)
 
     def _forced(self, active: Sequence[Active], g: Array) -> NetworkProblem:
-        """The problem with sources in it."""
+        """The problem with sources in its equations."""
         g = g * self.units[self.columns_of(active)]
         signals = [(a.place, g[:, own]) for a, own in zip(active, slices(active), strict=True)]
         return with_signals(self.problem, signals)
 
     def residual(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
-        """D : (K+1, m); None without balance."""
+        """D : (K+1, m); None without a periodic beat."""
         (X,) = self._forced(active, g).observe([Member(self.terms, self.unknowns, x)], self.runs)
         return None if X is None else X - self.problem.target.X
 
     def jacobian(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
-        """J : (K+1, m, p); None where a member has no balance."""
+        """J : (K+1, m, p); None if a perturbed simulation has no periodic beat."""
         steps = finite_steps(self.unknowns, x, _STEP)
         at = np.concatenate([x[None], x + np.diag(steps)])
         found = self._forced(active, g).observe([Member(self.terms, self.unknowns, each) for each in at], self.runs)
@@ -119,7 +119,7 @@ class PlaceModel:
         return np.moveaxis((X[1:] - X[0]) / steps[:, None, None], 0, -1)
 
     def responses(self, x: Array) -> Array:
-        """G : (K+1, m, S) of all places, in their units."""
+        """G : (K+1, m, S) small-wave responses to the sources of all places, in their units."""
         p, s = self.problem, self.problem.simulator
         network = rewired(s.network, self.terms)
         at = {name: float(value) for name, value in parameter_values(self.unknowns, network, x).items()}
@@ -138,26 +138,26 @@ class PlaceModel:
     # --- inference at a point -----------------------------------------------------------------------------------------
 
     def normal(self, point: Point, error: float) -> Normal:
-        """The linear problem about a point, with an error granted to the model."""
+        """The linear problem about a point, with a given model error."""
         target = self.problem.granted(error).target
         y = point.D - point.J @ point.x - np.einsum("kms,ks->km", point.G[:, :, self.columns_of(point.active)], point.g)
         normal = Normal.of(target.whitener, y, point.J, point.G)
         return replace(normal, log_volume=target.log_volume - self.volume)
 
     def unknowns_of(self, active: Sequence[Active]) -> tuple[Unknown, ...]:
-        """The unknowns, those apart that stand out."""
+        """The unknowns; outliers have priors of their own."""
         apart = {a.place.unknown.name for a in active if a.place.unknown is not None}
         return tuple(u.set_apart() if u.name in apart else u for u in self.unknowns)
 
     def sd(self, active: Sequence[Active], widths: Mapping[str, float]) -> Array:
-        """(p,) of the priors."""
+        """(p,) standard deviations of the priors."""
         return np.array([
             widths.get(u.group, 1.0) if u.group and not u.stated else s
             for u, s in zip(self.unknowns_of(active), self.sd0, strict=True)
         ])  # fmt: skip
 
     def variance(self, active: Sequence[Active]) -> Array:
-        """(K+1, q) of the sources of places."""
+        """(K+1, q) prior variances of the sources of places."""
         K = self.problem.K
         found = [a.law.variance(K, a.place.relative) for a in active if a.law is not None]
         return np.concatenate(found, axis=1) if found else np.zeros((K + 1, 0))
@@ -165,8 +165,8 @@ class PlaceModel:
     def inferred(
         self, normal: Normal, active: tuple[Active, ...], widths: Mapping[str, float], x: Array, sweeps: int = _SWEEPS
     ) -> tuple[float, tuple[Active, ...], Mapping[str, float]]:
-        """-2 ln evidence and prior of places, with the amplitudes and widths that make the record most probable; ∞
-        where they take up all that a law beside them does, so that nothing tells its size."""
+        """-2 ln of evidence and prior of places, with the amplitudes and widths that maximise the evidence. ∞ if the
+        places absorb the response to a law completely, so that its size is undetermined."""
         best, unknowns = math.inf, self.unknowns_of(active)
         normal, columns = normal.only(self.columns_of(active)), slices(active)
         for _ in range(sweeps):
@@ -188,24 +188,24 @@ class PlaceModel:
         return best + PRICE * sum(a.law is not None for a in active) + self.worth * len(active), active, widths
 
     def weighed(self, normal: Normal, point: Point) -> Point:
-        """A point with the amplitudes, widths and evidence that are inferred there."""
+        """A point with its inferred amplitudes, widths and evidence."""
         score, active, widths = self.inferred(normal, point.active, point.widths, point.x)
         return replace(point, active=active, widths=widths, score=score)
 
     def _precision(self, normal: Normal, point: Point) -> tuple[Array, Array, Array]:
-        """Standard deviations (p,) of the priors of θ, and in their units the precision (p, p) and the gradient (p,) of
-        its posterior at 0, sources integrated out."""
+        """Standard deviations (p,) of the priors of θ, and in their units the precision (p, p) and gradient (p,) of the
+        posterior at 0, with sources integrated out."""
         reduced = normal.without(self.columns_of(point.active), self.variance(point.active)).of_unknowns
         sd = self.sd(point.active, point.widths)
         return sd, np.eye(len(sd)) + sd[:, None] * reduced[:-1, :-1] * sd, sd * reduced[:-1, -1]
 
     def spread(self, normal: Normal, point: Point) -> Array:
-        """(p, p) covariance of θ."""
+        """(p, p) posterior covariance of θ."""
         sd, A, _ = self._precision(normal, point)
         return sd[:, None] * np.linalg.inv(A) * sd
 
     def most_probable(self, normal: Normal, point: Point) -> tuple[Array, Array]:
-        """θ and g of a point's places."""
+        """The most probable θ, and g of a point's places."""
         sd, A, gradient = self._precision(normal, point)
         x = np.clip(-sd * np.linalg.solve(A, gradient), self.low, self.high)
         columns = self.columns_of(point.active)
@@ -216,7 +216,7 @@ class PlaceModel:
     # --- points -------------------------------------------------------------------------------------------------------
 
     def linearised(self, point: Point, fresh: bool) -> Point | None:
-        """The same point with what is simulated there; fresh : its derivatives by the unknowns, too."""
+        """The same point with its simulation; fresh : also with new derivatives by the unknowns."""
         D = self.residual(point.active, point.x, point.g)
         if D is None:
             return None
@@ -231,22 +231,22 @@ class PlaceModel:
         z = self.problem.granted(error).target.whiten(D[..., None])
         return float((z**2).sum())
 
-    # --- moves: one place more, one less, another in its stead, as the evidence of the linear problem has them --------
+    # --- moves: add, drop or swap a place, by the evidence of the linear problem --------------------------------------
 
     def best_move(self, normal: Normal, point: Point) -> Move | None:
-        """The move that the evidence gains most by; None where none is worth it."""
+        """The move with the largest gain of evidence; None if no move is worth its price."""
         found = min(self._moves(normal, point), key=lambda move: move[0], default=(math.inf, point.active))
         return found if found[0] <= point.score - SETTLED else None
 
     def _moves(self, normal: Normal, point: Point) -> Iterator[Move]:
-        """Places added; where that gains nothing, dropped and swapped."""
+        """Additions; if these gain nothing, also removals and swaps."""
         adds = self.looked(normal, point.active, point, CLOSELY) if len(point.active) < MOST else []
         yield from adds
         if min((score for score, _ in adds), default=math.inf) > point.score - SETTLED:
             yield from self.without_each(normal, point, CLOSELY // 2)
 
     def without_each(self, normal: Normal, point: Point, closely: int) -> Iterator[Move]:
-        """Places dropped and swapped."""
+        """Removals and swaps of places."""
         same = {a.place.key for a in point.active}
         for i in range(len(point.active)):
             rest = (*point.active[:i], *point.active[i + 1 :])
@@ -257,7 +257,7 @@ class PlaceModel:
                     yield other
 
     def looked(self, normal: Normal, active: tuple[Active, ...], point: Point, closely: int) -> list[Move]:
-        """-2 ln evidence with one place more: of all places at a few sizes, then of the best with all inferred."""
+        """-2 ln evidence with one more place: all places for a few priors, then the best ones inferred in full."""
         sd = self.sd(active, point.widths)
         reduced = normal.without(self.columns_of(active), self.variance(active))
         there, quick = {a.place.key for a in active}, list[tuple[float, Active]]()
@@ -280,8 +280,8 @@ class PlaceModel:
 
 
 def with_signals(problem: NetworkProblem, signals: Sequence[tuple[Place, Array]]) -> NetworkProblem:
-    """A problem whose simulations hold what acts at some places, with harmonics (K+1, q) [SI] each; of balances alone:
-    what has none is not run in time, which takes a hundred times as long."""
+    """A problem whose simulations contain sources at some places, with harmonics (K+1, q) [SI] each. It uses harmonic
+    balance only: without a balance there is no time stepping, which takes a hundred times as long."""
     sources, amplitudes = list[Source](), list[Array]()
     shown = np.zeros((problem.K + 1, len(problem.signals)), complex)
     for place, g in signals:
@@ -295,19 +295,19 @@ def with_signals(problem: NetworkProblem, signals: Sequence[tuple[Place, Array]]
 
 
 def slices(active: Sequence[Active]) -> list[Array]:
-    """The columns of every place among those of all."""
+    """The columns of every place, numbered over all active places."""
     ends = np.cumsum([a.place.columns for a in active])
     return [np.arange(end - a.place.columns, end) for a, end in zip(active, ends, strict=True)]
 
 
 def normal_size(point: Point) -> int:
-    """How many real numbers a record has."""
+    """The number of real data of a record."""
     return point.D.shape[1] * (2 * len(point.D) - 1)
 
 
 def _units(problem: NetworkProblem) -> tuple[float, float]:
-    """Units of sources that are pressures [Pa] and flows [m³/s]: a part of the inflow's pulse, and of that times the
-    impedance by which it becomes a pressure."""
+    """Units of pressure sources [Pa] and flow sources [m³/s]: a fraction of the inflow's pulse, times the impedance of
+    the first segment for pressures."""
     inflow = problem.simulator.drive.X
     flow = _UNIT * math.sqrt(2.0 * float((np.abs(inflow[1:]) ** 2).sum()))
     network = problem.network

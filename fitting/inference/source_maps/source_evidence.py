@@ -1,14 +1,14 @@
-"""Evidence of unknown sources at places of a network, beside unknowns under priors: all of it linear, in closed form.
+"""Evidence of unknown sources at places of a network, beside unknowns with priors: linear, in closed form.
 
     W_k (y_k + J_k θ + G_k g_k) is white,    k = 0 … K
 
-with the residual y, extrapolated to θ = 0 and g = 0, and whiteners W that make real and imaginary parts N(0, 1). A
-source p has Gaussian harmonics that decline as those of something smooth do,
+with the residual y, extrapolated to θ = 0 and g = 0, and whiteners W that make real and imaginary parts N(0, 1). The
+harmonics of a source p have a Gaussian prior that declines as for a smooth signal,
 
-    Re g_pk, Im g_pk ~ N(0, a_p² (1 + (k/k0)²)^-n),
+    Re g_pk, Im g_pk ~ N(0, a_p² (1 + (k/k0)²)^-n).
 
-with amplitude a_p and spectrum (k0, n) by evidence, at the price of the list that they come from. Sources couple no
-harmonics, so that they are integrated out harmonic by harmonic; what they leave is an ordinary linear problem of θ
+The evidence selects the amplitude a_p and the spectrum (k0, n) from a list, at the price of the list's length. Sources
+do not couple harmonics, so they are integrated out harmonic by harmonic; the rest is an ordinary linear problem of θ
 (:mod:`~fitting.inference.hierarchy`).
 """
 
@@ -22,23 +22,23 @@ import numpy as np
 
 Array = np.ndarray
 
-AMPLITUDES = tuple(10.0 ** (0.5 * i) for i in range(-4, 7))  # in units of the sources, 1 % of a pulse: to ten pulses
+AMPLITUDES = tuple(10.0 ** (0.5 * i) for i in range(-4, 7))  # in units of the sources, 1 % of a pulse: up to ten pulses
 SPECTRA = ((2.0, 1.0), (6.0, 1.0), (3.0, 2.0), (8.0, 2.0), (20.0, 2.0))  # k0 and n
 FIRST_LOOK = (SPECTRA[2:4], AMPLITUDES[::2])
-_ROUNDING = 1e-8  # of the unknowns' own information (measured: 2e-8 of the largest was lost with sources of 100 pulses)
-PRICE = 2.0 * math.log(len(SPECTRA) * len(AMPLITUDES))  # of a law, all of the list equally likely beforehand
+_ROUNDING = 1e-8  # of the unknowns' own information (measured: sources of 100 pulses lost 2e-8 of the largest)
+PRICE = 2.0 * math.log(len(SPECTRA) * len(AMPLITUDES))  # of a prior; all of the list are equally likely
 
 
 @dataclass(frozen=True)
 class Law:
-    """How large the harmonics of a source are beforehand."""
+    """The prior of the harmonics of a source."""
 
     amplitude: float
     k0: float
     n: float
 
     def variance(self, K: int, relative: Sequence[float]) -> Array:
-        """(K+1, q) of the columns of a place, whose sizes are ``relative`` to one another."""
+        """(K+1, q) prior variances of the columns of a place, with sizes ``relative`` to one another."""
         falling = (1.0 + (np.arange(K + 1) / self.k0) ** 2) ** -self.n
         return self.amplitude**2 * falling[:, None] * np.square(relative)
 
@@ -48,7 +48,7 @@ class Normal:
     """The normal equations of S sources and p unknowns.
 
     of_sources : (K+1, S, S). between : (K+1, S, p+1), sources with the unknowns and y. of_unknowns : (p+1, p+1) real.
-    log_volume : ln det of what was integrated out.
+    log_volume : ln det of the integrated-out part.
     """
 
     of_sources: Array
@@ -67,7 +67,7 @@ class Normal:
         return cls(adjoint @ sources, adjoint @ own, _gram(own, own))
 
     def without(self, columns: Array, variance: Array) -> Normal:
-        """The same with some sources integrated out. columns : (q,) which. variance : (K+1, q) of their harmonics."""
+        """The same with some sources integrated out. columns : (q,) indices. variance : (K+1, q) of their harmonics."""
         if not len(columns):
             return self
         K, log_volume = self._kernel(columns, variance)
@@ -81,21 +81,21 @@ class Normal:
         )
 
     def _less(self, taken: Array) -> Array:
-        """The equations of the unknowns less what sources take up, (…, p+1, p+1): nearly all of it, at times, and what
-        is left may not be less than nothing by rounding."""
+        """The equations of the unknowns minus the part absorbed by sources, (…, p+1, p+1). Sources may absorb nearly
+        all of it, so a small diagonal keeps round-off from making it negative."""
         rounding = _ROUNDING * np.diagonal(self.of_unknowns).copy()
         rounding[-1] = 0.0
         return self.of_unknowns + np.diag(rounding) - taken
 
     def _kernel(self, columns: Array, variance: Array) -> tuple[Array, float]:
-        """K = r (1 + r GᴴG r)⁻¹ r for the standard deviations r, and the ln det of what is inverted."""
+        """K = r (1 + r GᴴG r)⁻¹ r for the standard deviations r, and the ln det of the inverted matrix."""
         r = np.sqrt(variance)
         GG = r[:, :, None] * self.of_sources[:, columns[:, None], columns] * r[:, None]
-        # by eigenvectors: sources that look alike make GᴴG all but singular
+        # by eigenvectors, because similar sources make GᴴG nearly singular
         value, vector = np.linalg.eigh(GG)
         value = np.maximum(value, 0.0)
         inverse = (vector / (1.0 + value)[:, None]) @ vector.conj().swapaxes(1, 2)
-        log_det = np.log1p(value).sum(axis=1)  # of the real problem: half of that of the mean, which is real
+        log_det = np.log1p(value).sum(axis=1)  # of the real problem: half for the mean, which is real
         return r[:, :, None] * inverse * r[:, None], float(log_det[0] + 2.0 * log_det[1:].sum())
 
     def only(self, columns: Array) -> Normal:
@@ -107,7 +107,7 @@ class Normal:
         self, columns: Array, relative: Sequence[float], sd: Array,
         spectra: Sequence[tuple[float, float]] = SPECTRA, amplitudes: Sequence[float] = AMPLITUDES,
     ) -> tuple[float, Law]:  # fmt: skip
-        """-2 ln evidence with a further place of some columns, under the law that makes it least, and that law.
+        """-2 ln evidence with another place of some columns under its best prior, and this prior.
 
         relative : (q,) sizes of the columns. sd : (p,) standard deviations of the priors of the unknowns.
         """
@@ -120,7 +120,7 @@ class Normal:
         right = right if vector is None else vector.conj().swapaxes(-1, -2) @ right
         a2 = np.square(amplitudes)[:, None, None, None]
         grown = np.log1p(a2 * np.maximum(value, 0.0)).sum(axis=-1)
-        # ln det of the real problem: half of that of the mean, which is real
+        # ln det of the real problem: half for the mean, which is real
         log_volume = grown[..., 0] + 2.0 * grown[..., 1:].sum(axis=-1)
         parts = np.sqrt(a2 / (1.0 + a2 * np.maximum(value, 0.0)))[..., None] * right
         parts = parts.reshape(*parts.shape[:2], -1, parts.shape[-1])
@@ -131,8 +131,8 @@ class Normal:
 
     def amplitudes(self, columns: Array, variance: Array, x: Array, spread: Array | None = None) -> tuple[Array, Array]:
         """(K+1, q) the most probable harmonics of sources for unknowns x, and the standard deviations of their real and
-        of their imaginary parts. spread : (p, p) covariance of the unknowns, which sources make up for; none: as if
-        they were known."""
+        imaginary parts. spread : (p, p) covariance of the unknowns, which adds to these; None: the unknowns are
+        exact."""
         K, _ = self._kernel(columns, variance)
         right = self.between[:, columns]
         g = -(K @ (right @ np.append(x, 1.0))[..., None])[..., 0]
@@ -140,7 +140,7 @@ class Normal:
         if spread is not None:
             moved = K @ right[..., :-1]
             both = np.einsum("kia,ab,kib->ki", moved, spread, moved.conj()).real
-            # of a complex harmonic half the variance is that of its real part, on average
+            # the real part of a complex harmonic has half the variance, on average
             of = of + np.where(np.arange(len(of)) == 0, 1.0, 0.5)[:, None] * both
         return g, np.sqrt(np.maximum(of, 0.0))
 
@@ -151,7 +151,7 @@ def marginal(normal: Array, sd: Array) -> Array:
     right = sd * normal[..., :-1, -1]
     try:
         factor = np.linalg.cholesky(np.eye(sd.shape[-1]) + N)
-    except np.linalg.LinAlgError:  # sources took up all but round-off of something: no information is below 0
+    except np.linalg.LinAlgError:  # sources absorbed all but round-off of an unknown: negative information is set to 0
         value, vector = np.linalg.eigh(0.5 * (N + N.swapaxes(-1, -2)))
         grown = 1.0 + np.maximum(value, 0.0)
         v = (right[..., None, :] @ vector)[..., 0, :] / np.sqrt(grown)

@@ -1,15 +1,15 @@
-"""The source map: where in a network something acts that the model lacks, before anybody asks what it is.
+"""The source map: the places of a network where the model lacks something, found before any effect is named.
 
     D_k = F_k(θ, g) - X_k,    k = 0 … K,    all channels,
 
-is the residual of the full nonlinear harmonic balance F with the animal's own numbers θ and sources g_p(t) in it.
-Places (:mod:`~fitting.inference.places`) are added, swapped and dropped while the evidence of the linear problem about
-the present point (:mod:`~fitting.inference.source_maps.source_evidence`) says so, and θ and g move to where they are
-most probable.
+is the residual of the full nonlinear harmonic balance F with the subject's own parameters θ and sources g_p(t). Places
+(:mod:`~fitting.inference.places`) are added, swapped and dropped while the evidence of the linear problem about the
+present point (:mod:`~fitting.inference.source_maps.source_evidence`) increases, and θ and g move to their most probable
+values.
 
-What decides is the order: first the model is granted an error of every channel, of LEVELS[0] of its pulse, under which
-θ moves no further than it is likely to; then less and less. Walls fitted to the noise at once would bend, and take up
-what is missing.
+The order matters (annealing). The model first has an error of LEVELS[0] of the pulse in every channel, which keeps θ
+within its likely range; then the error shrinks. Walls fitted to the noise at once would be distorted and absorb the
+sources.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from .source_evidence import Law
 
 Array = np.ndarray
 
-LEVELS = (0.2, 0.05, 0.015, 0.003, 0.0)  # of every channel's pulse: the error that the model is granted
-_WORSE = 1.5  # times chi2 after a step: it is shortened
+LEVELS = (0.2, 0.05, 0.015, 0.003, 0.0)  # model error at each stage, as a fraction of every channel's pulse
+_WORSE = 1.5  # a step that raises chi2 by more than this factor is shortened
 _SHORTER = 0.35
 _BACK = 6  # times at most
 _ADVANCES = 4
@@ -42,9 +42,9 @@ _ADVANCES = 4
 
 @dataclass(frozen=True)
 class Signal:
-    """What acts at a place. g : (K+1, q) harmonics of its sources [SI], sd : (K+1, q) standard deviations of their real
-    and of their imaginary parts; none of a number that stands out. units : (q,) of the search. law : how large it is
-    beforehand; None of a number that stands out."""
+    """The source at a place. g : (K+1, q) harmonics of its sources [SI], sd : (K+1, q) standard deviations of their
+    real and imaginary parts; empty for an outlying parameter. units : (q,) of the search. law : prior of its harmonics;
+    None for an outlying parameter."""
 
     place: Place
     g: Array
@@ -55,7 +55,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Rival:
-    """Other places that nearly do: those that act, and by how much -2 ln of their evidence is more."""
+    """Other sets of places with nearly the same evidence, and by how much their -2 ln evidence is larger."""
 
     places: tuple[Place, ...]
     above: float
@@ -63,10 +63,11 @@ class Rival:
 
 @dataclass(frozen=True)
 class SourceMap:
-    """Where something acts.
+    """The places where something acts.
 
-    signals : of the most probable places. x : (p,) the animal's own numbers there, of ``unknowns``. widths : of their
-    groups. score : -2 ln evidence. rivals : best first. chi2 : what is left, of n data. J : (K+1, m, p) derivatives.
+    signals : at the most probable places. x : (p,) the subject's own parameters there, of ``unknowns``. widths : of the
+    priors of their groups. score : -2 ln evidence. rivals : best first. chi2 : of the residual, of n data.
+    J : (K+1, m, p) derivatives.
     """
 
     signals: tuple[Signal, ...]
@@ -85,11 +86,11 @@ class SourceMap:
 
     @property
     def explains(self) -> bool:
-        """Whether it leaves noise alone."""
+        """True if it leaves only noise."""
         return is_noise(self.chi2, self.n)
 
     def standing_out(self, which: Sequence[int]) -> SourceMap:
-        """The same with the numbers of some places as far off as they are, and those of others like their kind's."""
+        """The map with the outlying parameters of some places; those of other places are set to 0."""
         kept = {self.places[i].name for i in which}
         gone = {p.unknown.name for p in self.places if p.unknown is not None and p.name not in kept}
         return replace(
@@ -97,27 +98,27 @@ class SourceMap:
         )
 
     def forced(self, problem: NetworkProblem, which: Sequence[int]) -> NetworkProblem:
-        """The problem with some of the signals in it."""
+        """The problem with the sources of some places in its equations."""
         return with_signals(problem, [(self.signals[i].place, self.signals[i].g) for i in which])
 
 
 def source_map(problem: NetworkProblem, runs: Runs | None = None) -> SourceMap:
     """The map of a record; after the deadline of ``runs`` the best so far.
 
-    Raises InputError where the model as given has no balance with this record, OutOfTime where even that had no time.
+    Raises InputError if the model as given has no periodic beat with this record, OutOfTime before that is known.
     """
     work = _Search(problem, runs or Runs())
     found = [work.annealed(LEVELS)]
     if not is_noise(
         work.model.chi2(found[0].D), normal_size(found[0])
-    ):  # what is cheap at a wide error may have come first
+    ):  # a wide error may have admitted wrong places first
         with suppress(OutOfTime):
             found.append(work.annealed(LEVELS[1:]))
-    return min((work.told(point) for point in found), key=lambda m: m.score)  # each with no error granted
+    return min((work.told(point) for point in found), key=lambda m: m.score)  # the scores have no model error
 
 
 def is_noise(chi2: float, n: int) -> bool:
-    """Whether chi2 of n data is no more than chance: three of its standard deviations above n."""
+    """True if chi2 of n data is at most three of its standard deviations above n."""
     return chi2 < n + 3.0 * math.sqrt(2.0 * n)
 
 
@@ -129,8 +130,8 @@ class _Search:
         self.none = np.zeros((problem.K + 1, 0), complex)
 
     def advanced(self, point: Point, error: float, fresh: bool) -> Point:
-        """One step to the most probable θ and g; shortened where that makes the record less probable by far. fresh : by
-        derivatives and weights of here."""
+        """One step to the most probable θ and g, shortened if it raises χ² too much. fresh : with derivatives and
+        weights at the present point."""
         if fresh:
             self.model.weigh_at(point.x)
         normal = self.model.normal(point, error)
@@ -147,10 +148,10 @@ class _Search:
     # --- the search ---------------------------------------------------------------------------------------------------
 
     def annealed(self, levels: Sequence[float]) -> Point:
-        """Places added, swapped and dropped while the error granted to the model shrinks."""
+        """Add, swap and drop places while the model error shrinks."""
         model, rest = self.model, np.zeros(len(self.model.unknowns))
         widths = {u.group: 1.0 for u in model.unknowns if u.group and not u.stated}
-        nothing = np.zeros(0)  # is simulated now
+        nothing = np.zeros(0)  # placeholder: simulated next
         point = model.linearised(Point((), rest, self.none, widths, nothing, nothing, nothing), True)
         if point is None:
             raise InputError(
@@ -173,7 +174,7 @@ class _Search:
         return point
 
     def improved(self, point: Point) -> Point:
-        """With moves that are worth it only now that θ has settled, while each makes the record more probable."""
+        """Add moves that pay only after θ has settled, while each increases the evidence."""
         for _ in range(MOST):
             moved = self.moved(point, 0.0)
             if moved is None:
@@ -185,7 +186,7 @@ class _Search:
         return point
 
     def settled(self, point: Point, error: float) -> Point:
-        """With steps until the evidence stays."""
+        """Step until the evidence is stationary."""
         for _ in range(_ADVANCES if error < LEVELS[1] else 1):
             before, point = point.score, self.advanced(point, error, False)
             if abs(before - point.score) < SETTLED:
@@ -193,19 +194,19 @@ class _Search:
         return point
 
     def with_places(self, point: Point, active: Sequence[Active]) -> Point:
-        """The same point with other places, what is new still 0."""
+        """The same point with other places; the sources of new ones are 0."""
         old = {a.place.key: point.g[:, own] for a, own in zip(point.active, slices(point.active), strict=True)}
         g = [old.get(a.place.key, np.zeros((len(self.none), a.place.columns), complex)) for a in active]
         return replace(point, active=tuple(active), g=np.concatenate([self.none, *g], axis=1))
 
     def moved(self, point: Point, error: float) -> Point | None:
-        """With the move that the evidence gains most by; None where none is worth it."""
+        """The point after the move with the largest gain of evidence; None if no move is worth its price."""
         normal = self.model.normal(point, error)
         point = self.model.weighed(normal, point)
         best = self.model.best_move(normal, point)
         if best is None:
             return None
-        # g goes on from where it was: only what left is taken out, which the next step makes good
+        # sources of kept places start from their values; the next step compensates those removed
         return self.relinearised(self.with_places(point, best[1]))
 
     def relinearised(self, point: Point) -> Point:
@@ -213,12 +214,12 @@ class _Search:
         return point if D is None else replace(point, D=D)
 
     def pruned(self, point: Point) -> Point:
-        """Without places that are not worth their price, all refitted."""
+        """Drop places that are not worth their price after a refit."""
         for _ in range(len(point.active)):
             normal = self.model.normal(point, 0.0)
             without = [(*point.active[:i], *point.active[i + 1 :]) for i in range(len(point.active))]
             scores = [self.model.inferred(normal, rest, point.widths, point.x)[0] for rest in without]
-            if not scores or min(scores) > point.score + self.model.worth:  # linear: they are refitted
+            if not scores or min(scores) > point.score + self.model.worth:  # linear estimate; a refit decides
                 break
             rest = self.with_places(point, without[int(np.argmin(scores))])
             fewer = self.settled(self.advanced(self.relinearised(rest), 0.0, True), 0.0)
@@ -227,10 +228,10 @@ class _Search:
             point = fewer
         return point
 
-    # --- what is told -------------------------------------------------------------------------------------------------
+    # --- the result ---------------------------------------------------------------------------------------------------
 
     def told(self, point: Point) -> SourceMap:
-        """The map of a point, weighted for it; without places that the time was over for before they had a size."""
+        """The map of a point, under its weights; without places that had no size yet when time ran out."""
         sized = [a for a, own in zip(point.active, slices(point.active), strict=True)
                  if a.law is None or point.g[:, own].any()]  # fmt: skip
         point = self.with_places(point, sized)

@@ -1,4 +1,4 @@
-"""Filters that a recorder is known to have, as people say them: ``inlet.Q=lowpass 10 Hz order 2``."""
+"""Filters and zeros that sensors are known to have: ``inlet.Q=lowpass 10 Hz order 2``, ``C.P=zero 4 mmHg``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from solver.errors import InputError
 from solver.laws import effects
 from solver.laws.sensors import Sensor
-from solver.network.description import Network
+from solver.network.description import Channel, Network
 from solver.network.files import parse_quantity
 
 
@@ -23,7 +23,7 @@ def with_filters(network: Network, filters: Iterable[str]) -> Network:
         if not found:
             raise InputError(
                 f'--filter "{text}": must be CHANNEL=lowpass FREQUENCY, such as "inlet.Q=lowpass 10 Hz", with order 2 '
-                "behind it if it is not of first order."
+                "behind it if it is not of first order, or CHANNEL=zero AMOUNT, such as C.P=zero 4 mmHg."
             )
         if channel not in network.channel_names():
             raise InputError(
@@ -31,7 +31,8 @@ def with_filters(network: Network, filters: Iterable[str]) -> Network:
                 f"{', '.join(network.channel_names())}."
             )
         ((effect, said),) = found
-        values = {key: parse_quantity(said[key], q.unit, f"--filter {channel}") for key, q in effect.terms.items()}
+        units = {key: Channel(channel).quantities()[key].unit for key in effect.terms}
+        values = {key: parse_quantity(said[key], unit, f"--filter {channel}") for key, unit in units.items()}
         if any(values[key] == effect.neutral[key] for key in effect.terms if key not in effect.how):
             raise InputError(f'--filter "{text}": a filter that is none; its frequency must be above 0 Hz.')
         terms |= {f"{channel}.{key}": value for key, value in values.items()}

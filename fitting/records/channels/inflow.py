@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.laws.catalogue import filtered
+from solver.laws.catalogue import filtered, zero_of
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
@@ -80,7 +80,10 @@ def inflow(beats: Beats, dt: float, network: Network | None = None, channel: str
         shown[1:] = np.abs(X[1:]) > limit.SURE * np.sqrt(beats.covariance((channel,))[1:, 0, 0].real)
     kept = min(len(X), int(beats.T / (2.0 * dt)) + 1)
     found = Inflow(beats.T, X[:kept], shown[:kept])
-    return found if network is None else replace(found, X=found.X / undone(network, channel, found))
+    if network is None:
+        return found
+    X[0] -= zero_of(network, channel)
+    return replace(found, X=found.X / undone(network, channel, found))
 
 
 def undoable(network: Network, channel: str, omega: Array) -> Array:
@@ -101,6 +104,6 @@ def undone(network: Network, channel: str, shown: Inflow) -> Array:
 
 def flowed(beats: Beats, network: Network, channel: str = INFLOW) -> Array:
     """(N,) what the mean beat of a channel was before its filter."""
-    if np.all(filtered(network, channel, np.array([beats.omega])) == 1.0):
+    if filtered(network, channel, np.array([beats.omega])) == 1.0 and zero_of(network, channel) == 0.0:
         return beats.mean(channel)
     return inflow(beats, 0.5 * beats.T / beats.N, network, channel)(beats.time)

@@ -1,9 +1,8 @@
-"""Moves from the best hypothesis: another law, of any place, in the stead of one of its laws or of all, or beside it.
+"""Moves from the best hypothesis: another law, at any place, instead of one of its laws or all of them, or beside it.
 
-The laws that were compared first are those of the places of the source map. Others may explain the record as well:
-few sensors see an external pressure of one artery as one of its neighbour, a law that is more flexible takes up what
-another one beside it does while that one is missing, and one that acts everywhere is no place of a map. A name needs
-all of these refitted.
+The first comparison covers the laws at the places of the source map. Others may explain the record as well: few sensors
+cannot distinguish an external pressure of one artery from one of its neighbour, a flexible law absorbs a missing second
+law, and a law that acts everywhere is no place of a map. A name requires that all of these were refitted.
 """
 
 from __future__ import annotations
@@ -21,28 +20,27 @@ from fitting.inference.runs import Runs
 from fitting.inference.source_maps.place_model import with_signals
 
 from .. import thresholds as at
-from .law_starts import TYPICAL, Base, Begun, along, nearest
+from .law_starts import TYPICAL, Base, Begun, along, fewest, nearest
 from .scoring import Compared, names_of, there
 
 Array = np.ndarray
 
 
-def with_rivals(result: Compared, runs: Runs, left: bool = False, more: bool = False) -> Compared:
-    """With the laws refitted that promise to explain the record in the stead of one of the best hypothesis, or of all
-    of it, and those whose search ended far above what they promise from there.
+def with_moves(result: Compared, runs: Runs, left: bool = False, more: bool = False) -> Compared:
+    """Refit the laws that promise to explain the record instead of one law of the best hypothesis or all of them, and
+    those whose search ended far above its predicted cost.
 
-    left : whether the best leaves something; searches then begin with an error granted to the model. more : whether
-    another law may act beside it.
+    left : the best leaves something; searches then start with a model error. more : another law may act beside it.
     """
-    best = min(result.every, key=lambda n: n.score).fit  # even one that is never named, as no sensor can show it
+    best = min(result.every, key=lambda n: n.score).fit  # even one that no sensor can show and that is never named
     assert isinstance(result.problem, NetworkProblem)
-    problem, members = with_signals(result.problem, []), dict[tuple[str, bool], Member]()  # of balances alone
+    problem, members = with_signals(result.problem, []), dict[tuple[str, bool], Member]()  # without free sources
     known, none = {n.key: n.fit.cost for n in result.ranked}, result.none.fit
     for rest in _rests(best.terms, left, more):
         base, labels = without(problem, best, rest, runs), {t.label for t in rest}
         if base is not None:
             plain = [t for t in result.sought if t.label not in labels and joins(t, rest)]
-            laws = [each for t in plain for each in along(problem, t)] if left else plain  # a part anywhere, too
+            laws = [each for t in plain for each in along(problem, t)] if left else plain  # with free positions, too
             most = best.cost - at.SECOND if rest == best.terms else none.cost
             for begun in promising(problem, base, laws, most, runs):
                 key = names_of((*rest, begun.term))
@@ -59,14 +57,14 @@ def with_rivals(result: Compared, runs: Runs, left: bool = False, more: bool = F
 
 
 def _rests(terms: tuple[Term, ...], left: bool, more: bool) -> list[tuple[Term, ...]]:
-    """What stays of a hypothesis: nothing, of two laws each alone, and all of it where another one may act beside."""
+    """The laws kept by each move: none, each one of a pair, and all if another one may act beside them."""
     rests = [(), *((t,) for t in terms if len(terms) > 1)] if terms or left else []
     return [*rests, terms] if terms and more and len(terms) < at.MOST_EFFECTS else rests
 
 
 def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Runs) -> Base | None:
-    """Where a fit is, but for the laws that are not of ``rest``; what the outlet had that one of these replaced is as
-    it usually is. None where that cannot be simulated."""
+    """The point of a fit reduced to the laws ``rest``. Parameters of an outlet that a removed law had replaced return
+    to nominal. None if that point cannot be simulated."""
     unknowns, columns = problem.hypothesis(rest), fit.columns
     x = dict(zip((u.name for u in fit.unknowns), fit.x, strict=True))
     member = Member(rest, unknowns, np.array([x.get(u.name, 0.0) for u in unknowns]))
@@ -80,20 +78,13 @@ def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Run
 
 
 def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], most: float, runs: Runs) -> list[Begun]:
-    """The nearest laws that promise to cost less than ``most``, each at the size where it does; what a strong one
-    promises is far from exact, but it is among the nearest. All are looked at with one size first."""
-    first = _fewest(nearest(problem, base, laws, runs, TYPICAL), most, 2 * at.FEW)
-    return _fewest(nearest(problem, base, [b.term for b in first], runs), most, at.FEW) if first else []
-
-
-def _fewest(begun: Sequence[Begun], most: float, n: int) -> list[Begun]:
-    """The n nearest, all that promise so much that they might not be ruled out beside these, and every outlet of
-    another kind, which begins far off."""
-    near = begun[0].left + at.RULED_OUT if begun else 0.0
-    return [b for k, b in enumerate(begun) if b.term.rewires or (b.left < most and (k < n or b.left < near))]
+    """The laws with the lowest predicted cost, if below ``most``, each at its best size. The prediction is inaccurate
+    for strong effects, but ranks them among the first. One size screens all laws first."""
+    first = fewest(nearest(problem, base, laws, runs, TYPICAL), most, 2 * at.FEW)
+    return fewest(nearest(problem, base, [b.term for b in first], runs), most) if first else []
 
 
 def _begun(problem: NetworkProblem, base: Base, begun: Begun) -> Member:
-    """A hypothesis where it promises to come nearest."""
+    """A hypothesis at its predicted minimum."""
     x = base.member.x + begun.step
     return replace(base, member=replace(base.member, x=x)).with_laws(problem, [(begun.term, begun.x)])

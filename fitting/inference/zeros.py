@@ -1,0 +1,44 @@
+"""Zeros of sensors as unknowns of a calibration: ``C.P.zero``, the offset of a channel that all recordings share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from solver.laws.catalogue import zero_of
+from solver.network.description import Channel, Network
+from solver.quantities.quantity import Quantity
+
+T = TypeVar("T")
+
+_KEY = "zero"
+_SIZES = {"P": 700.0, "Q": 2e-6, "R": 2e-4}  # the sd of a prior: 5 mmHg, 2 mL/s, 0.2 mm
+
+
+def zero_quantities(network: Network) -> dict[str, Quantity]:
+    """The zero of every output, by name."""
+    found = {}
+    for channel in network.output_units():
+        size = _SIZES[channel.rpartition(".")[2]]
+        found[f"{channel}.{_KEY}"] = replace(Channel(channel).quantities()[_KEY], nominal=size, spread=1.0)
+    return found
+
+
+def zero_values(network: Network) -> dict[str, float]:
+    """The known zero of every output [SI], by name."""
+    return {f"{channel}.{_KEY}": zero_of(network, channel) for channel in network.output_units()}
+
+
+def apart(values: Mapping[str, T], network: Network) -> tuple[dict[str, T], dict[str, T]]:
+    """Values by name, parameters of the network apart from zeros of its outputs."""
+    known = zero_quantities(network)
+    zeros = {name: value for name, value in values.items() if name in known}
+    return {name: value for name, value in values.items() if name not in known}, zeros
+
+
+def unmoved(network: Network, members: int) -> dict[str, np.ndarray]:
+    """The parameters of a batch of so many members in which none of a network's parameters moves."""
+    return {"fluid.rho": np.full(members, network.fluid.rho)}
