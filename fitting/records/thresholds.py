@@ -29,9 +29,9 @@ VARIES = NEAR / 5.0  # of the beat or the pulse: standard deviation, from which 
 # over the whole record, by which a given one may differ from the one of equal beats
 RANGE = (0.05, 0.95)  # quantiles of a beat whose distance is its pulse: spikes are beyond them
 NO_PULSE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
-ODD = 6.0  # times as much as usual: a beat that differs by it, and
-UNLIKE, VISIBLE = 0.35, 1e-3  # by these parts of the pulse, is not used where beats vary; is named
+UNLIKE, USUAL = 0.35, 6.0  # of the pulse, and times as much as usual: a beat that differs by both is not used
 MISSING = 3  # such beats in a row that do not end a stretch
+ODD, VISIBLE = 5.0, 1e-3  # times as much as usual, and of the pulse: a beat that differs by both is named
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval, and about which samples are spikes
 FEWEST_SAMPLES = 8  # of a beat, and of a record
 
@@ -43,8 +43,8 @@ WANDER = 0.25  # [Hz]; slower than any heart
 # correlations, of those of the best lag, after which so much of the power goes on alike
 GOES_ON = math.sqrt(0.75)  # a lag to judge; of beats with their mean, those of one heart
 SAME = math.sqrt(0.9)  # beats that alternate, if they do; less is another part of a beat
-# of a stretch with a later one: a channel with less has no beat, and white noise reaches 0.65. Of the usual correlation
-# with the mean beat: what is less alike is no beat, nor an upstroke, but an artefact, such as a sensor dead for a while
+# of a stretch with a later one: a channel with less has no beat, and white noise reaches 0.65. Of the usual likeness:
+# what is less alike is no upstroke but an artefact, such as a sensor dead for some beats
 HALF = math.sqrt(0.5)
 IN_TURN = 1.5  # times the usual difference, from which beats may differ in turn: by 0.7 of its standard deviation
 AS_MUCH = 4.0  # times less than the most is nearly as much: beats that are alike in turn are so after twice as many
@@ -56,6 +56,7 @@ UNTIMELY = 3.0  # times as much as usual, by which every second or third comes o
 
 # --- where a beat begins, in parts of the usual one ---
 NEAREST = 0.6  # two beats are no closer
+RESEMBLING = 0.5  # of the usual correlation with the mean beat, from which there is a beat
 BEFORE, AFTER = 0.12, 0.28  # of the upstroke: the part of a beat that tells its time
 ANOTHER = 1.0 - ELASTIC - BEFORE  # after the upstroke: the part that tells one beat from half of another
 # by which an upstroke may come earlier or later than the mean beat says; and on either side, means whose difference is

@@ -114,7 +114,7 @@ def _beats(x: Array, length: float) -> Array:
         windows = padded[:, at[:, None] + np.arange(before + end)]
         alike = np.mean([_alike(each, w.mean(axis=0)) for each, w in zip(padded, windows, strict=True)], axis=0)
         usual = np.median([alike[i : i + block].max() for i in starts])
-        at, _ = find_peaks(alike, height=limit.HALF * usual, distance=max(1, round(limit.NEAREST * length)))
+        at, _ = find_peaks(alike, height=limit.RESEMBLING * usual, distance=max(1, round(limit.NEAREST * length)))
         if not len(at):
             break
     return np.asarray(at)

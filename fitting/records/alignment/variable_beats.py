@@ -126,7 +126,7 @@ def _odd(channels: Mapping[str, Array], whole: Whole) -> Array:
     for x in channels.values():
         rows = whole.of(x)
         size, pulse = unlikeness(rows), float(np.nanstd(np.nanmedian(rows, axis=0)))
-        far |= size > max(limit.UNLIKE * pulse, limit.ODD * float(np.nanmedian(size)))
+        far |= size > max(limit.UNLIKE * pulse, limit.USUAL * float(np.nanmedian(size)))
     return whole.serving[far]
 
 
