@@ -17,8 +17,9 @@ from .variable_beats import mean
 Array = np.ndarray
 
 _EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are timed
-_ENOUGH, _NEARLY, _SHRINKS = 1e-6, 0.1, 0.3  # of the period: changes that end the search, in standard deviations; of
-# one that is nearly enough, if it is no smaller than this part of the change before: then noise has the last word
+# of the period, in standard deviations: the next change that ends the search, and a change that does if it is no
+# smaller than this part of the one before: then noise has the last word
+_ENOUGH, _NEARLY, _SHRINKS = 1e-6, 0.1, 0.3
 
 
 class Grid(NamedTuple):
@@ -77,15 +78,16 @@ def strict_period(channels: Mapping[str, Array], dt: float, T: float, source: st
     Beats are cut at T and timed, and T is put right by the slope of their shifts. Raises ValueError as :func:`grid` and
     :func:`check_steady`.
     """
-    last, n = np.inf, len(next(iter(channels.values())))
+    last, n = 0.0, len(next(iter(channels.values())))
     for _ in range(25):
         at = grid(T, dt, n, source)
         turns, information, _ = _timing((at.of(x) for x in channels.values()), at.samples.shape[1])
         b = np.arange(len(turns)) - (len(turns) - 1) / 2.0
-        slope, doubt = float(b @ turns / (b @ b)), 1.0 / np.sqrt(max(information, np.finfo(float).tiny) * (b @ b))
+        slope = float(b @ turns / (b @ b))
+        doubt = float(1.0 / np.sqrt(max(information, np.finfo(float).tiny) * (b @ b)))
         T = dt / at.f * (1.0 + slope)
-        change, last = abs(slope) / last, abs(slope)
-        if last < max(4e-16, _ENOUGH * doubt) or (last < _NEARLY * doubt and change > _SHRINKS):
+        shrinks, last = min(1.0, abs(slope) / last) if last > 0.0 else 1.0, abs(slope)
+        if shrinks * last < max(4e-16, _ENOUGH * doubt) or (last < _NEARLY * doubt and shrinks > _SHRINKS):
             break
     check_steady(float(np.abs(np.diff(turns)).max()), T, source)
     return T
