@@ -92,11 +92,25 @@ def build_native(
     one's.
     Raises ValueError as :func:`build`, where the network cannot be recorded, and where nothing can compile it.
     """
-    target = Path(out) / f"{network.name}.fmu"
-    archive = _archive(native_fmu.files(network, settings or Settings(), starts or {}, fmi, platforms))
+    files = native_fmu.files(network, settings or Settings(), starts or {}, fmi, platforms)
+    return _written(Path(out) / f"{network.name}.fmu", files)
+
+
+def build_native_model(
+    model: Model, out: str | os.PathLike[str] = "dist", fmi: int = 2, platforms: Sequence[str] = ()
+) -> Path:
+    """Build ``<out>/<model.name>.fmu``, a heart or a body that needs no Python on its host, and return its path.
+
+    fmi, platforms : as for :func:`build_native`; the model is one of the same ``fmi``.
+    Raises ValueError if the directory cannot be written, and where nothing can compile it.
+    """
+    return _written(Path(out) / f"{model.name}.fmu", native_fmu.arithmetic_files(model, fmi, platforms))
+
+
+def _written(target: Path, files: dict[str, bytes]) -> Path:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(target, archive)
+        write_whole(target, _archive(files))
     except OSError as error:
         raise _unwritable(target, error) from None
     return target
@@ -114,10 +128,13 @@ def build_system(
     species: str | None = None,
     out: str | os.PathLike[str] = "dist",
     execution_tool: bool = True,
+    native: bool = False,
+    platforms: Sequence[str] = (),
 ) -> Path:
     """Build ``<out>/<network.name>.ssp``: heart, arteries and body, for masters that run them side by side.
 
-    species : of heart and body; may be left out where the network has the name of one.
+    species : of heart and body; may be left out where the network has the name of one. native, platforms : FMUs that
+    need no Python on their host, as :func:`build_native` makes them.
     Raises ValueError for an unknown species, and if the directory cannot be written.
     """
     if network.inlet.causality != "flow":
@@ -126,28 +143,27 @@ def build_system(
         raise InputError(f"network {network.name}: a heart drives one inlet; take a network without [inlets].")
     if species is None and network.name not in SPECIES:
         raise InputError(f"network {network.name}: whose heart and body? Say --species {' or '.join(SPECIES)}.")
-    species = species or network.name
+    species, fmi = species or network.name, 2 if native else 0
     starts = system.start_values(network, *models.of(species))
     starts["heart"] |= system.first_port(network, starts["arteries"])
     made = {
-        "heart": models.heart_model(species, starts["heart"]),
+        "heart": models.heart_model(species, starts["heart"], fmi),
         "arteries": models.arteries_model(network, Settings(), starts["arteries"]),
-        "body": models.body_model(species, starts["body"]),
+        "body": models.body_model(species, starts["body"], fmi),
     }
     parts = [system.Part(name, model.name, model.table, starts[name]) for name, model in made.items()]
-    target = Path(out) / f"{network.name}.ssp"
     wires = system.circulation(*parts)
     files = system.files(network.name, parts, wires, 10 * network.inlet.T, __version__)
-    try:
-        with tempfile.TemporaryDirectory(prefix="arterial_system_") as folder:
-            for model in made.values():
+    with tempfile.TemporaryDirectory(prefix="arterial_system_") as folder:
+        for name, model in made.items():
+            if not native:
                 fmu = build_model(model, folder, execution_tool)
-                files[f"resources/{model.name}.fmu"] = fmu.read_bytes()
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(target, _archive(files))
-    except OSError as error:
-        raise _unwritable(target, error) from None
-    return target
+            elif name == "arteries":
+                fmu = build_native(network, folder, None, starts[name], fmi, platforms)
+            else:
+                fmu = build_native_model(model, folder, fmi, platforms)
+            files[f"resources/{model.name}.fmu"] = fmu.read_bytes()
+    return _written(Path(out) / f"{network.name}.ssp", files)
 
 
 @cache

@@ -241,13 +241,20 @@ def sentence(
         met = met_only_with(implausible(naming.base.fit))
         said = f"{met[0].upper()}{met[1:]}: it is another subject, or the catalogue lacks the effect."
     elif acting and somewhere and naming.verdict == "unknown":
-        tried = "No law of the catalogue explains it" if naming.complete else "None of the laws tried explains it"
+        tried = _tried(naming)
         gap = f"the gap to held-out beats is {left(before)}"
-        said = f"Something is missing: {gap}. {tried}. {acts_as(acting)}"
+        said = f"Something is missing: {gap}. {tried[0].upper()}{tried[1:]}. {acts_as(acting)}"
     else:
-        why = "no law of the catalogue explains it" if naming.complete else "none of the laws tried explains it"
-        said = f"Something is missing, and {why}: the gap to held-out beats is {left(before)}."
+        said = f"Something is missing, and {_tried(naming)}: the gap to held-out beats is {left(before)}."
     return said if naming.complete else joined(said, "The search is incomplete: the time limit ended it.")
+
+
+def _tried(naming: Naming) -> str:
+    """The result of the laws that were compared."""
+    if naming.complete:
+        return "no law of the catalogue explains it"
+    compared = any(n.fit.terms for n in naming.ranked)
+    return "none of the laws compared explains it" if compared else "no law was compared with it"
 
 
 def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:

@@ -20,7 +20,8 @@ import numpy as np
 
 from fmu_src import compiler
 from fmu_src.contents.models import given_arteries
-from fmu_src.native.resource import number_of, resource
+from fmu_src.native.arrays import number_of
+from fmu_src.native.resource import resource
 from solver import Settings, load
 from solver.network.description import Network
 

@@ -125,6 +125,11 @@ def test_beats(sheep: Network) -> None:
         assert again.backend == "native" and again.beats == 2
 
 
+def test_one_step(sheep: Network) -> None:
+    """A run of a single step, with a program that none has checked yet, is NumPy's to 1e-10."""
+    assert off(*both(sheep, 7.3e-3, settings=Settings(dt=7.3e-3))) < 1e-10  # a step of no other test
+
+
 def test_batch_is_its_members(sheep: Network) -> None:
     """A batch, one of whose members has memory: each is what it is alone, and what NumPy makes of it."""
     held = effects.BY_NAME["stress_relaxation"].add(sheep, "all", {"tau": 0.01})

@@ -28,7 +28,7 @@ from fmu_src import compiler
 from fmu_src.importer import doctor
 from fmu_src.importer.run import FMUError, run_fmu
 from fmu_src.native import binaries
-from fmu_src.native.resource import checksum
+from fmu_src.native.arrays import checksum
 from solver import Settings, load, simulate
 from solver.errors import InputError
 from solver.laws import effects

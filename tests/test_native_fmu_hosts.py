@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,8 @@ from fmus import COARSE, Store
 from native_fmus import COMPILER, needs_compiler
 from test_fmu_bad_input import BAD, HOST, sentence_of_the_solver
 
-from build_fmu import build_native
+from build_fmu import build_native, build_native_model
+from fmu_src.contents.models import Model, body_model, heart_model
 from fmu_src.native.binaries import SOURCES
 from solver import Network, load
 
@@ -164,6 +166,18 @@ def fuzz(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("the compiler has no sanitizers")
     assert done.returncode == 0, done.stderr
     return program
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [heart_model, body_model])
+def test_random_calls_of_hearts_and_bodies(fuzz: Path, tmp_path: Path, make: Callable[..., Model]) -> None:
+    """The same of what has no extent, which has no derivatives."""
+    fmu = unpack(build_native_model(make("human", None, 2), tmp_path), tmp_path / "fmu")
+    line = [str(fuzz), str(fmu.folder / "resources"), fmu.instantiate(0).split()[4], "1", "50000"]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=500)
+    assert (done.returncode, done.stderr) == (0, "")
+    _, fine, steps, derived, lines = map(int, done.stdout.split())
+    assert fine > 10_000 and steps > 1_000 and derived == 0 and lines > 10_000
 
 
 @pytest.mark.slow

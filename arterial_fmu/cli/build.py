@@ -13,7 +13,7 @@ import typer.core
 from arterial_fmu.cli.terminal.console import faults, put, say, sentences
 from arterial_fmu.cli.terminal.options import DefaultGroup, Json, NetworkName, Quiet
 from arterial_fmu.cli.terminal.progress import bar
-from build_fmu import build, build_model, build_native, build_system
+from build_fmu import build, build_model, build_native, build_native_model, build_system
 from fmu_src.contents import models
 from fmu_src.contents.models import Model
 from fmu_src.native.binaries import PLATFORMS
@@ -52,6 +52,22 @@ Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
 ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
 
 
+Native = Annotated[bool, typer.Option("--native", help="Build an FMU that needs no Python on its host.")]
+
+
+Standard = Annotated[int, typer.Option("--fmi", metavar="2|3", help="With --native: version of FMI.")]
+
+
+Platforms = Annotated[
+    str,
+    typer.Option(
+        "--platforms",
+        metavar="|".join(PLATFORMS),
+        help="With --native: platforms, separated by commas; default: this machine.",
+    ),
+]
+
+
 @app.command("network")
 def main(
     network: NetworkName = "sheep",
@@ -65,14 +81,9 @@ def main(
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help='A start value, such as "CA.phi0=0 kPa*s".'),
     ] = None,
-    native: Annotated[bool, typer.Option("--native", help="Build an FMU that needs no Python on its host.")] = False,
-    fmi: Annotated[int, typer.Option(metavar="2|3", help="With --native: version of FMI.")] = 2,
-    platforms: Annotated[
-        str,
-        typer.Option(
-            metavar="|".join(PLATFORMS), help="With --native: platforms, separated by commas; default: this machine."
-        ),
-    ] = "",
+    native: Native = False,
+    fmi: Standard = 2,
+    platforms: Platforms = "",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -84,13 +95,22 @@ def main(
         check_destinations(out / f"{arteries.name}.fmu", given=[network], folders=True)
         arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
         starts = _start_values(models.arteries_model(arteries, Settings()).table, change or [])
-        if native:
-            target = build_native(arteries, out, None, starts, fmi, [p for p in platforms.split(",") if p])
+        if _is_native(native, fmi, platforms):
+            target = build_native(arteries, out, None, starts, fmi, _listed(platforms))
         else:
-            if fmi != 2 or platforms:
-                raise InputError("--fmi and --platforms: for FMUs that need no Python; add --native.")
             target = build(arteries, out, execution_tool=execution_tool, starts=starts)
     _report(target, as_json, quiet)
+
+
+def _is_native(native: bool, fmi: int, platforms: str) -> bool:
+    """Raises ValueError for options without ``--native``."""
+    if not native and (fmi != 2 or platforms):
+        raise InputError("--fmi and --platforms: for FMUs that need no Python; add --native.")
+    return native
+
+
+def _listed(platforms: str) -> list[str]:
+    return [name for name in platforms.split(",") if name]
 
 
 def _start_values(table: Iterable[Variable], changes: Sequence[str]) -> dict[str, float | str]:
@@ -105,6 +125,9 @@ def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
     def command(
         species: SpeciesName = "human",
         out: Out = Path("dist"),
+        native: Native = False,
+        fmi: Standard = 2,
+        platforms: Platforms = "",
         execution_tool: ExecutionTool = True,
         change: Changes = None,
         as_json: Json = False,
@@ -114,7 +137,10 @@ def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
             known = model(species)
             check_destinations(out / f"{known.name}.fmu", folders=True)
             starts = _start_values(known.table, change or [])
-            target = build_model(model(species, starts), out, execution_tool)
+            if _is_native(native, fmi, platforms):
+                target = build_native_model(model(species, starts, fmi), out, fmi, _listed(platforms))
+            else:
+                target = build_model(model(species, starts), out, execution_tool)
         _report(target, as_json, quiet)
 
     return command
@@ -138,6 +164,8 @@ def system_command(
     ] = None,
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
+    native: Native = False,
+    platforms: Platforms = "",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -145,7 +173,8 @@ def system_command(
     with sentences(), bar(quiet, "building heart, arteries and body"):
         arteries = read_network(find_network(network))
         check_destinations(out / f"{arteries.name}.ssp", folders=True)
-        target = build_system(arteries, species, out, execution_tool)
+        native = _is_native(native, 2, platforms)
+        target = build_system(arteries, species, out, execution_tool, native, _listed(platforms))
     _report(target, as_json, quiet)
 
 

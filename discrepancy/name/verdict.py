@@ -182,13 +182,14 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
     return replace(
         unknown, verdict="partial", problem=wide, base=none, ranked=order, columns=anew,
         members=tuple(n for n in order if n.key in labels), confidence=unknown.confidence,
-        reason=_left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else ""),
+        reason=_left(exact.fit, problem) + (f"; further, {_acting(best.places)}" if best.places else ""),
     )  # fmt: skip
 
 
 def _acting(places: Sequence[Place]) -> str:
     """The free sources beside a hypothesis, in words."""
-    return f"something acts as {' and as '.join(p.label for p in places)}, which no law of the catalogue explains"
+    *others, last = (p.label for p in places)
+    return f"the catalogue has no law for {', '.join(others)}{' and ' if others else ''}{last}"
 
 
 def _left(fit: Fit, problem: Forward) -> str:

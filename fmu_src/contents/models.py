@@ -22,6 +22,7 @@ from .. import __version__
 from ..cosimulation.drive import inlet_with, own_drive
 from ..documents import document, lumped_document
 from ..slaves import body_slave, heart_slave
+from ..slaves.base import ComponentSlave, Subject
 from ..variables.arteries_variables import variable_table
 from ..variables.variable import Variable, with_starts
 
@@ -38,7 +39,7 @@ class Model:
 
     name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class.
     table : its variables. resources, documents : further files by path, text in ``resources/`` and bytes in the whole
-    archive.
+    archive. subject : what the slave makes of the resources, of hearts and bodies.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Model:
     table: tuple[Variable, ...]
     resources: dict[str, str]
     documents: dict[str, bytes]
+    subject: Subject | None = None
 
 
 def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
@@ -74,28 +76,41 @@ def given_arteries(network: Network, settings: Settings, given: Starts) -> tuple
     return network, settings, table, others
 
 
-def heart_model(species: str = "human", starts: Starts | None = None) -> Model:
-    """A left heart. Raises ValueError for an unknown species."""
+def heart_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> Model:
+    """A left heart. fmi : version of the standard of one that needs no Python, 0 of others.
+
+    Raises ValueError for an unknown species.
+    """
     heart = of(species)[0]
     with_starts(heart_slave.table(heart), starts or {})
     heart = heart.with_values(starts or {})
     table, others = _others(heart_slave.table(heart), starts or {})
     title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
-    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table)
+    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table, fmi)
     resources = _data("heart.json", {"heart": heart_slave.to_data(heart)}, others)
-    return Model(heart.name, "slaves.heart_slave", "HeartSlave", table, resources, pages)
+    return Model(
+        heart.name,
+        "slaves.heart_slave",
+        "HeartSlave",
+        table,
+        resources,
+        pages,
+        _subject(heart_slave.HeartSlave, resources),
+    )
 
 
-def body_model(species: str = "human", starts: Starts | None = None) -> Model:
-    """What closes the volume. Raises ValueError for an unknown species."""
+def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> Model:
+    """What closes the volume. fmi : as of hearts. Raises ValueError for an unknown species."""
     body = of(species)[1]
     with_starts(body_slave.table(body), starts or {})
     body = body.with_values(starts or {})
     table, others = _others(body_slave.table(body), starts or {})
     title = "The veins, the right heart and the lungs as one elastic reservoir."
-    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
+    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table, fmi)
     resources = _data("body.json", {"body": body_slave.to_data(body)}, others)
-    return Model(body.name, "slaves.body_slave", "BodySlave", table, resources, pages)
+    return Model(
+        body.name, "slaves.body_slave", "BodySlave", table, resources, pages, _subject(body_slave.BodySlave, resources)
+    )
 
 
 def of(species: str) -> tuple[Heart, Body]:
@@ -146,6 +161,10 @@ def _others(table: Table, starts: Starts) -> tuple[Table, dict[str, float | str]
     had = {variable.name: variable.start for variable in table}
     others = {name: value for name, value in starts.items() if value != had[name]}
     return with_starts(table, others), others
+
+
+def _subject(slave: type[ComponentSlave], resources: Mapping[str, str]) -> Subject:
+    return slave.subject(json.loads(resources[slave.data_file]))
 
 
 def _data(file: str, content: dict[str, Any], starts: Starts) -> dict[str, str]:

@@ -20,10 +20,16 @@ from .drawing import model_png, network_svg
 
 def documents(network: Network, table: tuple[Variable, ...], version: str, fmi: int = 0) -> dict[str, bytes]:
     """The files by their path in the FMU. fmi : version of the standard of one that needs no Python, 0 of others."""
-    html = index_html(network, table, version)
-    if fmi:
-        html = html.replace(HOST, NATIVE_HOST).replace(_CRASHES, _REFUSES).replace("(FMI 2.0)", f"(FMI {fmi}.0)")
+    html = of_standard(index_html(network, table, version), fmi, NATIVE_HOST)
     return {"documentation/index.html": html.encode(), "model.png": model_png(network), **licences(not fmi)}
+
+
+def of_standard(html: str, fmi: int, host: str) -> str:
+    """A page of pythonfmu's FMU as that of one that needs no Python. fmi : as for :func:`documents`. host : what the
+    host needs."""
+    if not fmi:
+        return html
+    return html.replace(HOST, host).replace(_CRASHES, _REFUSES).replace("(FMI 2.0)", f"(FMI {fmi}.0)")
 
 
 def licences(wrapped: bool = True) -> dict[str, bytes]:
@@ -133,13 +139,15 @@ crashes on others.</li>
 </ul>
 """
 
-NATIVE_HOST = """
+_NOTHING = """
 <h2>What the host needs</h2>
-<p>Nothing: no Python, no other program. Its folder may be unpacked anywhere. Of the network it holds one mesh and the
+<p>Nothing: no Python, no other program. Its folder may be unpacked anywhere."""
+NATIVE_HOST = f"""{_NOTHING} Of the network it holds one mesh and the
 physics that it had when the FMU was built: a length that needs other elements, and a value that switches on what acts
 on a part of a segment, are refused with a sentence. <code>network.start</code> = <code>periodic</code> holds for the
-start values in the model description. Directional derivatives are not offered.</p>
+start values in the model description. Directional derivatives are those of the last step.</p>
 """
+NATIVE_HOST_OF_FEW = f"{_NOTHING} Directional derivatives are not offered.</p>\n"  # of a heart or a body
 _CRASHES = """A state that was freed, or is none, crashes the host: the wrapper of pythonfmu does not check
 it."""
 _REFUSES = "A state that was freed, or is none, is refused; to another instance it goes as bytes."

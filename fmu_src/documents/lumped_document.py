@@ -5,13 +5,14 @@ from __future__ import annotations
 from html import escape
 
 from ..variables.variable import Variable
-from .document import HOST, licences, page, variables_html
+from .document import HOST, NATIVE_HOST_OF_FEW, licences, of_standard, page, variables_html
 
 
 def documents(
-    name: str, title: str, reference: str, uses: tuple[str, ...], table: tuple[Variable, ...]
+    name: str, title: str, reference: str, uses: tuple[str, ...], table: tuple[Variable, ...], fmi: int = 0
 ) -> dict[str, bytes]:
-    """The files by their path in the FMU. uses : how to use it, one paragraph each, as HTML."""
+    """The files by their path in the FMU. uses : how to use it, one paragraph each, as HTML. fmi : version of the
+    standard of one that needs no Python, 0 of others."""
     points = "\n".join(f"<li>{use}</li>" for use in uses)
     body = f"""<h1>{escape(name)}</h1>
 <p>{escape(title)} A co-simulation FMU (FMI 2.0) made by arterial-fmu.</p>
@@ -24,7 +25,8 @@ def documents(
 <h2>References</h2>
 <p>{escape(reference)}</p>
 <p>Licence: MIT.</p>"""
-    return {"documentation/index.html": page(f"{name}: {title}", body).encode(), **licences()}
+    html = of_standard(page(f"{name}: {title}", body), fmi, NATIVE_HOST_OF_FEW)
+    return {"documentation/index.html": html.encode(), **licences(not fmi)}
 
 
 HEART_USES = (

@@ -18,7 +18,8 @@ _CATEGORIES = ("Warning", "Discard", "Error", "Fatal")
 
 @dataclass(frozen=True)
 class About:
-    """What a description says beside its variables. stop : of the default experiment [s]."""
+    """What a description says beside its variables. stop, step [s], tolerance : of the default experiment.
+    derivatives : whether there are directional ones."""
 
     name: str
     description: str
@@ -26,7 +27,8 @@ class About:
     guid: str
     stop: float
     step: float
-    tolerance: float
+    tolerance: float | None
+    derivatives: bool = True
 
 
 def fmi2(about: About, table: Sequence[Variable]) -> bytes:
@@ -34,8 +36,8 @@ def fmi2(about: About, table: Sequence[Variable]) -> bytes:
     names = {"fmiVersion": "2.0", "modelName": about.name, "guid": about.guid}
     root = Element("fmiModelDescription", {**names, **_common(about)})
     flags = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate",
-             "canNotUseMemoryManagementFunctions", "providesDirectionalDerivative")  # fmt: skip
-    can = dict.fromkeys(flags, "true")
+             "canNotUseMemoryManagementFunctions")  # fmt: skip
+    can = dict.fromkeys(flags, "true") | {"providesDirectionalDerivative": _truth(about.derivatives)}
     SubElement(root, "CoSimulation", can, modelIdentifier=about.name, needsExecutionTool="false")
     _categories(root, 2)
     _experiment(root, about)
@@ -84,7 +86,12 @@ def _facts(vr: int, variable: Variable) -> dict[str, str]:
 
 def _experiment(root: Element, about: About) -> None:
     numbers = {"startTime": 0.0, "stopTime": about.stop, "stepSize": about.step, "tolerance": about.tolerance}
-    SubElement(root, "DefaultExperiment", {key: repr(float(value)) for key, value in numbers.items()})
+    given = {key: repr(float(value)) for key, value in numbers.items() if value is not None}
+    SubElement(root, "DefaultExperiment", given)
+
+
+def _truth(x: bool) -> str:
+    return str(x).lower()
 
 
 def _text(root: Element) -> bytes:
@@ -113,11 +120,11 @@ def fmi3(about: About, table: Sequence[Variable]) -> bytes:
     SubElement(
         root, "CoSimulation", modelIdentifier=about.name, needsExecutionTool="false", canGetAndSetFMUState="true",
         canSerializeFMUState="true", canHandleVariableCommunicationStepSize="true",
-        providesDirectionalDerivatives="true",
+        providesDirectionalDerivatives=_truth(about.derivatives),
     )  # fmt: skip
     _units3(root, table)
     types = type_definitions(tuple(table))
-    definitions = SubElement(root, "TypeDefinitions")
+    definitions = SubElement(root, "TypeDefinitions") if len(types) else root
     for simple in types:
         kind = SubElement(definitions, "EnumerationType", name=simple.get("name", ""))
         for item in simple[0]:
@@ -142,7 +149,7 @@ def fmi3(about: About, table: Sequence[Variable]) -> bytes:
 
 def _units3(root: Element, table: Sequence[Variable]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
-    for name, asked in unit_names(tuple(table)).items():
+    for name, asked in sorted({"s": set[str](), **unit_names(tuple(table))}.items()):  # s: of time
         unit = SubElement(definitions, "Unit", name=name)
         SubElement(unit, "BaseUnit", {base: str(power) for base, power in base_units(name).items()})
         for display in sorted(asked.union(display_units(name)), key=str.lower):

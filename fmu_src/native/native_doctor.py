@@ -6,9 +6,9 @@ import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from .arrays import with_guid
 from .binaries import PLATFORMS, here
 from .native_fmu import DESCRIPTION, RESOURCE, guid_of
-from .resource import with_guid
 
 Row = tuple[str, str, str, str]
 

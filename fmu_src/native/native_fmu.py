@@ -8,15 +8,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from solver.errors import InputError
+from solver.lumped.component import Arithmetic
 from solver.network.description import Network
 from solver.network.files import dumps
 from solver.scheme.model import Settings
 
 from .. import __version__
-from ..contents.models import given_arteries
+from ..contents.models import Model, given_arteries
 from ..documents import document
 from ..slaves.arteries_slave import in_one_line
-from . import native_description, resource
+from ..variables.variable import Variable
+from . import arithmetic_resource, native_description, resource
+from .arrays import with_guid
 from .binaries import PLATFORMS, binary, fat, here, sources
 from .native_description import About
 
@@ -27,30 +30,55 @@ _ARM = "aarch64-darwin"
 def files(
     network: Network, settings: Settings, starts: Mapping[str, float | str], fmi: int, platforms: Sequence[str]
 ) -> dict[str, bytes]:
-    """All files by path. Raises ValueError as ``build_fmu.build_native``."""
-    if fmi not in (2, 3):
-        raise InputError(f"--fmi {fmi}: must be 2 or 3.")
-    own = here()
-    if not platforms and own is None:
-        raise InputError(f"this machine is none that FMUs are built for; give --platforms, of {', '.join(PLATFORMS)}.")
+    """All files of arteries by path. Raises ValueError as ``build_fmu.build_native``."""
+    _check(fmi, platforms)
     network, settings, table, _ = given_arteries(network, settings, starts)
-    found: dict[str, bytes] = {
-        "resources/network.toml": dumps(network).encode(),
-        RESOURCE: resource.resource(network, settings, table),
-        **document.documents(network, table, __version__, fmi),
-        **{f"sources/{path}": text for path, text in sources().items()},
-    }
     about = About(
         network.name, in_one_line(network), __version__, "", 5 * network.inlet.T, settings.dt, settings.tolerance
     )
+    own_files = {
+        "resources/network.toml": dumps(network).encode(),
+        RESOURCE: resource.resource(network, settings, table),
+        **document.documents(network, table, __version__, fmi),
+    }
+    return _complete(about, table, own_files, fmi, platforms)
+
+
+def arithmetic_files(model: Model, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:
+    """All files of a heart or a body by path. Raises ValueError as ``build_fmu.build_native``."""
+    _check(fmi, platforms)
+    assert model.subject is not None
+    subject, component, e = model.subject, model.subject.make(), model.subject.experiment
+    assert isinstance(component, Arithmetic)
+    about = About(model.name, subject.description, __version__, "", e.stop_time, e.step_size, None, derivatives=False)
+    own_files = {
+        **{f"resources/{path}": text.encode() for path, text in model.resources.items()},
+        RESOURCE: arithmetic_resource.resource(component, model.table),
+        **model.documents,
+    }
+    return _complete(about, model.table, own_files, fmi, platforms)
+
+
+def _check(fmi: int, platforms: Sequence[str]) -> None:
+    if fmi not in (2, 3):
+        raise InputError(f"--fmi {fmi}: must be 2 or 3.")
+    if not platforms and here() is None:
+        raise InputError(f"this machine is none that FMUs are built for; give --platforms, of {', '.join(PLATFORMS)}.")
+
+
+def _complete(
+    about: About, table: Sequence[Variable], own_files: Mapping[str, bytes], fmi: int, platforms: Sequence[str]
+) -> dict[str, bytes]:
+    """With what every FMU has: sources, description, GUID, binaries."""
+    found = {**own_files, **{f"sources/{path}": text for path, text in sources().items()}}
     describe = native_description.fmi2 if fmi == 2 else native_description.fmi3
     found[DESCRIPTION] = describe(about, table)
     compiled = [path for path in sources() if path.endswith(".c")]
     found["sources/buildDescription.xml"] = native_description.build_description(about, compiled)
     guid = guid_of(found)
-    found[RESOURCE] = resource.with_guid(found[RESOURCE], guid)
+    found[RESOURCE] = with_guid(found[RESOURCE], guid)
     found[DESCRIPTION] = describe(replace(about, guid=guid), table)
-    return found | binaries(network.name, fmi, list(platforms or [str(own)]))
+    return found | binaries(about.name, fmi, list(platforms or [str(here())]))
 
 
 def guid_of(found: Mapping[str, bytes]) -> str:

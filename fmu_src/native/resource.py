@@ -1,15 +1,11 @@
-"""The resource of an FMU that needs no Python: its programs and constants in one file, ``resources/arterial.bin``.
-
-A head (magic, version, number of arrays, size, checksum), a table of where each array lies, and the arrays, which
-``native/fmu/resource.c`` reads in the order of :data:`ARRAYS`. Little-endian. Not part of the code of other FMUs.
+"""The resource of arteries that need no Python: their programs and constants in one file, ``resources/arterial.bin``,
+whose form is in :mod:`~fmu_src.native.arrays`. Not part of the code of other FMUs.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -25,38 +21,36 @@ from solver.scheme.model import Model, Settings
 from solver.scheme.step import State, adopt, at_stages_of
 from solver.tracing.component import FURTHER, Whole, whole
 from solver.tracing.derivative import DERIVED_PLACES, derivative
-from solver.tracing.program import OPERATIONS, Program, Shared
+from solver.tracing.program import Program, Shared
 from solver.tracing.recorder import Untraceable
 from solver.tracing.steps import PLACES
 
 from ..cosimulation.arteries import CoSimulation
 from ..variables.variable import Variable
+from .arrays import Texts, file_of, integers, number_of, tables
 
 Array = np.ndarray
 
-_MAGIC, _VERSION, _GUID = b"ARTERIAL", 2, 64
 _MARGINS = [name for name in FURTHER if name.startswith("margin_")]  # of which there may be fewer
-_CAUSALITIES, _VARIABILITIES = ("input", "parameter", "output"), ("continuous", "fixed", "tunable")
 _SMALL = 40_000  # bytes of code of a program whose derivatives the file holds whatever its law
 _MOST = 3_000_000  # bytes of programs: of larger networks only those of its own laws
 
 
 def resource(network: Network, settings: Settings, table: Sequence[Variable]) -> bytes:
-    """The file, its GUID still open (:func:`with_guid`). Raises ValueError where the network cannot be recorded."""
+    """The file, its GUID still open (:func:`~fmu_src.native.arrays.with_guid`).
+
+    Raises ValueError where the network cannot be recorded.
+    """
     shared = Shared()
     programs, derivatives = recorded(network, settings, shared)
-    texts = _Texts()
+    texts = Texts()
     vr = {variable.name: i for i, variable in enumerate(table)}
     model = programs[0][1].model
     first_output = next(i for i, v in enumerate(table) if v.causality == "output")
-    first_late = next((i for i, v in enumerate(table) if v.late), len(table))
-    names = ("solver.dt", "solver.element_length", "network.elastic_law", "network.viscous_law", "inlet.interpolation",
-             "inlet.drive", "network.start", "inlet.T", "network.P_0")  # fmt: skip
-    meta = [
-        len(table), first_output, first_late, model.mesh.element.N, len(programs),
-        *(vr.get(name, -1) for name in names),
-        texts.at(network.name), texts.at(*UNSOLVED), texts.at(BARE_REMEDY),
-    ]  # fmt: skip
+    arrays = tables(
+        table, texts, n_points=model.mesh.element.N, n_programs=len(programs), name=texts.at(network.name),
+        unsolved=texts.at(*UNSOLVED), shorter=texts.at(BARE_REMEDY),
+    )  # fmt: skip
     segments = {segment.name: i for i, segment in enumerate(network.segments)}
     inlets, inlet_numbers, curves = _inlets(network, vr)
     sources = list[int]()
@@ -64,43 +58,33 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
         kind, count, curve = _numbers_of(source.curve)
         sources += [kind, sum(map(len, curves)), count]
         curves.append(curve)
-    arrays = [
-        _integers(meta),
-        np.zeros(_GUID, np.uint8),
-        texts.bytes_of("".join(f"{name} " for name in OPERATIONS)),
-        _integers([number for variable in table for number in _row(variable, texts)]),
-        np.array([number for variable in table for number in _range(variable)], float),
-        np.zeros(0),  # the texts, when all are there
-        _integers([vr[name] for name in network.parameters()]),
-        _integers(inlets),
-        np.array(inlet_numbers, float),
-        np.concatenate([np.zeros(0), *curves]),
-        _integers([n for o in network.outlets for n in (vr[f"{o.segment}.outlet.P_venous"], segments[o.segment])]),
-        _integers(
+    arrays |= {
+        "parameters": integers([vr[name] for name in network.parameters()]),
+        "inlets": integers(inlets),
+        "inlet_numbers": np.array(inlet_numbers, float),
+        "curves": np.concatenate([np.zeros(0), *curves]),
+        "venous": integers(
+            [n for o in network.outlets for n in (vr[f"{o.segment}.outlet.P_venous"], segments[o.segment])]
+        ),
+        "segments": integers(
             [
                 n
                 for s in network.segments
                 for n in (texts.at(s.name), *(vr[f"{s.name}.{key}"] for key in CHECKED_TOGETHER))
             ]
-        ),  # fmt: skip
-        _integers(model.mesh.segment),
-        model.mesh.positions(model.mesh.element.x_gauss).ravel(),
-        _periodic(network, settings, table[:first_output], model),
-        _integers(sources),
-        np.array([source.curve.period for source in network.sources], float),
-        shared.index.all(),
-        shared.constants.all(),
-    ]
+        ),
+        "elements": integers(model.mesh.segment),
+        "positions": model.mesh.positions(model.mesh.element.x_gauss).ravel(),
+        "periodic": _periodic(network, settings, table[:first_output], model),
+        "sources": integers(sources),
+        "source_periods": np.array([source.curve.period for source in network.sources], float),
+        "index": shared.index.all(),
+        "numbers": shared.constants.all(),
+    }
+    each = list[Array]()
     for (laws, program), derived in zip(programs, derivatives, strict=True):
-        arrays += [*_program(laws, program, texts), *_derived(derived)]
-    arrays[5] = np.frombuffer(bytes(texts.bytes), np.uint8)
-    return _file(arrays)
-
-
-def with_guid(content: bytes, guid: str) -> bytes:
-    """The same with the GUID of the FMU."""
-    at = int(_entries(content)[1][0])
-    return _sealed(content[:at] + guid.encode().ljust(_GUID, b"\0") + content[at + _GUID :])
+        each += [*_program(laws, program, texts), *_derived(derived)]
+    return file_of(arrays, texts, each)
 
 
 def recorded(
@@ -141,55 +125,6 @@ def _whole(network: Network, settings: Settings, bent: bool, shared: Shared) -> 
 
 
 # --- tables ---------------------------------------------------------------------------------------------------------
-
-
-class _Texts:
-    """Texts one after the other, each ended by a zero."""
-
-    def __init__(self) -> None:
-        self.bytes = bytearray(b"\0")
-
-    def at(self, *texts: str) -> int:
-        """Where they begin."""
-        where = len(self.bytes)
-        self.bytes += b"".join(text.encode() + b"\0" for text in texts)
-        return where
-
-    @staticmethod
-    def bytes_of(text: str) -> Array:
-        return np.frombuffer(text.encode() + b"\0", np.uint8)
-
-
-def _integers(numbers: Any) -> Array:
-    return np.asarray(numbers, np.int32)
-
-
-def _row(variable: Variable, texts: _Texts) -> list[int]:
-    quantity = variable.quantity
-    flags = 0 if quantity is None else quantity.open_low + 2 * quantity.whole
-    return [
-        0 if quantity is not None else 1,
-        _CAUSALITIES.index(variable.causality),
-        _VARIABILITIES.index(variable.variability),
-        flags,
-        len(variable.choices),
-        texts.at(variable.name),
-        texts.at(quantity.description if quantity is not None else variable.description),
-        texts.at(quantity.unit_text if quantity is not None else ""),
-        texts.at(*variable.choices),
-    ]
-
-
-def number_of(variable: Variable, value: Any) -> float:
-    """A value as FMI has it."""
-    return float(variable.number(str(value))) if variable.quantity is None else float(value)
-
-
-def _range(variable: Variable) -> tuple[float, float, float]:
-    start = 0.0 if variable.start is None else number_of(variable, variable.start)
-    if variable.quantity is None:
-        return start, 1.0, float(len(variable.choices))
-    return start, variable.quantity.low, variable.quantity.high
 
 
 def _inlets(network: Network, vr: Mapping[str, int]) -> tuple[list[int], list[float], list[Array]]:
@@ -239,7 +174,7 @@ def _state(model: Model, state: State) -> Array:
     return np.concatenate([[state.dt], state.y[0], state.A_t.ravel(), state.H[0], *(x.ravel() for x in pair)])
 
 
-def _program(laws: tuple[int, int], one: Whole, texts: _Texts) -> Iterator[Array]:
+def _program(laws: tuple[int, int], one: Whole, texts: Texts) -> Iterator[Array]:
     p, model = one.program, one.model
     shapes, layout = model.layout.shapes, model.layout
     counts = (
@@ -252,52 +187,14 @@ def _program(laws: tuple[int, int], one: Whole, texts: _Texts) -> Iterator[Array
     unread |= dict.fromkeys(("g_begin", "g", "g_report", "g_show"), 2)  # anywhere: of n_sources numbers
     places = [{**unread, **p.address}[name] for name in (*PLACES, *FURTHER)]
     reasons = [texts.at(text) for reason in one.reasons for text in reason]
-    yield _integers([*laws, len(one.reasons), *counts, *places, *model.inlets.first, *reasons])
+    yield integers([*laws, len(one.reasons), *counts, *places, *model.inlets.first, *reasons])
     yield from (p.code, p.begin)
 
 
 def _derived(p: Program | None) -> Iterator[Array]:
     if p is None:
-        yield from [_integers([])] * 3
+        yield from [integers([])] * 3
     else:
         unread = dict.fromkeys(("element_length", "g_begin", "g", "g_report"), 2)
-        yield _integers([p.n_fixed, p.n_work, *({**unread, **p.address}[name] for name in DERIVED_PLACES)])
+        yield integers([p.n_fixed, p.n_work, *({**unread, **p.address}[name] for name in DERIVED_PLACES)])
         yield from (p.code, p.begin)
-
-
-# --- the file -------------------------------------------------------------------------------------------------------
-
-_HEAD, _ENTRY = struct.Struct("<8s2i2Q"), struct.Struct("<2q2i")
-_KINDS = {"uint8": 0, "int32": 1, "float64": 2}
-
-
-def _file(arrays: Sequence[Array]) -> bytes:
-    at = _HEAD.size + _ENTRY.size * len(arrays)
-    entries, parts = [], []
-    for x in arrays:
-        kind = _KINDS[str(x.dtype)]
-        entries.append(_ENTRY.pack(at, len(x), kind, 0))
-        data = np.ascontiguousarray(x, x.dtype.newbyteorder("<")).tobytes()
-        parts.append(data + bytes(-len(data) % 8))
-        at += len(parts[-1])
-    return _sealed(_HEAD.pack(_MAGIC, _VERSION, len(arrays), at, 0) + b"".join([*entries, *parts]))
-
-
-def _entries(content: bytes) -> list[tuple[Any, ...]]:
-    n = _HEAD.unpack_from(content)[2]
-    return [_ENTRY.unpack_from(content, _HEAD.size + i * _ENTRY.size) for i in range(n)]
-
-
-def _sealed(content: bytes) -> bytes:
-    """The same with its checksum."""
-    magic, version, n, size, _ = _HEAD.unpack_from(content)
-    return _HEAD.pack(magic, version, n, size, checksum(content[_HEAD.size :])) + content[_HEAD.size :]
-
-
-def checksum(content: bytes) -> int:
-    """As ``digest`` in native/fmu/resource.c: FNV-1a of words of eight bytes."""
-    found = 14695981039346656037
-    for word in np.frombuffer(content, "<u8").tolist():
-        found = (found ^ word) * 1099511628211 & 0xFFFFFFFFFFFFFFFF
-        found ^= found >> 32
-    return found

@@ -242,11 +242,20 @@ static void begin_at_rest(component *c, double *position)
     position[AT_DT] = 0.0;
 }
 
+int outputs_are_finite(component *c)
+{
+    for (int32_t vr = c->r.meta[FIRST_OUTPUT]; vr < c->r.meta[FIRST_LATE]; vr++)
+        if (!isfinite(value_of(c, vr)))
+            return say(c, "%s would be %g: must be finite; check the values of inputs and parameters, and their units.",
+                       name_of(c, (uint32_t)vr), value_of(c, vr));
+    return 1;
+}
+
 /* The outputs of where the component stands, into the values. */
 static int show(component *c)
 {
     double *const x = c->numbers, *const out = x + c->values + c->r.meta[FIRST_OUTPUT];
-    const int32_t program = (int32_t)x[NOW], n = c->r.meta[FIRST_LATE] - c->r.meta[FIRST_OUTPUT];
+    const int32_t program = (int32_t)x[NOW];
     const arterial_program *const p = &c->r.recorded[program].program;
     double *const fixed = bound(c, program, x + c->now, x[LAST_DT]);
     if (!fixed) return say(c, "the equations at rest are singular.");
@@ -256,12 +265,8 @@ static int show(component *c)
     out[p->n_report] = x[V_NOW];
     out[p->n_report + 1] = x[V_VENOUS];
     out[p->n_report + 2] = x[Q_VENOUS];
-    for (int32_t i = 0; i < n; i++)
-        if (!isfinite(out[i]))
-            return say(c, "%s would be %g: must be finite; check the values of inputs and parameters, and their units.",
-                       name_of(c, (uint32_t)(c->r.meta[FIRST_OUTPUT] + i)), out[i]);
     x[LATE_DUE] = 1.0;
-    return 1;
+    return outputs_are_finite(c);
 }
 
 static void renew(component *c)
@@ -297,6 +302,7 @@ static void venous_values(const component *c, double *found)
 int initialized(component *c)
 {
     double *const x = c->numbers, *const shown = x + c->shown;
+    if (c->r.meta[N_ARITHMETIC]) return arithmetic_initialized(c);
     if (!take_over(c)) return 0;
     x[TIME] = x[T0];
     x[OWN] = value_of(c, c->r.meta[VR_DRIVE]) == 2.0;
@@ -408,16 +414,24 @@ static int retuned(component *c)
     return 1;
 }
 
+int begins_here(component *c, double t, double h, double slack)
+{
+    if (!(isfinite(h) && h > 0.0)) return say(c, "communication step of %g s: must be positive.", h);
+    if (!(fabs(t - c->numbers[TIME]) <= slack + 1e-12 * fabs(t)))
+        return say(c, "step from t = %.9g s, but the component stands at %.9g s; step on from there or reset.", t,
+                   c->numbers[TIME]);
+    return 1;
+}
+
 static int stepped(component *c, double t, double h)
 {
     double *const x = c->numbers, *const Q = c->answers + c->r.n_inlets, halved = x[c->shown + HALVED];
     if (x[HAS_STOP] != 0.0 && t + h > x[STOP] + 1e-6 * fabs(h) + 1e-9 * fabs(t + h))
         return say(c, "step to t = %.9g s: the stop time is %.9g s; end there, or set up a later one.", t + h, x[STOP]);
+    if (c->r.meta[N_ARITHMETIC]) return arithmetic_stepped(c, t, h);
     x[RETUNED] = 0.0;
     if (x[CHANGED] != 0.0 && !retuned(c)) return 0;
-    if (!(isfinite(h) && h > 0.0)) return say(c, "communication step of %g s: must be positive.", h);
-    if (!(fabs(t - x[TIME]) <= SLACK * x[DT] + 1e-12 * fabs(t)))
-        return say(c, "step from t = %.9g s, but the component stands at %.9g s; step on from there or reset.", t, x[TIME]);
+    if (!begins_here(c, t, h, SLACK * x[DT])) return 0;
     if (h > MOST_STEPS * x[DT])
         return say(c, "communication step of %g s: more than 1000000 internal steps of %g s; take shorter communication steps.",
                    h, x[DT]);

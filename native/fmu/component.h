@@ -15,7 +15,8 @@ enum { META, GUID, OPERATIONS, VARIABLES, RANGES, STRINGS, PARAMETERS, INLETS, I
 enum { PROGRAM_META, CODE, BEGIN, DERIVED_META, DERIVED_CODE, DERIVED_BEGIN, PER_PROGRAM }; /* of each program, from PROGRAMS on */
 /* META */
 enum { N_VARIABLES, FIRST_OUTPUT, FIRST_LATE, N_POINTS, N_PROGRAMS, VR_DT, VR_LENGTH, VR_ELASTIC, VR_VISCOUS,
-       VR_INTERPOLATION, VR_DRIVE, VR_START, VR_T, VR_P_0, TEXT_NAME, TEXT_UNSOLVED, TEXT_SHORTER, N_META };
+       VR_INTERPOLATION, VR_DRIVE, VR_START, VR_T, VR_P_0, TEXT_NAME, TEXT_UNSOLVED, TEXT_SHORTER,
+       N_ARITHMETIC, N_META }; /* N_ARITHMETIC : numbers of the state of a heart or a body; 0: arteries */
 /* VARIABLES, a row each */
 enum { KIND, CAUSALITY, VARIABILITY, FLAGS, CHOICES, NAME, DESCRIPTION, UNIT, ITEMS, PER_VARIABLE };
 enum { REAL, ENUMERATION };
@@ -32,6 +33,12 @@ enum { SOURCE_CURVE, SOURCE_AT, SOURCE_SIZE, PER_SOURCE }; /* SOURCES */
 enum { SEGMENT_NAME, VR_L, VR_PHI0, VR_PHINL, PER_SEGMENT };
 /* PROGRAM_META: laws (0 any), counts as in arterial_program, places, further ones, columns of the inlets, reasons */
 enum { ELASTIC, VISCOUS, N_MARGINS, COUNTS, N_COUNTS = 11, AT_PLACES = COUNTS + N_COUNTS };
+
+/* PROGRAM_META of hearts and bodies, whose first program is that of the initialization and second that of a step: counts and
+   places, -1 for what is not read; then loops, then requirements. */
+enum { N_FIXED, N_WORK, N_LOOPS, N_REQUIREMENTS, GIVEN_VALUES, GIVEN_STATE, GIVEN_T, GIVEN_H, NEXT_STATE, OUTPUTS, A_HEAD };
+enum { LOOP_SIZE, LOOP_BEGIN, LOOP_BEFORE, LOOP_AFTER, PER_LOOP };
+enum { REQUIRED_IN, CONDITION, SENTENCE, FIRST_NUMBER, PER_REQUIREMENT = FIRST_NUMBER + 4 };
 
 /* DERIVED_META, empty where there is none: n_fixed, n_work, places as in derivative.c. */
 enum { D_PHASES = PHASES + 1, D_PLACES = 43 };
@@ -173,5 +180,14 @@ double shown_of(component *c, int32_t program, const double *parameters, const d
 /* The sentence for a step that was not solved, or is not physical. */
 void explain(component *c, int32_t program, const memory *m, int solved, double t);
 int ports(component *c, double *values);
+
+int outputs_are_finite(component *c);
+/* Whether a step may begin at t, which is slack [s] from where the component stands at most. */
+int begins_here(component *c, double t, double h, double slack);
+
+/* The same for hearts and bodies. */
+int arithmetic_read(const resource *r, const recorded *one, int32_t n, int32_t n_begin);
+int arithmetic_initialized(component *c);
+int arithmetic_stepped(component *c, double t, double h);
 
 #endif

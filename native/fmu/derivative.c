@@ -249,6 +249,7 @@ int component_derivative(component *c, const uint32_t *unknown, size_t n, const 
                          const double *seed, double *found)
 {
     const int32_t *const meta = c->r.meta;
+    if (meta[N_ARITHMETIC]) return say(c, "directional derivatives: FMUs of arteries have them, this one has none.");
     if (c->numbers[STATE_OF] != STEPPING || !c->stepped)
         return say(c, "directional derivatives are those of the last step: make one, after a state was restored, too.");
     const recorded *const of = with_derivatives(c);

@@ -18,7 +18,7 @@ typedef struct {
     int32_t kind, unused;
 } entry;
 
-enum { VERSION = 2 };
+enum { VERSION = 3 };
 static const char MAGIC[8] = {'A', 'R', 'T', 'E', 'R', 'I', 'A', 'L'};
 static const char FILE_NAME[] = "arterial.bin";
 static const size_t SIZE[] = {1, sizeof(int32_t), sizeof(double)};
@@ -146,6 +146,12 @@ static int programs(resource *r)
         p->index = array(r, INDEX, SOME_INTEGERS, NULL);
         p->constant = array(r, NUMBERS, SOME_NUMBERS, NULL);
         if (!one->meta || !p->code || !p->begin || !p->index || !p->constant) return 0;
+        if (r->meta[N_ARITHMETIC]) {
+            if (!arithmetic_read(r, one, n, n_begin) || p->begin[n_begin - 1] != n_code) return 0;
+            p->n_fixed = one->meta[N_FIXED];
+            p->n_work = one->meta[N_WORK];
+            continue;
+        }
         if (n != AT_PLACES + PLACES + FURTHER + r->n_inlets + 2 * one->meta[N_MARGINS]) return 0;
         if (n_begin != SHOW + 2 || p->begin[SHOW + 1] != n_code) return 0;
         counts = one->meta + COUNTS;
@@ -210,7 +216,8 @@ int resource_read(resource *r, const char *folder, char *why, size_t room)
             operations && arterial_fits(operations, PLACES, (int32_t)sizeof(arterial_program), "")) {
             r->recorded = calloc((size_t)m, sizeof(recorded));
             if (r->recorded && programs(r)) {
-                r->n_state = arterial_state_size(&r->recorded->program);
+                const int32_t own = r->meta[N_ARITHMETIC];
+                r->n_state = own ? own : arterial_state_size(&r->recorded->program);
                 return 1;
             }
         }

@@ -15,7 +15,8 @@ from typing import Any
 
 from ..io.saved import Kind, dataclasses
 from ..quantities.quantity import quantity
-from .component import Component, check_time
+from .arithmetic import divided, select
+from .component import Arithmetic
 from .parameters import with_values
 
 EXCHANGES = ("end", "start")
@@ -57,7 +58,7 @@ class BodyState:
     net_before: float
 
 
-class BodyComponent(Component):
+class BodyComponent(Arithmetic):
     """The reservoir as a component of an FMU.
 
     ``body.exchange`` gives the time of the inputs that are set before a step: its ``end``, for a master that runs the
@@ -66,6 +67,7 @@ class BodyComponent(Component):
     """
 
     remade = frozenset(("own",))
+    kept = ("extrapolates", "state")
 
     def __init__(self, body: Body) -> None:
         self.own = self.body = body
@@ -87,20 +89,18 @@ class BodyComponent(Component):
         """Apply tunable parameters."""
         self.body = self.body.with_values(changed)
 
-    def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
+    def advance(self, t: float, h: float, values: Mapping[str, Any]) -> None:
         """Apply the volumes."""
         s = self.state
-        check_time(t, h, s.t)
         net = values["arteries.V"] - values["heart.V"]
-        self.state = BodyState(t + h, s.V_start, t if self.extrapolates else t + h, net, s.known, s.net)
+        self.state = BodyState(t + h, s.V_start, select(self.extrapolates, t, t + h), net, s.known, s.net)
 
     @property
     def V(self) -> float:
         """Volume at the present time [m³]; not extrapolated over a step of more than twice the one before."""
         s = self.state
-        ahead = (s.t - s.known) / (s.known - s.known_before) if s.known > s.known_before else 0.0
-        ahead = ahead if ahead <= 2.0 else 0.0
-        return s.V_start + s.net + ahead * (s.net - s.net_before)
+        ahead = divided(s.t - s.known, s.known - s.known_before, 0.0)
+        return s.V_start + s.net + select(ahead <= 2.0, ahead, 0.0) * (s.net - s.net_before)
 
     def outputs(self) -> list[float]:
         """Pressure [Pa] and volume [m³]."""

@@ -66,3 +66,22 @@ class Component(ABC):
 
     def resumed(self) -> None:  # noqa: B027
         """Make what a state does not hold; the other attributes are there, if there were any when it was saved."""
+
+
+class Arithmetic(Component):
+    """A component whose step is arithmetic (:mod:`~solver.lumped.arithmetic`), for the compiled engine, too.
+
+    ``kept`` are the attributes that hold its numbers beside its parameters; one is ``state``, with its time t [s].
+    """
+
+    kept: ClassVar[tuple[str, ...]]
+    state: Any
+
+    def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
+        """Advance from t to t + h [s]."""
+        check_time(t, h, self.state.t)
+        self.advance(t, h, values)
+
+    @abstractmethod
+    def advance(self, t: float, h: float, values: Mapping[str, Any]) -> None:
+        """The step from the time t at which the component stands, of a length h > 0 [s]."""

@@ -25,7 +25,8 @@ from dataclasses import replace
 from typing import Any
 
 from ..io.saved import Kind, dataclasses
-from .component import Component, check_time
+from .arithmetic import select
+from .component import Arithmetic
 from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve, Ventricle
 from .heart_step import HeartState, Port, ValveState, initial_state, step
 
@@ -36,10 +37,11 @@ OUTPUTS = (
 )  # fmt: skip
 
 
-class HeartComponent(Component):
+class HeartComponent(Arithmetic):
     """The heart as a component of an FMU."""
 
     remade = frozenset(("own",))
+    kept = ("known", "state")
 
     def __init__(self, heart: Heart) -> None:
         self.own = self.heart = heart
@@ -58,11 +60,11 @@ class HeartComponent(Component):
         """Apply tunable parameters; the phase of the beat is continuous."""
         self.heart = self.heart.with_values(changed)
 
-    def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
-        """Advance from t to t + h. If P_0, Z and Z_0 are all 0 in the first step, the start values apply."""
-        check_time(t, h, self.state.t)
-        received = any(values[f"aorta.{key}"] for key in ("P_0", "Z", "Z_0"))
-        known = values if received or self.state.h_before else self.known
+    def advance(self, t: float, h: float, values: Mapping[str, Any]) -> None:
+        """One step. If P_0, Z and Z_0 are all 0 in the first step, the start values apply."""
+        sent = (values["aorta.P_0"] != 0.0) | (values["aorta.Z"] != 0.0) | (values["aorta.Z_0"] != 0.0)
+        received = sent | (self.state.h_before > 0.0)
+        known = {name: select(received, values[name], self.known[name]) for name in INPUTS}
         port = Port(known["aorta.P_0"], known["aorta.Z"], known["aorta.Z_0"])
         self.state = step(self.heart, replace(self.state, t=t), h, port, known["venous.P"])
 

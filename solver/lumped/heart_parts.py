@@ -7,9 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..errors import InputError
 from ..quantities.quantity import quantity
+from .arithmetic import Number, cos, require, select
 from .parameters import with_values
+
+
+def within_a_beat(phase: Number) -> Number:
+    """A phase between -1 and 2, as one between 0 and 1."""
+    return select(phase < 0.0, phase + 1.0, select(phase < 1.0, phase, phase - 1.0))
 
 
 @dataclass(frozen=True)
@@ -24,14 +29,12 @@ class Chamber:
     rise: float = quantity(None, "1", "duration of the contraction, part of a beat", 0.01, 0.6)
     fall: float = quantity(None, "1", "duration of the relaxation, part of a beat", 0.01, 0.4)
 
-    def elastance(self, phase: float, contractility: float = 1.0) -> float:
+    def elastance(self, phase: Number, contractility: Number = 1.0) -> Number:
         """E [Pa/m³] at a phase of the beat, 0 to 1."""
-        since = (phase - self.begin) % 1.0
-        active = 0.0
-        if since < self.rise:
-            active = 0.5 - 0.5 * math.cos(math.pi * since / self.rise)
-        elif since < self.rise + self.fall:
-            active = 0.5 + 0.5 * math.cos(math.pi * (since - self.rise) / self.fall)
+        since = within_a_beat(phase - self.begin)
+        rising = 0.5 - 0.5 * cos(math.pi * since / self.rise)
+        falling = 0.5 + 0.5 * cos(math.pi * (since - self.rise) / self.fall)
+        active = select(since < self.rise, rising, select(since < self.rise + self.fall, falling, 0.0))
         return self.E_min + (contractility * self.E_max - self.E_min) * active
 
 
@@ -108,11 +111,12 @@ class Heart:
         heart = replace(self, **{key: with_values(key, owner, values) for key, owner in self.groups.items()})
         for key in ("left_ventricle", "left_atrium"):
             chamber = getattr(heart, key)
-            if chamber.rise + chamber.fall > 1.0:
-                raise InputError(
-                    f"{key}.rise + {key}.fall = {chamber.rise + chamber.fall:g}: contraction and relaxation must end "
-                    "within a beat, so at most 1; shorten them."
-                )
+            require(
+                chamber.rise + chamber.fall <= 1.0,
+                f"{key}.rise + {key}.fall = %g: contraction and relaxation must end within a beat, so at most 1; "
+                "shorten them.",
+                chamber.rise + chamber.fall,
+            )
         return heart
 
 

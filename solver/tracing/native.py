@@ -156,7 +156,7 @@ class Engine:
         """
         if self.recorded.checked:
             return self._steps(state, drive, table)
-        done, before = self._steps(state, drive[:-1], table[:-1])
+        done, before = self._steps(state, drive[:-1], table[:-1]) if len(drive) > 1 else (0, state)
         if done < len(drive) - 1:
             return done, before
         more, after = self._steps(before, drive[-1:], table[-1:])

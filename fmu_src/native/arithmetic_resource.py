@@ -1,0 +1,46 @@
+"""The resource of a heart or a body that needs no Python: its two programs (:mod:`solver.tracing.arithmetic`) in
+``resources/arterial.bin``. Not part of the code of other FMUs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from solver.lumped.component import Arithmetic
+from solver.tracing.arithmetic import Recorded, recorded
+from solver.tracing.program import Shared
+
+from ..variables.variable import Variable
+from .arrays import Texts, file_of, integers, tables
+
+Array = np.ndarray
+
+_NUMBERS = 4  # at most, of a sentence
+
+
+def resource(component: Arithmetic, table: Sequence[Variable]) -> bytes:
+    """The file, its GUID still open (:func:`~fmu_src.native.arrays.with_guid`)."""
+    shared, texts = Shared(), Texts()
+    given = [variable for variable in table if variable.causality != "output"]
+    choices = {variable.name: variable.choices for variable in given if variable.choices}
+    programs = recorded(component, [variable.name for variable in given], choices, shared)
+    arrays = tables(table, texts, n_programs=len(programs), n_arithmetic=programs[0].n_state)
+    arrays |= {"index": shared.index.all(), "numbers": shared.constants.all()}
+    return file_of(arrays, texts, [array for one in programs for array in _program(one, texts)])
+
+
+def _program(one: Recorded, texts: Texts) -> Iterator[Array]:
+    """Counts and places, code, where phases begin; and no derivatives."""
+    p, at = one.program, one.program.address
+    numbers = [p.n_fixed, p.n_work, len(one.loops), len(one.requirements)]
+    numbers += [at.get(name, -1) for name in ("values", "state", "t", "h")] + [at["next_state"], at["outputs"]]
+    for k, size in enumerate(one.loops):
+        numbers += [size, *(at[f"{name}_{k}"] for name in ("begin", "before", "after"))]
+    for k, must in enumerate(one.requirements):
+        places = [at[f"number_{k}_{i}"] for i in range(must.numbers)]
+        numbers += [must.phase, at[f"required_{k}"], texts.at(must.sentence), *places, *[0] * (_NUMBERS - len(places))]
+    yield integers(numbers)
+    yield from (p.code, p.begin)
+    yield from [integers([])] * 3

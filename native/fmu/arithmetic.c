@@ -1,0 +1,85 @@
+/* Components without extent, hearts and bodies: their programs, as solver/tracing/arithmetic.py records them. */
+#include "component.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* A sentence, in which %g and such stand for numbers at places. */
+static int told(component *c, const memory *m, const char *s, const int32_t *places)
+{
+    for (int at = 0; *s && at < ROOM - 64; c->said[at] = 0) {
+        char format[16] = "";
+        const size_t n = *s == '%' ? strcspn(s, "g") + 1 : 0;
+        if (n && n < sizeof(format)) {
+            memcpy(format, s, n);
+            at += snprintf(c->said + at, 64, format, *placed(m, *places++));
+        } else {
+            c->said[at++] = *s;
+        }
+        s += n ? n : 1;
+    }
+    return 0;
+}
+
+/* What must be true after a phase. */
+static int fulfilled(component *c, const memory *m, const int32_t *requirement, int32_t n, int32_t phase)
+{
+    for (int32_t i = 0; i < n; i++, requirement += PER_REQUIREMENT)
+        if (requirement[REQUIRED_IN] == phase && !(*placed(m, requirement[CONDITION]) != 0.0))
+            return told(c, m, text(c, requirement[SENTENCE]), requirement + FIRST_NUMBER);
+    return 1;
+}
+
+/* Runs the program of the initialization or of a step from t of length h: from values and state to state and outputs. */
+static int done(component *c, int which, double t, double h)
+{
+    const recorded *const one = &c->r.recorded[which];
+    const int32_t *const meta = one->meta, *loop = meta + A_HEAD, *const requirements = loop + PER_LOOP * meta[N_LOOPS];
+    const memory m = memory_of(&one->program, c->slots[0].fixed, c->work);
+    double *const x = c->numbers, *const state = x + c->shown + AT_DRIVE;
+    const double *const given[] = {x + c->values, state, &t, &h};
+    const size_t sizes[] = {(size_t)c->r.meta[FIRST_OUTPUT], (size_t)c->r.n_state, 1, 1};
+    for (int i = 0; i < 4; i++)
+        if (meta[GIVEN_VALUES + i] >= 0) memcpy(placed(&m, meta[GIVEN_VALUES + i]), given[i], sizeof(double) * sizes[i]);
+    for (int32_t phase = 0; phase <= 2 * meta[N_LOOPS]; phase++) {
+        if (phase % 2) {
+            const size_t bytes = sizeof(double) * (size_t)loop[LOOP_SIZE];
+            double *const going = placed(&m, loop[LOOP_BEFORE]);
+            memcpy(going, placed(&m, loop[LOOP_BEGIN]), bytes);
+            for (; *going > 0.0; memcpy(going, placed(&m, loop[LOOP_AFTER]), bytes)) run(&one->program, &m, phase);
+            loop += PER_LOOP;
+        } else {
+            run(&one->program, &m, phase);
+        }
+        if (!fulfilled(c, &m, requirements, meta[N_REQUIREMENTS], phase)) return 0;
+    }
+    memcpy(state, placed(&m, meta[NEXT_STATE]), sizeof(double) * (size_t)c->r.n_state);
+    memcpy(x + c->values + c->r.meta[FIRST_OUTPUT], placed(&m, meta[OUTPUTS]),
+           sizeof(double) * (size_t)(c->r.meta[N_VARIABLES] - c->r.meta[FIRST_OUTPUT]));
+    x[TIME] = t + h;
+    return outputs_are_finite(c);
+}
+
+int arithmetic_initialized(component *c)
+{
+    if (!done(c, 0, c->numbers[T0], 0.0)) return 0;
+    c->numbers[READY] = 1.0;
+    c->numbers[OUTDATED] = 0.0;
+    return 1;
+}
+
+int arithmetic_stepped(component *c, double t, double h)
+{
+    if (!begins_here(c, t, h, 2e-9) || !done(c, 1, t, h)) return 0;
+    c->numbers[CHANGED] = 0.0;
+    return 1;
+}
+
+/* The places of a program; 0 where they are not whole. */
+int arithmetic_read(const resource *r, const recorded *one, int32_t n, int32_t n_begin)
+{
+    const int32_t *const meta = one->meta;
+    return n >= A_HEAD && meta[N_LOOPS] >= 0 && meta[N_REQUIREMENTS] >= 0 && r->n_inlets == 0 && r->n_outlets == 0 &&
+           n == A_HEAD + PER_LOOP * meta[N_LOOPS] + PER_REQUIREMENT * meta[N_REQUIREMENTS] && n_begin == 2 * meta[N_LOOPS] + 2;
+}

@@ -1,0 +1,146 @@
+"""The steps of hearts and bodies as programs: from values, state and time to the next state and the outputs.
+
+A loop is a phase of its own, which runs as long as the first of its numbers is true: phase 1 is that of the first loop,
+phase 2 what follows it, and so on. What a loop needs but does not change is computed before it.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..lumped.arithmetic import Number, State
+from ..lumped.component import Arithmetic
+from .array import Traced, array, later, of
+from .program import Program, Shared, compiled
+from .recorder import Recorder
+
+
+class Requirement(NamedTuple):
+    """What must be true after a phase; else the sentence, in which %g stands for the next of the numbers."""
+
+    phase: int
+    sentence: str
+    numbers: int
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A program. loops : how many numbers each has. In ``program.address``: what it is given (``values``, ``t``, ``h``,
+    ``state``), where it reads any; ``next_state`` and ``outputs``; of loop k ``begin_k``, ``before_k`` and ``after_k``;
+    of requirement k ``required_k`` and its numbers ``number_k_i``."""
+
+    program: Program
+    loops: tuple[int, ...]
+    requirements: tuple[Requirement, ...]
+    n_state: int
+
+
+def recorded(
+    component: Arithmetic, names: Sequence[str], choices: Mapping[str, Sequence[str]], shared: Shared
+) -> tuple[Recorded, Recorded]:
+    """The programs of its initialization and of its step.
+
+    names : of inputs and parameters, in the order of their numbers. choices : the items of those that are Enumerations,
+    whose numbers count from 1. Raises Untraceable.
+    """
+    first = _Recording(names, choices)
+    component = copy.copy(component)
+    component.initialize(first.given("t"), first.values)
+    begin = first.finished(component, shared)
+    second = _Recording(names, choices)
+    state = iter(second.given("state", (begin.n_state,)))
+    for name in component.kept:
+        setattr(component, name, _rebuilt(getattr(component, name), state))
+    component.retune(second.values)
+    component.advance(second.given("t"), second.given("h"), second.values)
+    return begin, second.finished(component, shared)
+
+
+class _Recording(Recorder):
+    """Records loops and requirements, too."""
+
+    def __init__(self, names: Sequence[str], choices: Mapping[str, Sequence[str]]) -> None:
+        super().__init__()
+        self.loops: list[int] = []
+        self.requirements: list[Requirement] = []
+        self.inputs: dict[str, list[Traced]] = {}
+        self.out: dict[str, Traced] = {}
+        given = self.given("values", (len(names),))
+        self.values = {
+            name: _Item(x, choices[name]) if name in choices else x for name, x in zip(names, given, strict=True)
+        }
+
+    def given(self, name: str, shape: tuple[int, ...] = (), phase: int = 0) -> Any:
+        """Numbers that the program is given under a name."""
+        self.inputs[name] = [array(self, phase, shape)]
+        return self.inputs[name][0]
+
+    def finished(self, component: Arithmetic, shared: Shared) -> Recorded:
+        """The program, with the state and the outputs of a component."""
+        state = [x for name in component.kept for x in _numbers(getattr(component, name))]
+        self.out |= {"next_state": self._stacked(state), "outputs": self._stacked(component.outputs())}
+        program = compiled(self, 1 + 2 * len(self.loops), 1, self.inputs, self.out, shared=shared)
+        return Recorded(program, tuple(self.loops), tuple(self.requirements), len(state))
+
+    def repeated(self, body: Callable[[State], State], state: State) -> State:
+        """A loop: see :func:`solver.lumped.arithmetic.repeated`."""
+        k = len(self.loops)
+        phase = 1 + 2 * k
+        numbers = _numbers(state)
+        self.loops.append(len(numbers))
+        self.out[f"begin_{k}"] = self._stacked(numbers)
+        before = self.given(f"before_{k}", (len(numbers),), phase)
+        self.out[f"after_{k}"] = self._stacked(_numbers(body(_rebuilt(state, iter(before)))))
+        return _rebuilt(state, iter(later(self, before, phase + 1)))
+
+    def require_or_say(self, condition: Traced, sentence: str, numbers: Sequence[Number]) -> None:
+        """See :func:`solver.lumped.arithmetic.require`."""
+        k = len(self.requirements)
+        self.out[f"required_{k}"] = condition
+        self.out |= {f"number_{k}_{i}": self._stacked([x]) for i, x in enumerate(numbers)}
+        phase = max(x.buffer.slot.phase for x in (condition, *numbers) if isinstance(x, Traced))
+        self.requirements.append(Requirement(phase, sentence, len(numbers)))
+
+    def _stacked(self, numbers: Sequence[Number]) -> Traced:
+        if any(isinstance(x, Traced) for x in numbers):
+            return np.stack(numbers)  # type: ignore[return-value]
+        return of(self, self.constant(numbers), (len(numbers),))
+
+
+def _parts(x: Any) -> Iterable[Any] | None:
+    """What a dict, a dataclass or a tuple holds; None for a number."""
+    if isinstance(x, dict):
+        return x.values()
+    return x if isinstance(x, tuple) else [getattr(x, f.name) for f in fields(x)] if is_dataclass(x) else None
+
+
+def _numbers(x: Any) -> list[Number]:
+    """All numbers in it."""
+    parts = _parts(x)
+    return [x] if parts is None else [number for each in parts for number in _numbers(each)]
+
+
+def _rebuilt(x: Any, numbers: Iterator[Number]) -> Any:
+    """The same of other numbers."""
+    parts = _parts(x)
+    if parts is None:
+        return next(numbers)
+    made = [_rebuilt(each, numbers) for each in parts]
+    return dict(zip(x, made, strict=True)) if isinstance(x, dict) else type(x)(*made)
+
+
+class _Item:
+    """An Enumeration: its number, which is compared with texts."""
+
+    def __init__(self, number: Traced, choices: Sequence[str]) -> None:
+        self.number, self.choices = number, choices
+
+    def __eq__(self, other: object) -> Any:
+        return self.number == float(self.choices.index(str(other)) + 1)
+
+    __hash__ = None  # type: ignore[assignment]
