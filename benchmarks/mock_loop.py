@@ -1,16 +1,20 @@
 """One tube with a Windkessel as a model of a real mock circulation: the tables of docs/real-recordings.md.
 
     python benchmarks/mock_loop.py FOLDER [--network FILE --free NUMBER …] [--fit 2,10,20] [--judge 6,14,18]
+    python benchmarks/mock_loop.py FOLDER --together --network FILE --free NUMBER … [--set NAME=VALUE …]
 
 FOLDER holds files of the "Mock Circulatory Loop Generated Database for Dynamic Characterization of Pressure-based
 Cardiac Output Monitoring Systems" (U.S. Food and Drug Administration, 2024, RST24CV01.01; CC0 1.0), as they are: time
 [s], flow [mL/s], central and peripheral pressure [mmHg], without a header, named ``NV_step10_COresolution.csv``. Three
 of them, 10 s long, are in examples/data/mock-loop.
 
-Every file is read and cut into beats, gets a first model, and that is calibrated (--network, --free: another one). Then
+Every file is read and cut into beats, gets a first model with the stated low-passes, and that is calibrated (--network,
+--free: another one, with its own). Then
 each calibration of a step of ``--fit`` is driven by the flow of every step of ``--judge``, with no number changed. RMS
 is over the mean beat, model less measured; pulsation: the same without the means. Beside it stands what no model is
-needed for, the ratios P/Q of the harmonics 1 to 16 of the fitted step times the flow of the other. Nothing is asserted.
+needed for, the ratios P/Q of the harmonics 1 to 16 of the fitted step times the flow of the other. ``--together``: one
+calibration of all steps of ``--fit``, judged on these and on those of ``--judge``; ``--set``: other numbers of the
+network, also of effects that it lacks. Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -44,9 +48,10 @@ from fitting.records.channels.filters import with_filters
 from fitting.records.channels.inflow import inflow
 from fitting.records.read.columns import Reading
 from fitting.records.read.record import read_record
+from fitting.results.parameter_set import unit_of
 from solver import Settings
 from solver.network.description import Network
-from solver.network.files import read_network, write_whole
+from solver.network.files import parse_quantity, read_network, write_whole
 from solver.quantities.legible import number
 from solver.quantities.units import INFLOW, MMHG
 
@@ -134,13 +139,13 @@ def measured(path: Path, given: Network | None, free: Sequence[str]) -> tuple[Ro
     clock = Clock()
     beats = align(read_record(path, Reading(names=COLUMNS)))
     read = clock.lap()
-    network = with_filters(given or first_model(beats).network, FILTERS)
+    network = given or with_filters(first_model(beats).network, FILTERS)
     first = clock.lap()
     first_rms = left(beats, network)[0]
     clock.lap()
     result: Calibration = calibrate(beats, network, free)
     calibrated = clock.lap()
-    found = result.parameter_set().apply(network)
+    found = found_by(result, network)
     rms, pulsation, _ = left(beats, found)
     scatter = [float(beats.scatter(name).mean() / np.sqrt(beats.n_beats) / MMHG) for name in CHANNELS]
     row = Row(
@@ -148,6 +153,39 @@ def measured(path: Path, given: Network | None, free: Sequence[str]) -> tuple[Ro
         tuple(sorted(result.undetermined)), result.chi2 / result.dof, rms, pulsation, (scatter[0], scatter[1]),
     )  # fmt: skip
     return row, beats, found
+
+
+def together(paths: Sequence[Path], fit: Sequence[int], judge: Sequence[int], network: Network,
+             free: Sequence[str], console: Console) -> tuple[list[Judged], Calibration]:  # fmt: skip
+    """One calibration of some steps, judged on each and on others, with its zeros of sensors; by ratios: of the fitted
+    step whose mean flow is nearest."""
+    steady = {step(path): path for path in paths if path.stem.startswith("NV_") and "SVV" not in path.stem}
+    beats = {i: align(read_record(steady[i], Reading(names=COLUMNS))) for i in (*fit, *judge)}
+    clock = Clock()
+    result = calibrate([beats[i] for i in fit], network, free)
+    seconds = clock.lap()
+    found, judged = found_by(result, network), []
+    for i, each in beats.items():
+        others = [beats[j] for j in fit if j != i]
+        near = min(others, key=lambda other: abs(other.mean(INFLOW).mean() - each.mean(INFLOW).mean()))
+        said = f"{steady[i].stem}, {'fitted' if i in fit else 'held out'}"
+        judged.append(Judged(near.source, said, *left(each, found), by_ratios(near, each)))
+    show((), judged, console)
+    console.print(f"{seconds:.0f} s", *(f"{name} = {number(value, 3)}" for name, value in result.values.items()),
+                  *result.report, sep="\n")  # fmt: skip
+    return judged, result
+
+
+def found_by(result: Calibration, network: Network) -> Network:
+    """The network as calibrated, with the zeros of its sensors."""
+    zeros = {name: value for name, (value, _) in result.zeros.items()}
+    return result.parameter_set().apply(network).with_terms(zeros)
+
+
+def assigned(network: Network, texts: Sequence[str]) -> Network:
+    """The network with other numbers, NAME=VALUE, also of effects that it lacks."""
+    pairs = [[part.strip() for part in text.split("=", 1)] for text in texts]
+    return network.with_terms({name: parse_quantity(text, unit_of(name), name) for name, text in pairs})
 
 
 def step(path: Path) -> int:
@@ -172,8 +210,9 @@ def show(rows: Sequence[Row], judged: Sequence[Judged], console: Console) -> Non
             f"{r.calibrated:.1f}" + ("" if r.settled else " (not settled)"), number(r.chi2), both(r.rms),
             both(r.pulsation), both(r.scatter), ", ".join(r.undetermined),
         )  # fmt: skip
-    console.print(table)
-    table = Table(title="fitted to one step, judged on another: mmHg")
+    if rows:
+        console.print(table)
+    table = Table(title="fitted, judged: mmHg; by ratios: of the fitted step")
     for column in ("fitted", "judged on", "rms", "pulsation", "by ratios P/Q", "error of the mean"):
         table.add_column(column, justify="right")
     for j in judged:
@@ -187,6 +226,8 @@ def main(
     free: Annotated[list[str] | None, typer.Option(help="What is calibrated, as for arterial-fmu calibrate.")] = None,
     fit: Annotated[str, typer.Option(help="Normovolemic steps whose calibrations are judged.")] = "2,10,20",
     judge: Annotated[str, typer.Option(help="Normovolemic steps that they are judged on.")] = "6,14,18",
+    joint: Annotated[bool, typer.Option("--together", help="One calibration of all steps of --fit.")] = False,
+    given_numbers: Annotated[list[str] | None, typer.Option("--set", help="NAME=VALUE of the network.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write all numbers to this file.")] = None,
 ) -> None:
     """Measure and print."""
@@ -194,7 +235,17 @@ def main(
     if not paths:
         typer.echo(f"{folder}: no CSV file; the docstring of this script says which database it is for.", err=True)
         raise typer.Exit(2)
-    given = None if network is None else read_network(network)
+    given = None if network is None else assigned(read_network(network), given_numbers or [])
+    if joint:
+        if given is None:
+            typer.echo("--together: give the network with --network.", err=True)
+            raise typer.Exit(2)
+        fitted, others = ([int(i) for i in text.split(",")] for text in (fit, judge))
+        judged, result = together(paths, fitted, others, given, free or FREE, Console(width=190))
+        if json_file is not None:
+            content = {"judged": [asdict(each) for each in judged], "values": dict(result.values)}
+            write_whole(json_file, json.dumps(content, indent=1) + "\n")
+        return
     found = [measured(path, given, free or FREE) for path in paths]
     steady = {step(path): each for path, each in zip(paths, found, strict=True)
               if path.stem.startswith("NV_") and "SVV" not in path.stem}  # fmt: skip

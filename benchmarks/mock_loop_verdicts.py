@@ -1,10 +1,11 @@
 """What `discover` says of a real mock circulation, and how long ten starts of `calibrate` take: real-recordings.md.
 
-    python benchmarks/mock_loop_verdicts.py FOLDER [--time-limit "1 min"] [--starts 10] [--json FILE]
+    python benchmarks/mock_loop_verdicts.py FOLDER [--network FILE] [--time-limit "1 min"] [--starts 10] [--json FILE]
 
-FOLDER as for benchmarks/mock_loop.py. Each file is studied with its first model, the stated low-passes given, in a
-process of its own (``--jobs 1``); then that model's six numbers are calibrated from so many starts. RMS is over the
-mean held-out beat, through the FMU, of the model without and with what was named. Nothing is asserted.
+FOLDER as for benchmarks/mock_loop.py. Each file is studied with its first model, the stated low-passes given, or with
+the network of --network, in a process of its own (``--jobs 1``); then the six numbers of the first model are calibrated
+from so many starts. RMS is over the mean held-out beat, through the FMU, of the model without and with what was named.
+Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ from fitting.records.alignment.align import align
 from fitting.records.channels.filters import with_filters
 from fitting.records.read.columns import Reading
 from fitting.records.read.record import read_record
-from solver.network.files import write_network, write_whole
+from solver.network.description import Network
+from solver.network.files import read_network, write_network, write_whole
 from solver.quantities.units import MMHG
 
 Row = dict[str, Any]
@@ -47,11 +49,11 @@ def spent() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def studied(path: Path, limit: str, folder: Path) -> Row:
+def studied(path: Path, limit: str, folder: Path, given: Network | None) -> Row:
     """The verdict on one file, with CPU and wall seconds."""
     beats = align(read_record(path, Reading(names=COLUMNS)))
     model, out = folder / f"{path.stem}.toml", folder / path.stem
-    write_network(with_filters(first_model(beats).network, FILTERS), model)
+    write_network(given or with_filters(first_model(beats).network, FILTERS), model)
     mapped = [word for column, name in COLUMNS.items() for word in ("--map", f"{column}={name}")]
     command = [sys.executable, "-m", "arterial_fmu", "discover", str(path), "--model", str(model), "--out", str(out)]
     begun, cpu = time.monotonic(), spent()
@@ -84,18 +86,19 @@ def named(row: Row) -> str:
 def main(
     folder: Annotated[Path, typer.Argument(help="Folder of the CSV files.")],
     limit: Annotated[str, typer.Option("--time-limit", help="Of naming, for each file.")] = "1 min",
-    starts: Annotated[int, typer.Option(help="Of calibrate; 0: none.")] = 10,
+    starts: Annotated[int, typer.Option(help="Of calibrate, with the first model; 0: none.")] = 10,
+    network: Annotated[Path | None, typer.Option(help="Network file in place of first models.")] = None,
     files: Annotated[int | None, typer.Option(help="Of the folder, the first ones; default: all.")] = None,
     kept: Annotated[Path | None, typer.Option(help="Folder for the studies; default: none is kept.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write all numbers to this file.")] = None,
 ) -> None:
     """Measure and print."""
-    rows = list[Row]()
+    rows, given = list[Row](), None if network is None else read_network(network)
     if kept is not None:
         kept.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as made:
         for path in sorted(folder.glob("*.csv"))[:files]:
-            rows.append(studied(path, limit, kept or Path(made)))
+            rows.append(studied(path, limit, kept or Path(made), given))
             rows[-1] |= from_many(path, starts) if starts else {}
             if json_file is not None:
                 write_whole(json_file, json.dumps(rows, indent=1) + "\n")

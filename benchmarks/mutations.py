@@ -67,6 +67,8 @@ FAULTS = (
     Fault("verdict: a class of one", VERDICT, "< at.RULED_OUT)", "< 0.0 * at.RULED_OUT)", "comparing"),
     Fault("verdict: a quarter of the gap closed for a half", VERDICT, "1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)",
           "1.0 - exact.fit.chi2 / none.fit.chi2", "comparing"),
+    Fault("verdict: members of a pair not weighed alone", VERDICT, "for n in single[at.FEW :] if n.label in alone",
+          "for n in single[at.FEW :] if n.label not in alone and not n.label", "comparing"),
     Fault("verdict: ambiguous for several", VERDICT, "if _of_one_site(best) else", "if not _of_one_site(best) else",
           "comparing"),
     Fault("FMU: a pressure inlet starts at 0", TABLE, '{"Q": 0.0, "P": P_0}[kind]', '{"Q": 0.0, "P": 0.0}[kind]',
@@ -98,7 +100,7 @@ def caught(fault: Fault, tree: Path) -> str:
     if done.returncode not in (0, 1):
         return f"(pytest ended with {done.returncode})"
     failed = [text for text in done.stdout.splitlines() if text.startswith(("FAILED", "ERROR"))]
-    return failed[0].split(" ")[1].removeprefix("tests/") if failed else ""
+    return failed[0].partition(" tests/")[2].partition(" - ")[0] if failed else ""
 
 
 def main() -> None:

@@ -119,7 +119,7 @@ def turns(fmus: Sequence[Path], steps: int) -> list[float]:
             for i in range(block * steps // 10, (block + 1) * steps // 10):
                 slave.doStep(i * 1e-3, 1e-3)
             found[block, k] = (time.process_time() - start) / (steps // 10)
-    return found.min(axis=0).tolist()  # type: ignore[no-any-return]
+    return [float(x) for x in found.min(axis=0)]
 
 
 if __name__ == "__main__":

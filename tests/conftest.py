@@ -29,7 +29,8 @@ hypothesis.settings.register_profile("no deadline", deadline=None)
 hypothesis.settings.load_profile("no deadline")
 
 # the files that take longest: first, so that at the end no core waits for another
-LONGEST = ("readme", "examples", "muscl", "install", "discrepancy_walls", "hidden_bank", "closed_loop", "toy")
+LONGEST = ("install", "readme", "naming_off_centre", "naming_of_animals", "discrepancy_several", "hidden_bank",
+           "discrepancy_bench", "discrepancy_walls", "regression", "examples", "toy")  # fmt: skip
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from discrepancy import thresholds as at
 from discrepancy.assemble import _bent, sentence
 from discrepancy.findings.outcome import NamedEffect, OwnNumber, Walls
 from discrepancy.name.intervals import _lower
 from discrepancy.name.scoring import Compared, Named, choice, ranked, shares
-from discrepancy.name.verdict import Naming, _partial, _said, decided
+from discrepancy.name.verdict import Naming, _held_loosely, _partial, _said, decided
 from discrepancy.show.fmu_validation import Gap
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import Term
@@ -124,6 +125,18 @@ def test_names_that_look_alike_share_their_probability(effects: tuple[tuple[str,
     assert naming.verdict == expected
     mine = (1.0 if expected == "none" else math.exp(-0.25)) / (1.0 + len(effects) * math.exp(-0.25))
     assert naming.confidence == pytest.approx(mine, rel=1e-12)
+
+
+def test_both_of_a_pair_are_weighed_alone() -> None:
+    """A pair explains the record; each of its members is also held with an error of the model, however far down the
+    list, and of the others the most probable few."""
+    problem: Any = Lawless()
+    single = [replace(pair((f"effect_{i}", "A")), misfit=9.0, score=float(i)) for i in range(at.FEW + 4)]
+    both = replace(pair(("effect_0", "A"), (f"effect_{at.FEW + 2}", "A")), misfit=1.0, score=-9.0)
+    none = replace(pair(), misfit=99.0, score=99.0)
+    held = _held_loosely(Compared(problem, none, (both, *single), {}, ()), [both])
+    assert [n.label for n in held[1:]] == [f"effect_{i} at A" for i in (*range(at.FEW), at.FEW + 2)]
+    assert held[0] is none
 
 
 def test_less_than_half_of_the_gap_is_no_part() -> None:

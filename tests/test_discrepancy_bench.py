@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,8 +17,6 @@ from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
 
 from discrepancy.find.study import prepare
-from discrepancy.name import verdict
-from discrepancy.name.scoring import Named, shares
 from discrepancy.name.verdict import Naming
 from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
@@ -337,18 +334,3 @@ def test_once_missed(seed: int, index: int, verdict: str) -> None:
     _, naming = judge(Record("synthetic", "", made.time, made.channels, {}), made.base)
     hidden = f"{case.effects[0].name} at {case.effects[0].where[0]}"
     assert naming.verdict == verdict and hidden == naming.best.label == naming.members[0].label
-
-
-def test_two_effects_are_weighed_against_each_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A lag of P and a slow radius: no member of a pair is missing that was fitted by itself."""
-    weighed: list[str] = []
-
-    def shares_of(ways: Sequence[Named]) -> list[float]:
-        weighed.extend(n.label for n in ways)
-        return shares(ways)
-
-    monkeypatch.setattr(verdict, "shares", shares_of)
-    hidden = (Effect("channel_lag", ("CA.P",), 6e-3), Effect("catheter_resonance", ("CA.R",), 1 / 15, 0.1))
-    fitted = {n.label for n in judged(hidden, "sheep").ranked if len(n.fit.terms) == 1}
-    members = {one for label in weighed if " + " in label for one in label.split(" + ")}
-    assert len(members & fitted) >= 2 and members & fitted <= set(weighed)

@@ -176,7 +176,7 @@ def test_a_partial_answer_is_added(partial: tuple[Outcome, dict[str, Any], Path]
     assert (folder / "model.fmu").is_file()
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "Residual:" in page and verdict["remains"] in page
-    assert "An effect is missing, and more than that" in page
+    assert "A missing effect explains part of the disagreement" in page
 
 
 # --- the time limit ---------------------------------------------------------------------------------------------------

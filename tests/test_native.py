@@ -125,9 +125,14 @@ def test_beats(sheep: Network) -> None:
         assert again.backend == "native" and again.beats == 2
 
 
-def test_one_step(sheep: Network) -> None:
-    """A run of a single step, with a program that none has checked yet, is NumPy's to 1e-10."""
-    assert off(*both(sheep, 7.3e-3, settings=Settings(dt=7.3e-3))) < 1e-10  # a step of no other test
+def test_a_run_of_one_step(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first of its program, which is compared with NumPy's; and runs step by step, as for progress."""
+    told = list[float]()
+    for n, progress in ((1, None), (5, lambda part, label: told.append(part))):
+        monkeypatch.setattr("solver.tracing.steps._programs", Programs())  # none that was compared before
+        found, expected = both(sheep, n * COARSE.dt, progress=progress)
+        assert len(found.time) == n + 1 and off(found, expected) < EQUAL
+    assert told[:5] == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
 
 
 def test_batch_is_its_members(sheep: Network) -> None:

@@ -30,7 +30,7 @@ def doubts(beats: Beats, root: str, R: Found, mass: float, sites: list[str]) -> 
         if f"{site}.P" in beats.values and (there := float(beats.mean(f"{site}.P").mean())) > _ABOVE * P:
             yield (
                 f"the mean of {site}.P is {(there - P) / MMHG:.2g} mmHg above that of {root}, against the flow: the "
-                "zero or the height of a sensor is off."
+                f"zero or the height of a sensor is off; with several flows, calibrate --free {site}.P.zero finds it."
             )
 
 

@@ -38,7 +38,7 @@ def parse_unknown(text: str, network: Network) -> Unknown:
     if target == "all":
         names = [f"{s.name}.{key}" for s in network.segments if f"{s.name}.{key}" in known]
     else:
-        names = [f"{part.strip()}.{key}" for part in target.split("+")]
+        names = [f"{part.strip()}{dot}{key}" for part in target.split("+")]
     _check_names(name, names, known, network.name)
     nominal = network.parameters() | zero_values(network)
     quantity = known[names[0]]
@@ -117,6 +117,7 @@ def _check_names(unknown: str, names: Sequence[str], known: Iterable[str], netwo
     for name in names:
         if name not in known:
             close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+            close = [f"all.{name}"] if name in {each.partition(".")[2] for each in known} else close
             hint = f"did you mean {close[0]}?" if close else 'write it as "all.E", "CA.phi0" or "CA.outlet.R_t".'
             raise InputError(f"unknown {unknown}: {name} is not a parameter of network {network}; {hint}")
         if names.count(name) > 1:
