@@ -10,7 +10,6 @@ from pulses import DT, noisy, pressure, pulse, radius, record
 
 from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats
-from fitting.records.alignment.period import find_period
 from fitting.records.read.record import Record
 
 # --- period -------------------------------------------------------------------------------------------------------
@@ -44,7 +43,7 @@ def test_period_in_noise_reaches_the_bound() -> None:
     errors = []
     for seed in range(60):
         noise = sd * np.random.default_rng(seed).standard_normal(n)
-        errors.append(find_period({"AA.P": pulse(np.arange(n) * DT / T) + noise}, DT, "x").T / T - 1.0)
+        errors.append(align(record(np.arange(n) * DT, P=pulse(np.arange(n) * DT / T) + noise)).T / T - 1.0)
     assert 0.75 < np.sqrt(np.mean(np.square(errors))) / bound < 1.35
     assert abs(np.mean(errors)) < 3.0 * bound / np.sqrt(60)
 
@@ -60,19 +59,15 @@ def test_neither_a_harmonic_nor_a_multiple_is_taken_for_the_period(T: float, n_b
     wave = np.cos(2 * np.pi * np.multiply.outer(time / T, np.arange(1, 5)) + rng.uniform(0, 6, 4)) @ amplitudes
     drift = 0.5 * np.sin(2 * np.pi * time / (11 * T + 5))
     values = 1e4 + wave + drift + 0.1 * wave.std() * rng.standard_normal(len(time))
-    assert find_period({"AA.P": values}, DT, "x").T == pytest.approx(T, rel=0.02 / n_beats)
+    assert align(record(time, P=values)).T == pytest.approx(T, rel=0.02 / n_beats)
 
 
 def test_the_channel_that_repeats_best_gives_the_period() -> None:
     """Noise in one channel, half of another lost, a third at 16 dB: the third gives T = 1 s, to 1e-3."""
     time = np.arange(1500) * DT
     noise = np.random.default_rng(0).normal(size=(2, len(time)))
-    channels = {
-        "AA.P": noise[0],
-        "AA.R": np.where(time < 4, np.nan, 1.0) * pulse(time),
-        "AA.Q": pulse(time) + 0.1 * noise[1],
-    }
-    found = find_period(channels, DT, "x")
+    lost = np.where(time < 4, np.nan, 1.0) * pulse(time)
+    found = align(record(time, P=noise[0], R=lost, Q=pulse(time) + 0.1 * noise[1]))
     assert found.T == pytest.approx(1.0, rel=1e-3)
 
 
@@ -80,7 +75,7 @@ def test_ten_thousand_beats_do_not_lose_count() -> None:
     """20 dB: the period to 1e-8, a ten-thousandth of a beat over the record."""
     T, n = 0.4724, 944_800
     values = pulse(np.arange(n) * DT / T) + 0.15 * np.random.default_rng(5).standard_normal(n)
-    assert find_period({"AA.P": values}, DT, "x").T == pytest.approx(T, rel=1e-8)
+    assert align(record(np.arange(n) * DT, P=values)).T == pytest.approx(T, rel=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -186,12 +181,9 @@ def test_a_rate_that_drifts_is_not_taken_for_a_steady_one(change: float, longest
 def test_an_unsteady_rate_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beats of 0.5 to 0.385 s whose upstrokes cannot be told: no period fits; nor does one that is given."""
     monkeypatch.setattr("fitting.records.alignment.align.unequal", lambda *_: None)
-    with pytest.raises(
-        ValueError, match=r"not steady: beats come every 0\.43\d* s or so, but no period fits .* rate\.$"
-    ):
-        align(slowing(0.3))
-    with pytest.raises(ValueError, match=r"not steady: if cut every 0\.45 s, a beat is shifted .* steady rate\.$"):
-        align(slowing(0.3), 0.45)
+    for period in (None, 0.45):
+        with pytest.raises(ValueError, match=r"not steady: if cut every 0\.43\d* s, .* steady rate\.$"):
+            align(slowing(0.3), period)
 
 
 def test_noise_must_not_cost_the_last_beat() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fitting.records.alignment.period import find_period
+from fitting.records.alignment.period import usual_period
 from fitting.records.read.record import Record
 from solver.errors import InputError
 
@@ -29,7 +29,7 @@ def check_record(record: Record) -> None:
     periods = {}
     for name, values in record.channels.items():
         try:
-            periods[name] = find_period({name: values}, record.dt, record.path).T
+            periods[name] = usual_period({name: values}, record.dt, record.path).T
         except InputError:  # too noisy by itself; the channels together may have a period
             continue
     if not periods:

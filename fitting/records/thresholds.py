@@ -29,9 +29,6 @@ VARIES = NEAR / 5.0  # of the beat or the pulse: standard deviation, from which 
 # over the whole record, by which a given one may differ from the one of equal beats
 RANGE = (0.05, 0.95)  # quantiles of a beat whose distance is its pulse: spikes are beyond them
 NO_PULSE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
-ALIKE = 0.9  # median correlation of beats with their mean, from which they are those of one heart
-MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
-ONE = 1.5  # times more or less often than the period says: these upstrokes are not one a beat
 UNLIKE, USUAL = 0.35, 6.0  # of the pulse, and times as much as usual: a beat that differs by both is not used
 MISSING = 3  # such beats in a row that do not end a stretch
 ODD, VISIBLE = 5.0, 1e-3  # times as much as usual, and of the pulse: a beat that differs by both is named
@@ -44,11 +41,10 @@ FASTEST_HEART = 0.2  # [s]; hearts of rabbits and larger animals beat at 300 a m
 SCREENED = 64.0  # [s] of the record that the search looks at
 WANDER = 0.25  # [Hz]; slower than any heart
 # correlations, of those of the best lag, after which so much of the power goes on alike
-GOES_ON = math.sqrt(0.75)  # a lag to judge
+GOES_ON = math.sqrt(0.75)  # a lag to judge; of beats with their mean, those of one heart
 SAME = math.sqrt(0.9)  # beats that alternate, if they do; less is another part of a beat
-NEARLY_SAME = math.sqrt(0.85)  # another part of a beat, which is said
-# of stretches as long as the lag, which hold parts of two beats; and of a stretch with a later one: a channel with less
-# has no beat, and white noise reaches 0.65
+# of a stretch with a later one: a channel with less has no beat, and white noise reaches 0.65. Of the usual likeness:
+# what is less alike is no upstroke but an artefact, such as a sensor dead for some beats
 HALF = math.sqrt(0.5)
 IN_TURN = 1.5  # times the usual difference, from which beats may differ in turn: by 0.7 of its standard deviation
 AS_MUCH = 4.0  # times less than the most is nearly as much: beats that are alike in turn are so after twice as many
@@ -60,22 +56,20 @@ UNTIMELY = 3.0  # times as much as usual, by which every second or third comes o
 
 # --- where a beat begins, in parts of the usual one ---
 NEAREST = 0.6  # two beats are no closer
+RESEMBLING = 0.5  # of the usual correlation with the mean beat, from which there is a beat
 BEFORE, AFTER = 0.12, 0.28  # of the upstroke: the part of a beat that tells its time
 ANOTHER = 1.0 - ELASTIC - BEFORE  # after the upstroke: the part that tells one beat from half of another
-RESEMBLING = 0.5  # of the usual correlation with the mean beat, from which there is a beat
 # by which an upstroke may come earlier or later than the mean beat says; and on either side, means whose difference is
 # the rise: the one after a notch is shorter
 SEARCHED = 0.08
-UPSTROKE = 0.7  # of the usual likeness: what is less alike is an artefact, such as a sensor dead for some beats
 FLAT_FOOT = 0.1  # of the steepest slope: where the foot is
 
 # --- equal beats ---
 IN_STEP = 1e-6  # samples that beats may slip against the samples over the whole record and be taken as they are
 MOST_HARMONICS = 128  # of the harmonic model; what lies above is left to the residual
-MANY_BEATS = 200.0  # beats, from which no drift can feign a period
 MOVED = 8  # harmonics above N/8, where half a sample is a sixteenth of a turn and more
-JITTER = 1e-3  # probability of shifts as large without any jitter (F test), below which they are taken out
-TIMING = 48  # harmonics that tell the timing of a beat
+JITTER = 0.5 * math.erfc(SURE / math.sqrt(2.0))  # of shifts as large without any (F test), below which they are taken
+# out: by SURE
 
 # --- spikes, and steps of a converter ---
 FAR = 7.0  # robust standard deviations off the other beats and the neighbours
@@ -83,7 +77,7 @@ STEPS = 3.0  # of the converter: rounding, and what a median of rounded values a
 SLIP_OF_CUTS = 2.0  # samples by which a beat may be off the others where it was cut, its shape included
 STEP_SHARE = 1e-3  # quantile of the steps between neighbours: the smallest may be an accident of rounding twice
 STEP_WHOLE = 0.02  # of a step, by which a difference may miss a whole number of steps
-STEP_NEAR = 30.0  # steps: differences that are compared with whole steps
+STEP_NEAR = 8.0  # steps: differences that are compared with whole steps
 STEP_FEWEST = 20  # of them. Simulated: of 400 analogue records of 20 to 1000 values none has a step
 STEP_FINEST = 1e-5  # of the range: finer steps are of no converter
 STEP_SURE = 0.1  # of a step: a harmonic of the mean beat that is larger is the signal's, not of rounding
@@ -91,7 +85,7 @@ STEP_SURE = 0.1  # of a step: a harmonic of the mean beat that is larger is the 
 # --- noise of the mean beat ---
 MANY = 10  # beats that tell the noise of a low harmonic with fewer neighbours: 1/f noise is largest at k = 1
 MOST_SERIAL = 0.9  # correlation of successive beats' means
-MAX_HARMONICS = 40  # that a network is compared in
+MAX_HARMONICS = 40  # that a network is compared in, and that tell the timing of a beat
 TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
 BEATS_BEFORE, BEATS_UNKNOWN = 8, 3  # mean beats put before a record, and how many may have been larger or smaller
 SEAM_ERROR = 0.3  # of the seam: the walls are not yet known, and the network is not linear

@@ -3,7 +3,7 @@
 A stretch of one lag L, in all channels, is compared with what follows it one, two and three lags later, where they fit
 best together. Every channel counts in units of itself, none for another: if a single one goes on otherwise after L than
 after 2 L or 3 L, then L is a part of a beat. Stretches may come early or late, so that a heart whose rate varies has a
-period, too; a strict one is refined in :mod:`fitting.records.alignment.harmonic_model`.
+period, too; a strict one is told by the timing of its beats (:mod:`fitting.records.alignment.equal_beats`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from solver.errors import InputError
 
 from .. import thresholds as limit
-from .harmonic_model import refine
 from .upstrokes import usual_range, vertex, without_gaps
 
 Array = np.ndarray
@@ -57,25 +56,11 @@ class _Later:
         return float(np.median(self.shift))
 
 
-def find_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
-    """The period of all channels together, refined if it is strict.
-
-    Where the rate drifts, the refinement counts the beats of one stretch in another, and ends far from all of them.
+def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
+    """The period of all channels together to some thousandths, steady or not.
 
     Raises ValueError if nothing repeats, or not twice.
     """
-    usual = usual_period(channels, dt, source)
-    return replace(usual, T=strict_period(usual.T, channels, dt) or usual.T)
-
-
-def strict_period(T: float, channels: Mapping[str, Array], dt: float) -> float | None:
-    """The strict period [s] of the whole record near T, a usual distance of beats; None if none is near."""
-    strict = dt / refine(list(channels.values()), dt / T)
-    return strict if abs(strict / T - 1.0) <= limit.UNSTEADY else None
-
-
-def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
-    """The period to some thousandths, steady or not. Raises ValueError as :func:`find_period`."""
     span = len(next(iter(channels.values()))) * dt
     if span < 2.0 * limit.SHORTEST:
         raise InputError(
@@ -143,13 +128,12 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     next_one, as_many = (_change(one, beats) for beats in (1, count))
     timely = next_one <= max(limit.NEAR * lag, limit.UNTIMELY * as_many)
     if count <= limit.UPSTROKES and (another_part or not timely):
-        nearly = timely and one.alike[which] >= limit.NEARLY_SAME * other.alike[which]
-        why = "is nearly alike" if nearly else "" if sure else "differs in turn, but too few times to be sure"
         said = (
-            f"the period may be {T:.3g} s: what comes every {T:.3g} s {why}; either a beat of {together:.3g} s has "
-            f"{count} upstrokes, or beats alternate. If these are beats, give their period."
+            f"the period may be {T:.3g} s: what comes every {T:.3g} s differs in turn, but too few times to be sure; "
+            f"either a beat of {together:.3g} s has {count} upstrokes, or beats alternate. If these are beats, give "
+            "their period."
         )
-        return Found(together, T, (said,) if why else ())
+        return Found(together, T, () if sure else (said,))
     far = {2: "second", 3: "third", 4: "fourth"}[count]
     said = (
         f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "

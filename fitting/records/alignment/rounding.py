@@ -26,13 +26,11 @@ def converter_step(values: Array) -> float:
     step = float(np.quantile(steps, limit.STEP_SHARE))
     if not step > limit.STEP_FINEST * span:
         return 0.0
-    small = steps[(steps > 0.6 * step) & (steps < 8.4 * step)]
-    if not len(small):
+    near = steps[(steps > 0.5 * step) & (steps < limit.STEP_NEAR * step)]
+    if len(near) < limit.STEP_FEWEST:
         return 0.0
-    step = float(np.median(small / np.rint(small / step)))
-    near = steps[steps <= limit.STEP_NEAR * step] / step
-    found = len(near) >= limit.STEP_FEWEST and np.quantile(np.abs(near - np.rint(near)), 0.9) < limit.STEP_WHOLE
-    return step if found else 0.0
+    step = float(np.median(near / np.rint(near / step)))
+    return step if np.quantile(np.abs(near / step - np.rint(near / step)), 0.9) < limit.STEP_WHOLE else 0.0
 
 
 def rounding(beats: Array, step: float) -> float:

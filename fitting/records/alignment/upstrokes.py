@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,6 +22,30 @@ class Upstrokes:
     channel: str
     at: Array
     likeness: Array
+
+    @cached_property
+    def usual(self) -> float:
+        """The interval [samples] that most others are near to."""
+        intervals = np.diff(self.at)
+        near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= limit.NEAR
+        return float(np.median(intervals[near[:, near.sum(axis=0).argmax()]]))
+
+    @cached_property
+    def passed(self) -> Array:
+        """(n - 1,) beats from each to the next: more than 1 where an upstroke was not seen."""
+        return np.maximum(np.rint(np.diff(self.at) / self.usual), 1.0)
+
+    @property
+    def near(self) -> Array:
+        """(n - 1,) whether an interval is near the usual one."""
+        return np.abs(np.diff(self.at) / self.passed - self.usual) <= limit.NEAR * self.usual
+
+    @cached_property
+    def line(self) -> tuple[float, float]:
+        """Period and wander [samples]: slope of the line t_b = t_0 + b T, and the standard deviation about it."""
+        count = np.concatenate([[0.0], np.cumsum(self.passed)])
+        fitted = np.polyfit(count, self.at, 1)
+        return float(fitted[0]), float(np.std(self.at - np.polyval(fitted, count)))
 
 
 def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | None:
@@ -67,7 +92,7 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
         at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
     lost = np.concatenate([[0], np.cumsum(gaps)])
     around = np.rint(at).astype(int)
-    sure = (likeness >= limit.UPSTROKE * np.median(likeness)) & (lost[around + after] == lost[around - before])
+    sure = (likeness >= limit.HALF * np.median(likeness)) & (lost[around + after] == lost[around - before])
     return Upstrokes(name, at[sure], likeness[sure])
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .. import thresholds as limit
-from .upstrokes import find_upstrokes, lead, without_gaps
+from .upstrokes import Upstrokes, lead, without_gaps
 
 Array = np.ndarray
 
@@ -33,6 +33,7 @@ class Whole:
     steady: Array
     serving: Array
     said: tuple[str, ...] = ()
+    slip = limit.SLIP_OF_CUTS  # samples by which beats may be off one another
 
     @property
     def N(self) -> int:
@@ -78,27 +79,17 @@ def unlikeness(beats: Array) -> Array:
     return np.sqrt(mean((off - mean(off)[:, None]) ** 2))
 
 
-def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
-    """The beats, T [s] long or near it, if their intervals or pulses differ; else None."""
-    found = find_upstrokes(channels, T / dt)
-    if found is None:
-        return None
-    intervals = np.diff(found.at)
-    usual = _usual(intervals)
-    passed = np.maximum(np.rint(intervals / usual), 1.0)  # more than 1 where an upstroke was not seen
-    near = np.abs(intervals / passed - usual) <= limit.NEAR * usual
-    if near.mean() < limit.MOSTLY or not 1.0 / limit.ONE < T / dt / usual < limit.ONE:
-        return None
-    x = channels[found.channel]
-    alike = _likeness(x, found.at[:-1][near], usual)
-    if alike < limit.ALIKE:
+def unequal(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> Whole | None:
+    """The beats that begin with these upstrokes, if their intervals or pulses differ; else None."""
+    x, usual = channels[found.channel], found.usual
+    alike = _likeness(x, found.at[:-1][found.near], usual)
+    if alike < limit.GOES_ON:
         return None
     beats = [x[round(a) : round(b)] for a, b in zip(found.at, found.at[1:], strict=False)]
     whole = [beat for beat in beats if not np.isnan(beat).any()]
     pulses = np.array([np.ptp(np.quantile(beat, limit.RANGE)) for beat in whole] or [1.0])
     noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
-    count = np.concatenate([[0.0], np.cumsum(passed)])
-    wander = np.std(found.at - np.polyval(np.polyfit(count, found.at, 1), count))  # about t_b = t_0 + b T
+    _, wander = found.line
     if wander <= limit.VARIES * usual and pulses.std() <= max(limit.VARIES, limit.NO_PULSE * noise) * pulses.mean():
         return None
     edges = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
@@ -127,12 +118,6 @@ def _likeness(x: Array, at: Array, length: float) -> float:
     mean = beats.mean(axis=0)
     size = np.linalg.norm(beats, axis=1) * np.linalg.norm(mean)
     return float(np.median(beats @ mean / np.maximum(size, np.finfo(float).tiny)))
-
-
-def _usual(intervals: Array) -> float:
-    """The interval that most others are near to."""
-    near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= limit.NEAR
-    return float(np.median(intervals[near[:, near.sum(axis=0).argmax()]]))
 
 
 def _odd(channels: Mapping[str, Array], whole: Whole) -> Array:
