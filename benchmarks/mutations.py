@@ -82,25 +82,33 @@ FAULTS = (
 
 
 def caught(fault: Fault, tree: Path) -> str:
-    """The test that fails with the fault, "" where none does. Raises ValueError where the fault cannot be put in."""
+    """The test that fails with the fault, "" where none does. Raises ValueError where the fault cannot be put in, and
+    where its tests do not run."""
     path = tree / fault.file
     whole = path.read_text(encoding="utf-8")
     if whole.count(fault.old) != 1:
         raise ValueError(f"{fault.file}: {fault.old!r} stands {whole.count(fault.old)} times in it; mend the fault.")
     path.write_text(whole.replace(fault.old, fault.new), encoding="utf-8")
-    files = [f"tests/test_{name}" if "::" in name else f"tests/test_{name}.py" for name in fault.tests.split()]
-    line = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", *files]
     try:
-        done = subprocess.run(
-            [*line, "-m", "not slow and not endurance"],
-            cwd=tree, env={**os.environ, "PYTHONPATH": str(tree)}, capture_output=True, text=True, check=False,
-        )  # fmt: skip
+        return first_failure(fault.tests, tree)
     finally:
         path.write_text(whole, encoding="utf-8")
-    if done.returncode not in (0, 1):
-        return f"(pytest ended with {done.returncode})"
+
+
+def first_failure(tests: str, tree: Path) -> str:
+    """The first of a fault's tests that fails, "" where all pass. Raises ValueError where they do not run."""
+    files = [f"tests/test_{name}" if "::" in name else f"tests/test_{name}.py" for name in tests.split()]
+    line = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", *files]
+    done = subprocess.run(
+        [*line, "-m", "not slow and not endurance"],
+        cwd=tree, env={**os.environ, "PYTHONPATH": str(tree)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode == 0:
+        return ""
     failed = [text for text in done.stdout.splitlines() if text.startswith(("FAILED", "ERROR"))]
-    return failed[0].partition(" tests/")[2].partition(" - ")[0] if failed else ""
+    if done.returncode != 1 or not failed:
+        raise ValueError(f"{tests}: pytest ended with {done.returncode}.\n{done.stdout}{done.stderr}")
+    return failed[0].partition(" tests/")[2].partition(" - ")[0]
 
 
 def main() -> None:
@@ -110,6 +118,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="arterial_faults_") as folder:
         tree = Path(folder) / "tree"
         shutil.copytree(ROOT, tree, ignore=NOT_COPIED)
+        for tests in dict.fromkeys(FAULTS[number - 1].tests for number in numbers):
+            if failed := first_failure(tests, tree):
+                raise ValueError(f"{failed} fails without a fault; mend it first.")
         for number in numbers:
             fault, before = FAULTS[number - 1], resource.getrusage(resource.RUSAGE_CHILDREN)
             test = caught(fault, tree)
