@@ -97,6 +97,12 @@
 
   // --- the page -----------------------------------------------------------------------------------------------------
 
+  // The series of channels in the next beat, of a period T.
+  function beatOf(arteries, T, channels) {
+    const rows = arteries.beat(T, channels);
+    return { T, series: channels.map((_, i) => rows.map((row) => row[i])) };
+  }
+
   class Live {
     constructor(parent, data) {
       this.engine = Arteries.engine(data.engine);
@@ -106,21 +112,35 @@
         button.addEventListener("click", () => this.open(network));
         return button;
       });
-      make(choice, "button", { type: "button", class: "reset" }, "Reset").addEventListener("click", () => this.reset());
+      this.back = make(choice, "button", { type: "button", class: "reset", disabled: "" }, "Reset"); // until a network is open
+      this.back.addEventListener("click", () => this.reset());
       this.legend = make(parent, "div", { class: "legend" });
       const plots = make(parent, "div", { class: "plots" });
       this.plots = QUANTITIES.map(({ title }) => new Plot(plots, title));
       this.panel = make(parent, "div", { class: "sliders" });
+      this.problem = make(parent, "p", { class: "problem", role: "alert" });
       this.state = make(parent, "p", { class: "state" });
       new ResizeObserver(() => this.beat && this.draw()).observe(plots);
     }
 
+    // Show a network. Until its first beat is there, and where it fails, the one before stays.
     async open(network) {
+      const asked = this.asked = {};
+      this.problem.textContent = "";
+      try {
+        const arteries = await Arteries.open(await this.engine, network);
+        if (this.asked === asked) this.show(network, arteries); // else another one was chosen meanwhile
+      } catch (error) {
+        if (this.asked === asked) this.problem.textContent = `${network.title} cannot be shown: ${error.message}`;
+      }
+    }
+
+    show(network, arteries) {
+      const channels = QUANTITIES.flatMap(({ key }) => network.sites.map((site) => site[key]));
+      const published = beatOf(arteries, network.T, channels);
+      Object.assign(this, { network, arteries, channels, published, beat: published });
       for (const button of this.buttons) button.setAttribute("aria-pressed", button.textContent === network.title);
-      this.network = network;
-      const arteries = await Arteries.open(await this.engine, network);
-      if (this.network !== network) return; // another one was chosen meanwhile
-      this.arteries = arteries;
+      this.back.disabled = false;
       this.legend.replaceChildren();
       this.labels = network.sites.map((_, i) => make(this.legend, "span", { class: `site${i}` }));
       make(this.legend, "span", { class: "published" }, "as in the network file");
@@ -128,8 +148,6 @@
       const first = 60 / network.T, [low, high] = network.rates;
       this.rate = new Slider(this.panel, { label: "Heart rate", kind: "rate", low, high, first }, () => this.run());
       this.sliders = network.sliders.map((about) => new Slider(this.panel, about, () => this.run()));
-      this.channels = QUANTITIES.flatMap(({ key }) => network.sites.map((site) => site[key]));
-      this.beat = this.published = null;
       this.run();
     }
 
@@ -154,17 +172,15 @@
       const begin = performance.now(), before = this.beat;
       try {
         for (const slider of this.sliders) this.arteries.write(slider.about.vr, slider.moved());
-        const T = 60 / this.rate.value, rows = this.arteries.beat(T, this.channels);
-        this.beat = { T, series: this.channels.map((_, i) => rows.map((row) => row[i])) };
+        this.beat = beatOf(this.arteries, 60 / this.rate.value, this.channels);
       } catch (error) {
         this.state.textContent = error.message;
         this.arteries.begin(); // with the network's own values; sliders count again when they are moved
         return;
       }
-      this.published ??= this.beat;
       this.draw();
       this.beats += 1;
-      this.settled = this.beats >= MOST || (before !== null && before.T === this.beat.T && this.change(before) < REPEATS);
+      this.settled = this.beats >= MOST || (before.T === this.beat.T && this.change(before) < REPEATS);
       const took = performance.now() - begin;
       this.state.textContent = `A beat in ${this.network.inflow.length} steps, computed and drawn in ${took.toFixed(0)} ms.`;
       if (!this.settled) this.go();
@@ -195,6 +211,6 @@
 
   for (const parent of document.querySelectorAll(".arterial-live")) {
     parent.live = new Live(parent, globalThis.arterialLive);
-    parent.live.open(globalThis.arterialLive.networks[0]).catch((error) => { parent.live.state.textContent = error.message; });
+    parent.live.open(globalThis.arterialLive.networks[0]);
   }
 })();
