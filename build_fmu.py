@@ -56,7 +56,12 @@ def build(
 
 
 def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
-    """Build ``<out>/<model.name>.fmu``, the code under names that carry a hash of the whole content."""
+    """Build ``<out>/<model.name>.fmu``, the code under names that carry a hash of the whole content.
+
+    Raises ValueError for a model of an FMU that needs no Python, and if the directory cannot be written.
+    """
+    if model.fmi:
+        raise InputError(f"model {model.name}: its documents are of an FMU without Python; make it with fmi = 0.")
     target = Path(out) / f"{model.name}.fmu"
     resources = {**model.resources, **_code(ROOT / "fmu_src" / f"{model.slave.replace('.', '/')}.py")}
     files = {f"resources/{path}": text.encode() for path, text in resources.items()} | model.documents
@@ -101,8 +106,9 @@ def build_native_model(
 ) -> Path:
     """Build ``<out>/<model.name>.fmu``, a heart or a body that needs no Python on its host, and return its path.
 
-    fmi, platforms : as for :func:`build_native`; the model is one of the same ``fmi``.
-    Raises ValueError if the directory cannot be written, and where nothing can compile it.
+    fmi, platforms : as for :func:`build_native`.
+    Raises ValueError for a model that was made with another ``fmi`` or is none of a heart or a body, if the directory
+    cannot be written, and where nothing can compile it.
     """
     return _written(Path(out) / f"{model.name}.fmu", native_fmu.arithmetic_files(model, fmi, platforms))
 

@@ -39,7 +39,8 @@ class Model:
 
     name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class.
     table : its variables. resources, documents : further files by path, text in ``resources/`` and bytes in the whole
-    archive. subject : what the slave makes of the resources, of hearts and bodies.
+    archive. subject : what the slave makes of the resources, of hearts and bodies. fmi : version of the standard that
+    their documents are for, 0 where the FMU needs Python.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Model:
     resources: dict[str, str]
     documents: dict[str, bytes]
     subject: Subject | None = None
+    fmi: int = 0
 
 
 def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
@@ -96,6 +98,7 @@ def heart_model(species: str = "human", starts: Starts | None = None, fmi: int =
         resources,
         pages,
         _subject(heart_slave.HeartSlave, resources),
+        fmi,
     )
 
 
@@ -109,7 +112,14 @@ def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 
     pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table, fmi)
     resources = _data("body.json", {"body": body_slave.to_data(body)}, others)
     return Model(
-        body.name, "slaves.body_slave", "BodySlave", table, resources, pages, _subject(body_slave.BodySlave, resources)
+        body.name,
+        "slaves.body_slave",
+        "BodySlave",
+        table,
+        resources,
+        pages,
+        _subject(body_slave.BodySlave, resources),
+        fmi,
     )
 
 

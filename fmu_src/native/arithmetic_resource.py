@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from solver.errors import InputError
 from solver.lumped.component import Arithmetic
-from solver.tracing.arithmetic import Recorded, recorded
+from solver.tracing.arithmetic import Recorded, Requirement, recorded
 from solver.tracing.program import Shared
 
 from ..variables.variable import Variable
@@ -18,10 +20,14 @@ from .arrays import Texts, file_of, integers, tables
 Array = np.ndarray
 
 _NUMBERS = 4  # at most, of a sentence
+_FORMATS = re.compile(r"%%|%(?:\.1?\d)?g")  # that native/fmu/arithmetic.c knows
 
 
 def resource(component: Arithmetic, table: Sequence[Variable]) -> bytes:
-    """The file, its GUID still open (:func:`~fmu_src.native.arrays.with_guid`)."""
+    """The file, its GUID still open (:func:`~fmu_src.native.arrays.with_guid`).
+
+    Raises ValueError for a sentence of a requirement that C cannot print.
+    """
     shared, texts = Shared(), Texts()
     given = [variable for variable in table if variable.causality != "output"]
     choices = {variable.name: variable.choices for variable in given if variable.choices}
@@ -39,8 +45,21 @@ def _program(one: Recorded, texts: Texts) -> Iterator[Array]:
     for k, size in enumerate(one.loops):
         numbers += [size, *(at[f"{name}_{k}"] for name in ("begin", "before", "after"))]
     for k, must in enumerate(one.requirements):
+        _check(must)
         places = [at[f"number_{k}_{i}"] for i in range(must.numbers)]
         numbers += [must.phase, at[f"required_{k}"], texts.at(must.sentence), *places, *[0] * (_NUMBERS - len(places))]
     yield integers(numbers)
     yield from (p.code, p.begin)
     yield from [integers([])] * 3
+
+
+def _check(must: Requirement) -> None:
+    """Raise ValueError where the sentence has another format than %g and %.6g, or not one for each number."""
+    formats = [found for found in _FORMATS.findall(must.sentence) if found != "%%"]
+    if "%" in _FORMATS.sub("", must.sentence):
+        raise InputError(f"{must.sentence!r}: in an FMU without Python only %g, %.0g to %.19g and %% may be in it.")
+    if not len(formats) == must.numbers <= _NUMBERS:
+        raise InputError(
+            f"{must.sentence!r}: has {len(formats)} places for {must.numbers} numbers; an FMU without Python needs one "
+            f"for each, and takes up to {_NUMBERS}."
+        )

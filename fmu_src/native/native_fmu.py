@@ -47,7 +47,13 @@ def files(
 def arithmetic_files(model: Model, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:
     """All files of a heart or a body by path. Raises ValueError as ``build_fmu.build_native``."""
     _check(fmi, platforms)
-    assert model.subject is not None
+    if model.subject is None:
+        raise InputError(f"model {model.name}: is neither a heart nor a body; build arteries with build_native.")
+    if model.fmi != fmi:
+        raise InputError(
+            f"model {model.name}: its documents are those of fmi = {model.fmi}, the FMU is to have fmi = {fmi}; make "
+            f"the model with fmi = {fmi}, too."
+        )
     subject, component, e = model.subject, model.subject.make(), model.subject.experiment
     assert isinstance(component, Arithmetic)
     about = About(model.name, subject.description, __version__, "", e.stop_time, e.step_size, None, derivatives=False)

@@ -5,19 +5,22 @@
 #include <stdio.h>
 #include <string.h>
 
-/* A sentence, in which %g and such stand for numbers at places. */
+/* A sentence, in which %g and %.6g stand for numbers at places, %% for a %; the builder of the resource admits no other. */
 static int told(component *c, const memory *m, const char *s, const int32_t *places)
 {
-    for (int at = 0; *s && at < ROOM - 64; c->said[at] = 0) {
-        char format[16] = "";
-        const size_t n = *s == '%' ? strcspn(s, "g") + 1 : 0;
-        if (n && n < sizeof(format)) {
+    const int32_t *const end = places + PER_REQUIREMENT - FIRST_NUMBER;
+    for (size_t at = 0; *s && at < ROOM - 64; c->said[at] = 0) {
+        char format[8] = "";
+        size_t n = *s == '%' ? 2 + strspn(s + 1, ".0123456789") : 0;
+        if (n && n < sizeof(format) && s[n - 1] == 'g' && places < end) {
             memcpy(format, s, n);
-            at += snprintf(c->said + at, 64, format, *placed(m, *places++));
+            snprintf(c->said + at, 64, format, *placed(m, *places++));
+            at += strlen(c->said + at);
         } else {
+            n = s[0] == '%' && s[1] == '%' ? 2 : 1;
             c->said[at++] = *s;
         }
-        s += n ? n : 1;
+        s += n;
     }
     return 0;
 }
@@ -80,6 +83,6 @@ int arithmetic_stepped(component *c, double t, double h)
 int arithmetic_read(const resource *r, const recorded *one, int32_t n, int32_t n_begin)
 {
     const int32_t *const meta = one->meta;
-    return n >= A_HEAD && meta[N_LOOPS] >= 0 && meta[N_REQUIREMENTS] >= 0 && r->n_inlets == 0 && r->n_outlets == 0 &&
+    return r->meta[N_PROGRAMS] == 2 && n >= A_HEAD && meta[N_LOOPS] >= 0 && meta[N_REQUIREMENTS] >= 0 && r->n_inlets == 0 && r->n_outlets == 0 &&
            n == A_HEAD + PER_LOOP * meta[N_LOOPS] + PER_REQUIREMENT * meta[N_REQUIREMENTS] && n_begin == 2 * meta[N_LOOPS] + 2;
 }
