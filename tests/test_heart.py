@@ -20,6 +20,7 @@ from fmu_src.slaves.base import Subject
 from fmu_src.slaves.heart_slave import HeartSlave, table, to_data
 from solver.lumped.heart import OUTPUTS, HeartComponent
 from solver.lumped.heart_parts import Heart
+from solver.lumped.heart_search import one_by_one
 from solver.lumped.heart_step import HeartState, Port, initial_state, step
 from solver.lumped.species import HUMAN_BODY, HUMAN_HEART, SHEEP_HEART
 from solver.quantities.units import MMHG
@@ -351,6 +352,22 @@ def test_ranges_of_inputs() -> None:
     with pytest.raises(ValueError, match=r"aorta\.Z = -1 Pa\.s/m\^3 is not allowed"):
         inputs["aorta.Z"].check(-1.0)
     inputs["aorta.Z_0"].check(-2.7e7)  # of network human with ``smooth``
+
+
+@pytest.mark.parametrize("given", [(math.nan, math.nan), (math.nan, -1.0), (-1.0, math.nan), (math.inf, -math.inf)])
+def test_residuals_that_are_not_finite(given: tuple[float, float]) -> None:
+    """Are no solution, though the bisection does not move from where it begins."""
+    assert not one_by_one(lambda Q_m, Q_a: given, 1e-4, 2e-4)[0]
+    found, Q_m, Q_a = one_by_one(lambda Q_m, Q_a: (Q_m - 3e-4, Q_a + Q_m - 4e-4), 1e-4, 2e-4)
+    assert found and (Q_m, Q_a) == pytest.approx((3e-4, 1e-4), rel=1e-12)
+
+
+def test_a_state_without_solution() -> None:
+    """A step from a volume that is not a number is refused as one without solution."""
+    heart = HUMAN_HEART
+    state = replace(initial_state(heart, 0.0, 11 * MMHG, 80 * MMHG), V_ventricle=math.nan)
+    with pytest.raises(ValueError, match="the flows through the valves have no solution over a step of 0.001 s"):
+        step(heart, state, MS, Port(80 * MMHG, 0.0, 0.0), 11 * MMHG)
 
 
 # --- the FMU ------------------------------------------------------------------------------------------------------

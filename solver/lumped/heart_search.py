@@ -75,7 +75,7 @@ def one_by_one(residuals: Residuals, Q_m: Number, Q_a: Number, found: Number = F
         Q_m, Q_a = select(ended & negated(s.aortic), root, s.Q_m), select(ended & s.aortic, root, s.Q_a)
         both = ended & s.aortic
         rounds = s.rounds + both
-        end = both & (abs(Q_m - s.before_m) + abs(Q_a - s.before_a) <= _within(Q_m, Q_a))
+        end = both & is_finite(F + G) & (abs(Q_m - s.before_m) + abs(Q_a - s.before_a) <= _within(Q_m, Q_a))
         anew = _begun(select(s.aortic, Q_m, Q_a))  # around the flow of the other valve
         return _OneByOne(
             negated(end) & (rounds < _ITERATIONS), end, s.aortic != ended, Q_m, Q_a,
