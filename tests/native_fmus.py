@@ -12,10 +12,21 @@ import pytest
 from fmus import MS, Instance, Store
 
 from build_fmu import build, build_native
+from fmu_src import compiler
+from fmu_src.native.binaries import here, sources
 from solver import Network
+from solver.tracing.native import ENGINES
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="needs a C compiler (cc)")
+
+
+def can_build() -> bool:
+    """Whether a native FMU of this machine can be built: there is a compiler, or the binary of a wheel."""
+    name = here()
+    if name is None or compiler.own() or compiler.ziglang():
+        return name is not None
+    return (ENGINES / compiler.fmu_library(name, sources(), compiler.PLATFORMS[name].target)).is_file()
 
 
 def pair(stored: Store, network: Network, folder: Path) -> tuple[Instance, Instance]:

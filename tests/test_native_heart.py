@@ -34,7 +34,7 @@ pytestmark = needs_compiler
 Array = np.ndarray
 
 ML = 1e-6
-EQUAL = 1e-12  # of the pulse of each output
+EQUAL = 1e-13  # of the pulse of each output
 R1, C, R2 = 0.05 * MMHG / ML, 1.6 * ML / MMHG, 1.2 * MMHG / ML  # of a Windkessel
 MODELS: Mapping[str, Callable[..., Model]] = {"heart": heart_model, "body": body_model}
 # a valve of a resistance alone, which opens and closes at once: Newton's method fails, bisection goes on
