@@ -9,14 +9,18 @@ import re
 import shutil
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import native_fmus
 import pytest
+from fmus import COARSE
 from setuptools import Distribution
 
 from fmu_src import compiler
-from fmu_src.native import binaries
+from fmu_src.native import binaries, native_fmu
+from solver import Network
 from solver.errors import InputError
 from solver.tracing.native import SOURCES
 
@@ -207,3 +211,33 @@ def test_a_wheel_with_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.
         [f"arterial_engine-{p.fmi3}{p.suffix}" for p in platforms.values()]
         + [compiler.fmu_library(name, binaries.sources(), p.target) for name, p in platforms.items()]
     )
+
+
+# --- the tests' own native FMUs ---------------------------------------------------------------------------------------
+
+
+def test_where_native_fmus_can_be_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a compiler only where the binary of these sources is."""
+    monkeypatch.setattr(native_fmus, "ENGINES", tmp_path)
+    monkeypatch.setattr(native_fmus, "here", lambda: NAME)
+    monkeypatch.setattr(compiler, "ziglang", lambda: None)
+    monkeypatch.setattr(compiler, "own", lambda: [["cc"]])
+    assert native_fmus.can_build()
+    monkeypatch.setattr(compiler, "own", lambda: [])
+    assert not native_fmus.can_build()
+    (tmp_path / compiler.fmu_library(NAME, binaries.sources(), compiler.PLATFORMS[NAME].target)).write_bytes(b"there")
+    assert native_fmus.can_build()
+
+
+@pytest.mark.skipif(not native_fmus.can_build(), reason="needs a C compiler or the binary of a wheel")
+def test_the_other_fmu_is_no_way_out(
+    fast_fmu: Callable[..., Path], sheep: Network, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where native FMUs can be built, a test that asks for one fails if its builder refuses the network."""
+
+    def refused(*_: object) -> None:
+        raise InputError("refused.")
+
+    monkeypatch.setattr(native_fmu, "files", refused)
+    with pytest.raises(InputError, match="refused"):
+        fast_fmu(sheep, replace(COARSE, dt=1.9e-3))  # which no other test asks for

@@ -220,7 +220,8 @@ addEventListener("load", async () => {
   Arteries.open = open;
   await live.open(arterialLive.networks[1]);
   found.there = seen();
-  const other = new live.constructor(document.body.appendChild(document.createElement("div")), { ...arterialLive, engine: "AAAA" });
+  const parent = document.body.appendChild(document.createElement("div"));
+  const other = new live.constructor(parent, { ...arterialLive, engine: "AAAA" });
   other.back.click();
   found.closed = [other.back.disabled, live.back.disabled];
   await other.open(arterialLive.networks[0]);
@@ -297,7 +298,7 @@ def test_page(data: dict[str, Any], script: str, expected: dict[str, np.ndarray]
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_another_network_is_asked_for(script: str, tmp_path: Path, told: Any) -> None:
-    """Until it is there, and if it fails, the page stays with the one before, and says so; no Reset before the first."""
+    """Until it is there, and if it fails, the page shows the one before, and says so; no Reset before the first."""
     address, queue = told
     found = shown(page_of(script, ASKING, address, tmp_path), tmp_path / "profile", queue)
     assert "error" not in found
