@@ -42,6 +42,7 @@ RUNS = {
          "--json", "rows.json"], "seconds of one core",
     ),
     "learned_outlets": (["--records", "1", "--json", "rows.json"], "tables within 1.3 times the noise"),
+    "mutations": (["1"], "test_wall"),
     "openbf_method": (["--no-switch", "--networks", "cca", "--figure", "method.png"], "openBF's method"),
 }  # fmt: skip
 

@@ -184,6 +184,23 @@ def test_a_sensor_beyond_half_the_sampling_rate_is_of_a_class_at_most(
 
 
 @pytest.mark.parametrize(
+    ("none", "lag", "verdict"), [(100.0, 98.0, "none"), (99.5, 95.0, "effect"), (99.0, 101.0, "none")]
+)
+def test_what_a_record_cannot_show_is_an_alias_where_nothing_is_missing(none: float, lag: float, verdict: str) -> None:
+    """A resonance beyond half the sampling rate at score 97: its probability is that of the model without effect, which
+    explains the record. A lag of that sensor is named only if it is more probable than both."""
+    problem: Any = Lawless()
+    late = replace(pair(("channel_lag", "A.P")), misfit=1.0, score=lag)
+    rings = replace(pair(("catheter_resonance", "A.P")), misfit=1.0, score=97.0, shown=False)
+    found = Compared(problem, replace(pair(), misfit=1.0, score=none), ranked([rings, late]), {}, ())
+    naming = decided(found, (), lambda n: None)
+    weight = {name: math.exp(-0.5 * score) for name, score in (("none", none), ("lag", lag), ("rings", 97.0))}
+    nothing = (weight["none"] + weight["rings"]) / sum(weight.values())
+    assert naming.verdict == verdict
+    assert naming.confidence == pytest.approx(nothing if verdict == "none" else 1.0 - nothing, rel=1e-12)
+
+
+@pytest.mark.parametrize(
     ("mine", "other", "taken"),
     [((9.0, True), (8.9, True), True), ((9.0, True), (8.99, True), False), ((9.0, False), (9.01, True), True),
      ((9.0, False), (8.99, False), False), ((9.0, False), (9.2, True), False)],

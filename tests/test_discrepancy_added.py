@@ -78,11 +78,12 @@ def test_every_term_survives_the_file(t: Term) -> None:
 
 def test_candidates_are_every_effect_at_every_place() -> None:
     """Walls at three segments and everywhere, two outlets, one junction, six channels; none twice, none forgotten but
-    filters, which are known, and what is learned."""
+    filters and zeros, which are known, and what is learned."""
     found = candidates(NETWORK, NAMES)
     labels = [t.label for t in found]
     assert len(set(labels)) == len(labels)
-    assert {t.effect for t in found} == {e.name for e in effects.ALL} - {"low_pass", "learned_wall", "learned_outlet"}
+    known, learned = {"low_pass", "known_zero"}, {"learned_wall", "learned_outlet"}
+    assert {t.effect for t in found} == {e.name for e in effects.ALL} - known - learned
     assert [t.place for t in found if t.effect == "wall_stiffness"] == ["A", "B", "C"]
     assert sorted(t.place for t in found if t.effect == "terminal_compliance") == ["B", "C"]
     assert [t.place for t in found if t.effect == "junction_loss"] == ["A"]

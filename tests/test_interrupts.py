@@ -154,6 +154,20 @@ def test_interrupts_that_were_lost() -> None:
     assert done == ["lost"] and signal.getsignal(signal.SIGINT) is usual
 
 
+def test_an_answer_of_a_host_is_its_own() -> None:
+    """A host that answers Ctrl-C by itself, without an exception, is asked once."""
+    usual, asked = signal.getsignal(signal.SIGINT), []
+    signal.signal(signal.SIGINT, lambda *signalled: asked.append(signalled))
+    try:
+        with interrupts_again() as due:
+            signal.raise_signal(signal.SIGINT)
+            due()
+            due()
+    finally:
+        signal.signal(signal.SIGINT, usual)
+    assert len(asked) == 1
+
+
 def test_interrupts_elsewhere() -> None:
     """In another thread, where no signal comes, the block is as any other."""
 

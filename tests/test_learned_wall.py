@@ -150,5 +150,5 @@ def test_it_is_no_candidate_but_makes_laws(sheep: Network) -> None:
     assert all(("u = " in LAW.formula((key,))) == (key in ("learned_rise", "learned_fall")) for key in LAW.library)
     with pytest.raises(InputError, match="does not support the effect learned_wall"):
         simulate(LAW.add(sheep, "CA", EVERY), duration=0.01, scheme="muscl")
-    with pytest.raises(InputError, match="range of its strains"):
+    with pytest.raises(InputError, match="strain range of the learned law"):
         LAW.add(sheep, "CA", {"learned_span": 0.0})

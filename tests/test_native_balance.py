@@ -143,7 +143,8 @@ def test_tables_of_sources(sheep: Network) -> None:
 @settings(max_examples=25, phases=[Phase.explicit, Phase.generate])
 @given(networks())
 def test_drawn_networks(drawn: tuple[Network, dict[str, Any]]) -> None:
-    """Any of these: equal, or no steady state with the same sentence, or no balance of the same members.
+    """Any of these: equal, or no steady state with the same sentence, or no balance of the same members; or refused as
+    another than NumPy's.
 
     The mean, a wave of 1e4 s, has rounding errors in short pieces: it may be ten times as far off as an inflow that is
     1e-14 larger moves NumPy's own (3.6 times, of 120 networks).
@@ -159,6 +160,8 @@ def test_drawn_networks(drawn: tuple[Network, dict[str, Any]]) -> None:
     expected, found, moved = results
     if isinstance(expected, str):
         assert expected == found
+    elif isinstance(found, str):
+        assert "is not that of NumPy" in found and 10.0 * off(network, moved, expected) > 10.0 * EQUAL
     else:
         assert off(network, found, expected) < EQUAL + 10.0 * off(network, moved, expected)
 

@@ -178,7 +178,7 @@ def test_outcome_shown(outcome: Outcome) -> None:
     page = Cells(outcome._repr_html_())
     assert "CA & <nothing else>" in page.text and "<nothing" not in outcome._repr_html_()
     assert page.rows[1] == ["wall viscosity at CA", "CA.phi0", "80 kPa·s", "70 … 90", "90 %"]
-    assert "3.00 -> 1.00 on the fitted beats, 3.10 -> 1.10 on the held-out ones" in page.text
+    assert "3.00 -> 1.00 on the fitted beats, 3.10 -> 1.10 on the held-out beats" in page.text
     (row,) = outcome.to_polars().to_dicts()
     assert row["effect"] == "wall_viscosity" and row["parameters"] == "CA.phi0 = 80 (70 to 90) kPa·s"
     (panel,) = outcome.plot("waveforms").axes

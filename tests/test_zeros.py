@@ -6,6 +6,7 @@ Records of three vessels, at 40 dB; C.P reads 4 mmHg too much.
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,13 @@ from fitting.calibrate.network_calibration import calibrate
 from fitting.calibrate.network_indices import network_indices
 from fitting.inference.hypothesis import candidates
 from fitting.inference.models.network_record import network_problem
+from fitting.inference.unknown_text import parse_unknown
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels.filters import with_filters
 from fitting.records.channels.inflow import inflow
 from fitting.results.parameter_set import read_set, write_set
 from solver import beat_harmonics
+from solver.laws.catalogue import zero_of
 from solver.network.files import read_network, write_network
 from solver.quantities.units import MMHG
 
@@ -98,6 +101,30 @@ def test_a_flow_meter_with_a_zero() -> None:
 def test_a_zero_is_not_in_the_simulation() -> None:
     """A network with a known zero has the beats of one without, bit for bit."""
     assert (beat_harmonics(KNOWN, ("C.P",), 8) == beat_harmonics(NETWORK, ("C.P",), 8)).all()
+
+
+def test_the_sentence_of_a_zero_is_a_command() -> None:
+    """What a calibration says to make a zero known does, below 0, too; of one that the data do not determine it says
+    nothing; and a known zero of 0 is none."""
+    waves = exact(1.0, NETWORK)
+    beats = record({n: waves[n] - (4.0 * MMHG if n == "C.P" else 0.0) for n in ("inlet.Q", *SHOWN)}, 15, 0.01, 3)
+    found = calibrate(beats, NETWORK, ["B.E", "C.P.zero:5 mmHg", "A.R.zero"], channels=SHOWN)
+    (said,) = (text for text in found.report if "--filter" in text)
+    (option,) = re.findall('--filter "(.*?)"', said)
+    known = with_filters(NETWORK, [option])
+    assert zero_of(known, "C.P") == pytest.approx(found.zeros["C.P.zero"][0], rel=1e-3)
+    assert found.zeros["C.P.zero"][0] == pytest.approx(-4.0 * MMHG, abs=0.1 * MMHG)
+    assert zero_of(with_filters(NETWORK, ["C.P=zero 0 mmHg"]), "C.P") == 0.0
+
+
+def test_priors_of_zeros_have_units(tmp_path: Path) -> None:
+    """5 mmHg is 667 Pa; the hint of a wrong one has a unit. A set of zeros alone is no prior; the sentence says so."""
+    assert parse_unknown("C.P.zero:5 mmHg", NETWORK).prior_sd == pytest.approx(5.0 * MMHG)
+    with pytest.raises(ValueError, match=r'prior \'5 s\' must be .*, as in "C.P.zero:700 Pa"'):
+        parse_unknown("C.P.zero:5 s", NETWORK)
+    write_set(calibrate(shifted(3), NETWORK, ["C.P.zero"], channels=SHOWN).parameter_set(), tmp_path / "set.json")
+    with pytest.raises(ValueError, match="only zeros of sensors were calibrated; make these known by --filter"):
+        read_prior(tmp_path / "set.json", NETWORK)
 
 
 def test_a_zero_does_not_vary() -> None:

@@ -81,18 +81,17 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     loose = [with_errors(n, beside(n)) for n in _held_loosely(found, exact)]
     ways = ranked([*exact, *(n for n in loose if n is not None and not _by_a_law(n, exact))])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
-    # if the model without effect explains the record, a fault that the record cannot show is an alias of nothing
-    # missing
-    hidden = sum(n.probability for n in ways if not n.shown and none.explains)
-    named = sum(n.probability for n in ways if n.fit.terms) - hidden
+    if none.explains:
+        ways = _with_aliases(ways)
+    named = sum(n.probability for n in ways if n.fit.terms)
     unknown = Naming("unknown", problem, none, found.ranked, (), found.columns, terms, 1.0 - named)
     if not ways:  # nothing explains the record, and if no wall law is valid its error cannot be estimated
         return replace(unknown, confidence=at.INCOMPLETE, reason=_left(none.fit, problem))
     # similar effects share their probability: together they may be more probable than no effect
-    best = next((n for n in ways if n.fit.terms), ways[0]) if named > 0.5 else ways[0]
+    best = next((n for n in ways if n.fit.terms), ways[0]) if named > 0.5 else max(ways, key=lambda n: n.probability)
     if not best.fit.terms:
         if best.errors is None or (none.explains and not best.places):
-            nothing = hidden + sum(n.probability for n in ways if not n.fit.terms and not n.places)
+            nothing = sum(n.probability for n in ways if not n.fit.terms and not n.places)
             return replace(unknown, verdict="none", confidence=nothing)
         return replace(unknown, reason=_acting(best.places) if best.places else _left(none.fit, problem))
     confidence = sum(n.probability for n in ways if n.key == best.key)
@@ -103,6 +102,17 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     order = apart([*same, *rest])
     members = _class(order[: len(same)])
     return replace(unknown, verdict=_said(best, members), ranked=order, members=members, confidence=confidence)
+
+
+def _with_aliases(ways: Sequence[Named]) -> tuple[Named, ...]:
+    """Add the probability of faults that the record cannot show to that of the exact model without effect, whose
+    aliases they are if it explains the record."""
+    hidden = sum(n.probability for n in ways if not n.shown)
+    return tuple(
+        n if n.fit.terms or n.errors is not None else replace(n, probability=n.probability + hidden)
+        for n in ways
+        if n.shown
+    )
 
 
 def _with_shown(exact: Sequence[Named]) -> list[Named]:

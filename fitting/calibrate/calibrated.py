@@ -21,7 +21,7 @@ from ..results.provenance import engine, software
 Array = np.ndarray
 Interval = tuple[float, float]
 
-_ALL_PRIOR = 0.95  # posterior over prior standard deviation: above it, the data add no information
+ALL_PRIOR = 0.95  # posterior over prior standard deviation: above it, the data add no information
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Calibration:
     def undetermined(self) -> frozenset[str]:
         """Values that the data do not determine: their intervals are those of their priors, or unbounded."""
         weak = {name for u, part in zip(self.unknowns, self.shrinkage, strict=True)
-                if part is not None and part > _ALL_PRIOR for name, _ in u.moves}  # fmt: skip
+                if part is not None and part > ALL_PRIOR for name, _ in u.moves}  # fmt: skip
         return frozenset(name for name, value in self.values.items() if name in weak or endless(value, self.ci95[name]))
 
     @property

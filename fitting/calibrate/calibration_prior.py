@@ -70,6 +70,8 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
         raise InputError(
             f"{path}: {foreign[0]} is no parameter of network {network.name}; give the network that was calibrated."
         )
+    if not found.values and origin.get("zeros"):
+        raise InputError(f"{path}: only zeros of sensors were calibrated; make these known by --filter, as it says.")
     try:
         coordinates, covariance = _told(found)
     except (KeyError, TypeError, ValueError, AttributeError):

@@ -39,7 +39,7 @@ from ..records.alignment.beats import Beats
 from ..records.channels.amounts import sizes
 from ..records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
 from ..records.thresholds import MAX_HARMONICS
-from .calibrated import Calibration, Recording, labels_of, noise_known
+from .calibrated import ALL_PRIOR, Calibration, Recording, labels_of, noise_known
 from .first_search import first_error, first_search
 
 Array = np.ndarray
@@ -200,11 +200,12 @@ def _result(
     noise = noise_known([part.beats.n_beats for part in problem.parts])
     ci95 = parameter_intervals(shared, network, x[common], covariance, noise)
     sd = np.sqrt(np.diag(known.covariance))
+    weak = {u.name for u, s in zip(unknowns, sd, strict=True) if u.prior_sd and s > ALL_PRIOR * u.prior_sd}
     terms = [f"ln {u.name}" if u.kind == "scale" else u.name for u in unknowns]
     report = [
         *(f"{name} reached a bound of its allowed range" for name in at_bound),
         *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known, terms),
-        *(_zero(name, value, ci95[name]) for name, value in zeros.items()),
+        *(_zero(name, value, ci95[name], name in weak) for name, value in zeros.items()),
         *_misfit(chi2 / dof, dof, recordings, best.errors),
         *said,
         *dict.fromkeys(text.rstrip(".") for part in problem.parts for text in part.beats.warnings),
@@ -275,13 +276,14 @@ def _recordings(
     return tuple(found)
 
 
-def _zero(name: str, value: float, ci95: tuple[float, float]) -> str:
-    """A sentence on a sensor's zero that was found, and where it belongs."""
+def _zero(name: str, value: float, ci95: tuple[float, float], undetermined: bool) -> str:
+    """A sentence on a sensor's zero that was found, and how to make it known unless the data do not determine it."""
     channel, _, _ = name.rpartition(".")
     unit, factor = of_signal(channel)
     shown, low, high = (number(factor * each) for each in (value, *ci95))
-    known = f'--filter "{channel}=zero {shown} {unit}"'
-    return f"the zero of {channel} is {shown} {unit} ({low} to {high}); to other commands it is known by {known}"
+    found = f"the zero of {channel} is {shown} {unit} ({low} to {high})"
+    known = f'--filter "{channel}=zero {factor * value:.4g} {unit}"'
+    return found if undetermined else f"{found}; to other commands it is known by {known}"
 
 
 def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: Array) -> list[str]:

@@ -18,6 +18,7 @@ from solver.laws import effects
 from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, allowed
 from solver.quantities.quantity import Quantity
+from solver.quantities.text import parse_quantity, pint_spelling
 
 from .hypothesis import OWN
 from .unknown import Unknown
@@ -29,7 +30,7 @@ def parse_unknown(text: str, network: Network) -> Unknown:
 
     TARGET : "all" (every segment, or every outlet, that has the parameter), names joined by "+" ("CA+FA"), "fluid" or
     "network"; or CHANNEL.zero, "C.P.zero". PARAMETER : "E", "phi0" …, "outlet.R_t" …. PRIOR : its standard deviation
-    (0.1), or "none".
+    ("0.1", of a shift also "5 mmHg"), or "none".
     Raises ValueError for a name that the network has not, a prior that is not positive, or a value 0 to be scaled.
     """
     name, colon, prior = (part.strip() for part in text.partition(":"))
@@ -55,7 +56,7 @@ def parse_unknown(text: str, network: Network) -> Unknown:
                 f"unknown {each}: it is {nominal[each]:g} in the network, which no factor can change; start from a "
                 "value above 0."
             )
-    prior_sd = _prior(name, prior) if colon else typical
+    prior_sd = _prior(name, prior, unit, typical) if colon else typical
     low, high = allowed(kind, moves, nominal, quantity, math.inf)
     return Unknown(name, kind, moves, low, high, unit, prior_sd=prior_sd, typical_sd=prior_sd or typical)
 
@@ -124,16 +125,18 @@ def _check_names(unknown: str, names: Sequence[str], known: Iterable[str], netwo
             raise InputError(f"unknown {unknown}: {name} occurs twice; name it once.")
 
 
-def _prior(name: str, text: str) -> float | None:
+def _prior(name: str, text: str, unit: str, typical: float) -> float | None:
+    """The standard deviation, in ``unit`` or with a unit of its own."""
     if text == "none":
         return None
     try:
-        sd = float(text)
-    except ValueError:
+        sd = parse_quantity(text, unit, "prior")
+    except InputError:
         sd = math.nan
-    if not (math.isfinite(sd) and sd > 0.0):
+    if not sd > 0.0:
+        example = "0.1" if unit == "1" else f"{typical:g} {pint_spelling(unit)}"
         raise InputError(
-            f'unknown {name}: prior {text!r} must be a positive standard deviation or none, as in "{name}:0.1".'
+            f'unknown {name}: prior {text!r} must be a positive standard deviation or none, as in "{name}:{example}".'
         )
     return sd
 

@@ -26,6 +26,7 @@ class Sensor(Effect):
     places = ("channel",)
 
     reach: ClassVar[Mapping[str, tuple[float, float]]] = {}  # x of a search, default ±30
+    refuses_neutral: ClassVar[str] = ""  # of a known sensor, why its neutral values cannot be meant
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
         """The unknowns of a search for it in a channel."""
@@ -227,6 +228,7 @@ class LowPass(Sensor):
     name = "low_pass"
     equation = "Y/X = Π 1/(1 - i f/(f_c p_k)), p_k = e^{iπ(2k + n - 1)/(2n)}, k = 1 … n; f_c = 0 means none"
     how = ("low_pass_order",)
+    refuses_neutral = "its frequency must be above 0 Hz"
     terms = {
         "low_pass": Quantity("Hz", "cut-off frequency f_c of the channel's known filter (0: none)", 0.0, 1e5),
         "low_pass_order": Quantity("1", "order n of that filter", 1.0, _HIGHEST_ORDER, whole=True),

@@ -33,7 +33,8 @@ def with_filters(network: Network, filters: Iterable[str]) -> Network:
         ((effect, said),) = found
         units = {key: Channel(channel).quantities()[key].unit for key in effect.terms}
         values = {key: parse_quantity(said[key], unit, f"--filter {channel}") for key, unit in units.items()}
-        if any(values[key] == effect.neutral[key] for key in effect.terms if key not in effect.how):
-            raise InputError(f'--filter "{text}": a filter that is none; its frequency must be above 0 Hz.')
+        neutral = all(values[key] == effect.neutral[key] for key in effect.terms if key not in effect.how)
+        if neutral and effect.refuses_neutral:
+            raise InputError(f'--filter "{text}": a filter that is none; {effect.refuses_neutral}.')
         terms |= {f"{channel}.{key}": value for key, value in values.items()}
     return network.with_terms(terms)
