@@ -15,7 +15,6 @@ PARTS = {"__init__", "table", "fmu_host"}  # no programs of their own
 ELSEWHERE = {  # run by tests of their own
     "fuzz": "test_fmu_fuzz.py",
     "hidden_effects": "test_hidden_bank.py",
-    "mutations": "test_mutations.py",
     "real_pressure": "test_real_pressure.py",
 }
 RUNS = {
