@@ -12,7 +12,7 @@ from small_network import NAMES, term
 from discrepancy.name.moves import with_moves
 from discrepancy.name.scoring import Compared
 from discrepancy.thresholds import RULED_OUT
-from fitting.inference.hypothesis import candidates
+from fitting.inference.hypothesis import candidates, placed
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import Runs
 from solver import Settings, simulate_periodic
@@ -67,3 +67,21 @@ def test_a_law_of_another_place_is_compared_with_the_best() -> None:
     (K,) = (x * u.size for u, x in zip(found.best.fit.unknowns, found.best.fit.x, strict=True) if u.name == "C.K")
     np.testing.assert_allclose(K, 3.0, rtol=0.1)
     assert min(n.above_best for n in found.ranked if n.label == "terminal_reflection at C") > RULED_OUT
+
+
+def test_a_part_of_another_segment_is_compared_with_a_part_of_one() -> None:
+    """A stenosis at 0.75 to 0.85 of C, 40 dB, of which one somewhere along A was asked: the one somewhere along C takes
+    its place, with its middle to 0.05 of the segment."""
+    hidden = BY_NAME["stenosis"].add(NETWORK, "C", {"K": 6.0, "K_position": 0.8, "K_length": 0.1})
+    beat = simulate_periodic(hidden, inflow, T, settings=Settings(dt=T / 200, tolerance=1e-7), tolerance=1e-6)
+    problem = network_problem(record({n: beat[n][:-1] for n in ("inlet.Q", *NAMES)}, 15, 0.01), NETWORK)
+    terms = tuple(term("stenosis", segment) for segment in "ABC")
+    (none,) = problem.refit([()])
+    anywhere = placed(NETWORK, terms[0], [0.0] * len(terms[0].unknowns))
+    assert none is not None and anywhere is not None
+    (asked,) = problem.refit([(anywhere,)], none)
+    assert asked is not None
+    best = with_moves(Compared.of(problem, [none, asked], {}, terms), Runs()).best
+    assert best.label == "stenosis at C" and best.fit.terms[0].moves_along
+    (position,) = ((u, x) for u, x in zip(best.fit.unknowns, best.fit.x, strict=True) if u.name == "C.K_position")
+    assert abs(position[0].nominal + position[0].size * position[1] - 0.8) < 0.05

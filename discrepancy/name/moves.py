@@ -36,11 +36,13 @@ def with_moves(result: Compared, runs: Runs, left: bool = False, more: bool = Fa
     assert isinstance(result.problem, NetworkProblem)
     problem, members = with_signals(result.problem, []), dict[tuple[str, bool], Member]()  # without free sources
     known, none = {n.key: n.fit.cost for n in result.ranked}, result.none.fit
+    # a part of another segment may do what a part of one does
+    anywhere = left or any(t.moves_along for t in best.terms)
     for rest in _rests(best.terms, left, more):
         base, labels = without(problem, best, rest, runs), {t.label for t in rest}
         if base is not None:
             plain = [t for t in result.sought if t.label not in labels and joins(t, rest)]
-            laws = [each for t in plain for each in along(problem, t)] if left else plain  # with free positions, too
+            laws = [each for t in plain for each in along(problem, t)] if anywhere else plain
             most = best.cost - at.SECOND if rest == best.terms else none.cost
             for begun in promising(problem, base, laws, most, runs):
                 key = names_of((*rest, begun.term))
