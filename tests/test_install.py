@@ -133,7 +133,7 @@ def test_its_libraries(dist: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         for name, platform in libraries().items():
             content = archive.read(f"{ENGINE}/{name}")
-            assert 20_000 < len(content) < 200_000, name
+            assert 20_000 < len(content) < 210_000, name  # the largest is that of Windows, 201 kB
             assert re.match(HEADS[platform.fmi3], content, flags=re.DOTALL), name
             assert all(int(minor) <= 17 for minor in re.findall(rb"GLIBC_2\.(\d+)", content)), name
             assert b"/tmp" not in content and os.fsencode(ROOT) not in content, name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +22,8 @@ _EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are tim
 _ENOUGH, _NEARLY, _SHRINKS = 1e-6, 0.1, 0.3
 
 
-class Grid(NamedTuple):
+@dataclass(frozen=True)
+class Grid:
     """Where equal beats lie. f : cycles a sample; samples : (n_beats, N) the nearest to each phase j/N of each beat.
 
     in_step : whether beats keep step with the samples.
