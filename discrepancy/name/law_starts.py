@@ -101,9 +101,9 @@ def nearest(
 
 
 def fewest(begun: Sequence[Begun], most: float = math.inf, n: int = at.FEW) -> list[Begun]:
-    """The laws to refit, among those with a predicted cost below ``most``: the n best, those that might not be ruled
-    out against the best (few sensors cannot distinguish many laws), and every change of outlet kind, whose linear
-    prediction is poor."""
+    """The laws to refit. Of those that promise to leave less than ``most``: the n best, and all that could not be ruled
+    out against the best, because few sensors leave many laws similar. Every outlet of another kind, whatever it
+    promises, because it starts far from the record."""
     near = begun[0].left + at.RULED_OUT if begun else 0.0
     return [b for k, b in enumerate(begun) if b.term.rewires or (b.left < most and (k < n or b.left < near))]
 
