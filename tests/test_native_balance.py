@@ -39,11 +39,13 @@ def names(network: Network) -> list[str]:
     return list(network.output_units())
 
 
-def off(network: Network, found: Array, expected: Array) -> float:
-    """The largest difference of harmonics (B, K+1, m), by the largest of the same kind of output; NaN where NaN."""
+def off(network: Network, found: Array, expected: Array, least: dict[str, float] | None = None) -> float:
+    """The largest difference of harmonics (B, K+1, m), by the largest of the same kind of output, or by the ``least``
+    scale of a kind where that is larger; NaN where NaN."""
     assert np.array_equal(np.isnan(found), np.isnan(expected))
     kinds = np.array([name[-1] for name in names(network)])
-    largest = {kind: np.nanmax(np.abs(expected[..., kinds == kind]), initial=1e-300) for kind in set(kinds.tolist())}
+    scales = {kind: 1e-300 for kind in set(kinds.tolist())} | (least or {})
+    largest = {kind: np.nanmax(np.abs(expected[..., kinds == kind]), initial=x) for kind, x in scales.items()}
     return float(np.nanmax(np.abs(found - expected) / [largest[kind] for kind in kinds], initial=0.0))
 
 
@@ -146,8 +148,9 @@ def test_drawn_networks(drawn: tuple[Network, dict[str, Any]]) -> None:
     """Any of these: equal, or no steady state with the same sentence, or no balance of the same members; or refused as
     another than NumPy's.
 
-    The mean, a wave of 1e4 s, has rounding errors in short pieces: it may be ten times as far off as an inflow that is
-    1e-14 larger moves NumPy's own (3.6 times, of 120 networks).
+    Rounding errors arise in the areas, and a stiff wall under a low pressure multiplies them: pressures are compared by
+    the stiffness E h/R_0. The mean, a wave of 1e4 s, has rounding errors in short pieces: it may be three times as far
+    off as an inflow that is 1e-14 larger moves NumPy's own (1.0 times, of 387 networks).
     """
     network, parameters = drawn
     results: list[Any] = []
@@ -158,12 +161,13 @@ def test_drawn_networks(drawn: tuple[Network, dict[str, Any]]) -> None:
         except InputError as error:
             results.append(str(error))
     expected, found, moved = results
+    stiff = {"P": max(s.E * s.h / s.R0 for s in network.segments)}
     if isinstance(expected, str):
         assert expected == found
     elif isinstance(found, str):
         assert "is not that of NumPy" in found and 10.0 * off(network, moved, expected) > 10.0 * EQUAL
     else:
-        assert off(network, found, expected) < EQUAL + 10.0 * off(network, moved, expected)
+        assert off(network, found, expected, stiff) < EQUAL + 3.0 * off(network, moved, expected, stiff)
 
 
 def test_no_balance(sheep: Network) -> None:
