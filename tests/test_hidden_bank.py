@@ -370,13 +370,14 @@ def test_places_that_cannot_be_told_apart() -> None:
 
     def right(places: list[dict[str, Any]], alike: list[list[dict[str, Any]]], most: int = 3) -> bool:
         line = _line(0, ("coulomb",), (), "unknown", kind="network") | {"map": {"places": places, "alike": alike}}
-        return words.acts_right(line, most)
+        return w.acts_right(line, most)
 
     assert right([wall], [], 1) and not right([drop], [])
     assert right([drop], [[near], [loss], [wall]]) and not right([drop], [[wall]], 1)
     assert not right([drop], [[end], [loss], [wall]])
     assert not right([drop], [[drop, wall]])
-    assert right([drop, end], [[wall, end]]) and not right([drop, wall], [[wall, loss], [wall, end], [wall, _spot("BT")]], 1) 
+    assert right([drop, end], [[wall, end], [drop, loss], [drop, _spot("BT")]])  # in the stead of the drop
+    assert not right([drop, end], [[drop, wall], [drop, loss], [drop, _spot("BT")]])  # of the outlet, with two more
 
 
 def test_groups_have_their_tables() -> None:

@@ -22,7 +22,9 @@ import numpy as np
 
 Array = np.ndarray
 
-AMPLITUDES = tuple(10.0 ** (0.25 * i) for i in range(-8, 13))  # in units of the sources, 1 % of a pulse: up to ten pulses
+AMPLITUDES = tuple(
+    10.0 ** (0.25 * i) for i in range(-8, 13)
+)  # in units of the sources, 1 % of a pulse: up to ten pulses
 SPECTRA = ((6.0, 1.0), (3.0, 2.0), (8.0, 2.0), (4.0, 4.0), (8.0, 4.0), (16.0, 4.0))  # k0 and n
 FIRST_LOOK = (SPECTRA[1:3], 4)
 _ROUNDING = 1e-8  # of the unknowns' own information (measured: sources of 100 pulses lost 2e-8 of the largest)
