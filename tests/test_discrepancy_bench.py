@@ -182,9 +182,15 @@ def test_a_perfect_chain_is_one() -> None:
 # --- what it names ---------------------------------------------------------------------------------------------------
 
 
-def judged(hidden: tuple[Effect, ...], base: str, dB: float = 40.0, seed: int = 5) -> Naming:
+# enough to take one effect for another, where every pair is refitted; of the whole catalogue the slow tests find pairs
+FEW = ("nonlinear_elasticity", "nonlinear_wall_viscosity", "stress_relaxation", "catheter_resonance", "channel_lag")
+
+
+def judged(
+    hidden: tuple[Effect, ...], base: str, dB: float = 40.0, seed: int = 5, among: tuple[str, ...] = ()
+) -> Naming:
     made = make(Case("bench", SITE, dB, hidden, base), seed)
-    return judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
+    return judge(Record("made", "", made.time, made.channels, {}), made.base, among=among)[1]
 
 
 @pytest.mark.parametrize(("base", "seed"), [("sheep", 3), ("elastic", 4)])
@@ -246,7 +252,7 @@ def test_viscosity_or_a_slow_sensor(effect: Effect) -> None:
 def test_two_effects_are_several() -> None:
     """A bent wall seen through a catheter that rings: both named, and what is left is noise."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", ("CA.P",), 1 / 15, 0.1))
-    naming = judged(hidden, "sheep")
+    naming = judged(hidden, "sheep", among=FEW)
     assert naming.verdict == "several"
     assert {t.label for t in naming.best.fit.terms} == {f"nonlinear_elasticity at {SITE}", "catheter_resonance at CA.P"}
     assert naming.best.explains
@@ -255,7 +261,7 @@ def test_two_effects_are_several() -> None:
 def test_two_clear_faults_of_the_sensors_of_one_site_are_ambiguous() -> None:
     """A catheter that rings and a radius 6 ms late: the pair leaves noise, and is no discovery of two effects."""
     hidden = (Effect("catheter_resonance", ("CA.P",), 1 / 15, 0.1), Effect("channel_lag", ("CA.R",), 6e-3))
-    naming = judged(hidden, "elastic")
+    naming = judged(hidden, "elastic", among=FEW)
     assert {t.label for t in naming.best.fit.terms} == {"catheter_resonance at CA.P", "channel_lag at CA.R"}
     assert naming.best.explains and naming.of_one_site
     assert naming.verdict == "ambiguous"
@@ -290,7 +296,7 @@ def test_a_cubic_rate_is_not_all_of_it() -> None:
 
     A quarter as large, it is named without in half of the records: what remains is noise.
     """
-    naming = judged((Effect("cubic_rate", (SITE,), 80.0),), "sheep")
+    naming = judged((Effect("cubic_rate", (SITE,), 80.0),), "sheep", among=FEW)
     assert (naming.verdict, naming.best.label) == ("partial", f"nonlinear_wall_viscosity at {SITE}")
     assert naming.reason is not None and naming.reason.startswith("whitened RMS 4.")
 

@@ -46,6 +46,8 @@ from fitting.inference.runs import OutOfTime, Runs
 from fitting.records.read.record import write_record
 from solver.network.files import read_network, write_network
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 SITE = "CA"
 RELAXATION = Case("bench", SITE, 27.0, (Effect("stress_relaxation", (SITE,), 0.006),))
 BENT = Case("bench", SITE, 40.0, (Effect("nonlinear_elasticity", (SITE,), 2.0),))
