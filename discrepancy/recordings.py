@@ -28,23 +28,35 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
-from .assemble import Shown
 from .checkpoint import Journal
 from .find.plausibility import check_beats, check_record, check_waves
 from .find.study import Study, prepare
-from .findings.outcome import ADDED
 from .findings.recorded import Recorded
 from .name.joint_selection import name_together
 from .name.model_selection import COMMON
 from .name.scoring import seen_by, weighed
 from .name.verdict import Naming
 from .options import Asked
-from .show.fmu_validation import Gap, Run, confirmed, fall
+from .show.fmu_validation import Gap, Run, confirmed, fall, held_out
 
 Array = np.ndarray
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A naming that the FMUs support. before, after : runs of the first recording without and with the added effects,
+    the latter None if none is added. gaps : of these, over all fitted recordings. recordings : results of each of
+    several. warnings : on recordings."""
+
+    naming: Naming
+    before: Run
+    after: Run | None
+    gaps: tuple[Gap, Gap | None]
+    recordings: tuple[Recorded, ...]
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -107,65 +119,56 @@ class Recordings:
 
     # --- through the FMUs ---------------------------------------------------------------------------------------------
 
-    def judged(
-        self, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
-    ) -> tuple[Naming, Shown, tuple[Recorded, ...], tuple[str, ...]]:
-        """The naming if the free runs of all recordings support it, with the gaps over the fitted ones. Also the
-        results of each of several recordings, and warnings.
+    def judged(self, naming: Naming, base: Fit, before: FreeRun, after: FreeRun) -> Judged:
+        """The naming if the free runs of all recordings support it, with these runs.
 
-        base : fit without the added effects. shown : runs of the first recording. before, after : run the FMU without
-        and with the added effects.
+        base : fit without the added effects. before, after : run the FMU without and with the added effects.
         """
-        found, unjudged = self.each(naming, base, shown, before, after)
-        fitted = [(first, last) for each, first, last in found if each.fitted]
-        first, last = joined([g for g, _ in fitted]), joined([g for _, g in fitted if g]) if shown.after else None
+        found, unjudged = self.each(naming, base, before, after)
+        fitted = [(first.gap, last and last.gap) for each, first, last in found if each.fitted]
+        gaps = joined([first for first, _ in fitted]), joined([g for _, g in fitted if g]) if naming.adds else None
         each = tuple(recorded for recorded, _, _ in found)
-        naming = confirmed(naming, each, first, last)
-        if naming.verdict not in ADDED:
-            last, each = None, tuple(replace(r, gap_after=None, rms_after={}, own=r.own_before) for r in each)
-        return naming, replace(shown, gaps=(first, last)), () if self.alone else each, (*self.warnings, *unjudged)
+        naming = confirmed(naming, each, *gaps)
+        _, first, last = found[0]
+        if not naming.adds:
+            last, gaps = None, (gaps[0], None)
+            each = tuple(replace(r, gap_after=None, rms_after={}, own=r.own_before) for r in each)
+        return Judged(naming, first, last, gaps, () if self.alone else each, (*self.warnings, *unjudged))
 
     def each(
-        self, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
-    ) -> tuple[list[tuple[Recorded, Gap, Gap | None]], list[str]]:
-        """The gaps of the FMUs for each recording, and sentences on held-out ones that could not be judged."""
-        whole, best = naming.problem, naming.best.fit if shown.after else None
+        self, naming: Naming, base: Fit, before: FreeRun, after: FreeRun
+    ) -> tuple[list[tuple[Recorded, Run, Run | None]], list[str]]:
+        """The free runs of each recording, and sentences on held-out ones that could not be judged."""
+        whole, best = naming.problem, naming.best.fit if naming.adds else None
         found, unjudged = [], list[str]()
         for i, (record, study) in enumerate((*zip(self.records, self.studies, strict=True), *self.unseen)):
             fitted = i < len(self.records)
             study = replace(study, problem=whole.parts[i] if isinstance(whole, Several) else whole) if fitted else study
             try:
                 fits = _there(whole, study, base, i, fitted), best and _there(whole, study, best, i, fitted)
-                runs = free_runs(f"_{i}", study, *fits, before, after) if i else (shown.before, shown.after)
+                first, last = free_runs(f"_{i}" if i else "", study, *fits, before, after)
                 if not fitted:
-                    check_waves(study, runs[0].beats)
+                    check_waves(study, first.beats)
             except (InputError, RunFailed) as error:
                 if fitted:
                     raise
                 unjudged.append(not_judged(record.path, error))  # the verdict does not depend on it
                 continue
-            own = dict[str, object]()
+            recorded = Recorded(
+                self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats,
+                study.fitted.T, fitted, first.gap.total, held_out(first.gap.rms),
+            )  # fmt: skip
+            if last is not None:
+                fallen, sd = fall(study, first, last)
+                after_rms = held_out(last.gap.rms)
+                recorded = replace(recorded, gap_after=last.gap.total, rms_after=after_rms, fallen=fallen, sd=sd)
             if isinstance(whole, Several):
-                last, rows = (best or base, whole.rows[i]) if fitted else (fits[1] or fits[0], slice(None))
-                own = {"own": _own(whole, study, fits[1] or fits[0]), "own_before": _own(whole, study, fits[0])}
-                own["d"] = float(np.linalg.norm(seen_by(last, last.terms)[rows])) if best else None
-            found.append(self._recorded(i, record, study, runs, own))
+                seen, rows = (best or base, whole.rows[i]) if fitted else (fits[1] or fits[0], slice(None))
+                d = float(np.linalg.norm(seen_by(seen, seen.terms)[rows])) if best else None
+                own, own_before = (_own(whole, study, fit) for fit in (fits[1] or fits[0], fits[0]))
+                recorded = replace(recorded, d=d, own=own, own_before=own_before)
+            found.append((recorded, first, last))
         return found, unjudged
-
-    def _recorded(
-        self, i: int, record: Record, study: Study, runs: tuple[Run, Run | None], own: dict[str, object]
-    ) -> tuple[Recorded, Gap, Gap | None]:
-        first, last = runs
-        if last is not None:
-            fallen, sd = fall(study, first, last)
-            rms = {channel: pair[1] for channel, pair in last.gap.rms.items()}
-            own = own | {"gap_after": last.gap.total, "rms_after": rms, "fallen": fallen, "sd": sd}
-        found = Recorded(
-            self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats, study.fitted.T,
-            i < len(self.records), first.gap.total, {c: pair[1] for c, pair in first.gap.rms.items()},
-            **own,  # type: ignore[arg-type]
-        )  # fmt: skip
-        return found, first.gap, None if last is None else last.gap
 
 
 def recordings_of(
@@ -256,18 +259,24 @@ def moved(network: Network, fit: Fit) -> dict[str, float]:
     return {n: float(x) for n, x in parameter_values(fit.unknowns, rewired(network, fit.terms), fit.x).items()}
 
 
+def drives(study: Study, base: Fit, best: Fit | None) -> tuple[Array, Array]:
+    """The waves that drive the FMUs without and with the effects: the most probable one. If a fault of the flow meter
+    is named, the measured inflow drives the former."""
+    wave = study.problem.wave(study.fitted, best or base)
+    lies = best is not None and any(t.is_sensor and t.place == INFLOW for t in best.terms)
+    return study.problem.measured_wave(study.fitted) if lies else wave, wave
+
+
 def free_runs(
     stage: str, study: Study, base: Fit, best: Fit | None, before: FreeRun, after: FreeRun
 ) -> tuple[Run, Run | None]:
-    """The free runs of a recording under its most probable drive. If a fault of the flow meter is named, the run
-    without effects uses the measured inflow."""
-    problem, measured = study.problem, study.problem.measured_wave(study.fitted)
-    wave = problem.wave(study.fitted, best or base)
-    lies = best is not None and any(t.is_sensor and t.place == INFLOW for t in best.terms)
-    first = before(f"before{stage}", base, measured if lies else wave, moved(study.network, base), study)
+    """The free runs of a recording, without and with effects."""
+    drive, wave = drives(study, base, best)
+    first = before(f"before{stage}", base, drive, moved(study.network, base), study)
     if best is None:
         return first, None
-    return first, after(f"after{stage}", best, wave, moved(study.network, best), study)
+    # the FMU with the effects has the values of the first recording
+    return first, after(f"after{stage}", best, wave, moved(study.network, best) if stage else {}, study)
 
 
 def _there(problem: Forward, study: Study, fit: Fit, i: int, fitted: bool) -> Fit:

@@ -178,10 +178,10 @@ class Outcome(Shown):
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable change per
     "effect at place", for the verdict ``none``. sites : whitened RMS of each site, predicted from the others.
-    gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats; alone : with the first
-    effect of a pair only, if known. kind : "bench" or "network". parity : largest difference between the rebuilt FMU
-    and the direct solver, as a fraction of a channel's pulse: under the record's inflow, or for a bench under the
-    network's own; None if that causes no motion. agreement : of the last FMU with the inferred model; None on a bench.
+    gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or
+    "network". parity : largest difference between the rebuilt FMU and the direct solver under the network's own inflow,
+    as a fraction of a channel's pulse; None if that causes no motion. agreement : of the last FMU with the inferred
+    model; None on a bench.
     confidence : probability of the name, or that nothing is missing. remains : for ``partial``, the remaining misfit
     and its place. complete : the search finished within the time limit. notes : sentences on this subject. map : source
     map; None if there is none. learned : a law of the remaining misfit that its FMU supports. written : files were
@@ -216,7 +216,6 @@ class Outcome(Shown):
     isolability: Isolability | None = None
     smallest: Mapping[str, Detectable] = field(default_factory=dict)
     sites: Mapping[str, float] = field(default_factory=dict)
-    alone: Pair | None = None
     recordings: tuple[Recorded, ...] = ()  # of several; gaps then cover the fitted ones, figures the first
     gap_before: Pair | None = None
     gap_after: Pair | None = None

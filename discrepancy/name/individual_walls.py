@@ -21,6 +21,7 @@ from solver.quantities.quantity import Quantity
 from .. import thresholds as at
 from ..findings.outcome import BEYOND, OwnNumber, Walls
 from .scoring import Compared
+from .verdict import Naming
 
 _TOLD = 3  # outliers with a sentence of their own
 _MOST = 3  # at most one in so many parameters of a kind may be an outlier
@@ -175,6 +176,15 @@ def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
     mine = np.array([not any(u in t.unknowns for t in fit.terms) for u in fit.unknowns], bool)
     unknowns = tuple(u for u, keep in zip(fit.unknowns, mine, strict=True) if keep)
     return replace(fit, terms=(), unknowns=unknowns, x=fit.x[mine], J=fit.J[:, mine])
+
+
+def subject_without(naming: Naming) -> Fit:
+    """The model without effect that an added effect must improve: the nearest one if much is missing, the subject of
+    the best hypothesis if outliers decide (:func:`animal_without`), otherwise the best fit without effect."""
+    if naming.nearest is not None:
+        return naming.nearest
+    alone = animal_without(naming.problem.first, naming.best.fit, naming.base.fit) if naming.adds else None
+    return alone or naming.base.fit
 
 
 Instead = tuple[Term, int, Array]  # an effect, the index of the parameter that it replaces, and its starting point
