@@ -45,9 +45,8 @@ from .checkpoint import Journal
 from .find.model_source import build_fmu, first_of, read_model
 from .find.plausibility import check_record, check_waves
 from .find.study import Study, Unusable
-from .findings.learned_law import LearnedLaw
 from .findings.map_marks import entry
-from .findings.outcome import NamedEffect, Outcome
+from .findings.outcome import LearnedLaw, NamedEffect, Outcome
 from .name.individual_walls import subject_without
 from .name.intervals import stated
 from .name.model_selection import name

@@ -40,6 +40,10 @@ class Base:
     member: Member
     J: Array
 
+    def moved(self, begun: Begun) -> Base:
+        """The base after the step that a law promises."""
+        return replace(self, member=replace(self.member, x=self.member.x + begun.step))
+
     def with_laws(self, problem: NetworkProblem, laws: Sequence[tuple[Term, Array]]) -> Member:
         """A hypothesis at this point with laws at their starting values."""
         terms = (*self.member.terms, *(t for t, _ in laws))

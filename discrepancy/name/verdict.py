@@ -36,7 +36,7 @@ class Naming:
     the gap. reason : for unknown; for partial, the remaining gap. complete : the search was completed. reaches :
     profile intervals of the best by unknown (:func:`discrepancy.name.intervals.profiled`). map : source map of a
     network. nearest : the best model without effect if even that is far from the record; a name must do better
-    (:mod:`discrepancy.name.nearest`).
+    (:mod:`discrepancy.name.model_selection`).
     """
 
     verdict: str
