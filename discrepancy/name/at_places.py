@@ -217,10 +217,10 @@ def _refined(result: Compared, runs: Runs) -> list[Fit]:
     return there(problem.refit(hypotheses, first, runs)) if hypotheses else []
 
 
-# --- moves from the best hypothesis ------------------------------------------------------------------------------------
-# another law, at any place, instead of one of its laws or all of them, or beside it. Few sensors cannot distinguish an
+# --- moves from the best hypothesis -----------------------------------------------------------------------------------
+# Another law, at any place, instead of one of its laws or all of them, or beside it. Few sensors cannot distinguish an
 # external pressure of one artery from one of its neighbour, a flexible law absorbs a missing second law, and a law that
-# acts everywhere is no place of a map: a name requires that all of these were refitted
+# acts everywhere is no place of a map. A name requires that all of these were refitted.
 
 
 def with_moves(result: Compared, runs: Runs, left: bool = False, more: bool = False) -> Compared:
@@ -244,9 +244,7 @@ def with_moves(result: Compared, runs: Runs, left: bool = False, more: bool = Fa
             for begun in promising(problem, base, laws, most, runs):
                 key = names_of((*rest, begun.term))
                 if begun.left < known.get(key, np.inf) - at.RULED_OUT:
-                    members.setdefault(
-                        (key, begun.term.moves_along), base.moved(begun).with_laws(problem, [(begun.term, begun.x)])
-                    )
+                    members.setdefault((key, begun.term.moves_along), base.promised(problem, begun))
     if not members:
         return result
     chosen = list(members.values())

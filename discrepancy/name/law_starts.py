@@ -40,9 +40,10 @@ class Base:
     member: Member
     J: Array
 
-    def moved(self, begun: Begun) -> Base:
-        """The base after the step that a law promises."""
-        return replace(self, member=replace(self.member, x=self.member.x + begun.step))
+    def promised(self, problem: NetworkProblem, begun: Begun) -> Member:
+        """The hypothesis with a law at its predicted minimum."""
+        moved = replace(self, member=replace(self.member, x=self.member.x + begun.step))
+        return moved.with_laws(problem, [(begun.term, begun.x)])
 
     def with_laws(self, problem: NetworkProblem, laws: Sequence[tuple[Term, Array]]) -> Member:
         """A hypothesis at this point with laws at their starting values."""

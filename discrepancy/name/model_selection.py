@@ -100,9 +100,9 @@ def _with_what_stands_out(search: Iterator[Compared], runs: Runs) -> Iterator[Co
 
 
 # --- much is missing --------------------------------------------------------------------------------------------------
-# every named effect must fit better than the best model without effect. The map of a wrong model distorts the walls, and
-# a search from these may end far from the record; so may the one linear step that takes a hypothesis to the last weights.
-# Any effect then seems to close a part of the gap of a bad fit
+# Every named effect must fit better than the best model without effect. The map of a wrong model distorts the walls,
+# and a search from these may end far from the record; so may the one linear step that takes a hypothesis to the last
+# weights. Any effect then seems to close a part of the gap of a bad fit.
 
 
 def nearest(found: Compared, runs: Runs) -> Fit | None:
