@@ -267,8 +267,7 @@ class _Work:
 
     def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
         """A law of the remaining misfit, if only one recording is fitted."""
-        alone = naming if self.recordings.alone else self.recordings.only(self.journal, name)
-        if alone is None or not learns(naming):
+        if len(self.recordings.studies) > 1 or not learns(naming):
             return None
 
         def run(own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
@@ -278,7 +277,7 @@ class _Work:
             return run, self._whole(network, f"{stage}_model", fmu).read_bytes()
 
         until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
-        return law_of(self.study, alone, before, self.record, run, self.asked.jobs, until, self.journal.stage)
+        return law_of(self.study, naming, before, self.record, run, self.asked.jobs, until, self.journal.stage)
 
     # --- FMUs ---------------------------------------------------------------------------------------------------------
 

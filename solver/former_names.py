@@ -34,8 +34,8 @@ discrepancy discrepancy asked>options journal>checkpoint summary>assemble
 discrepancy.add discrepancy described learning
 discrepancy.find discrepancy find>balances source>model_source study usable>plausibility
 discrepancy.findings discrepancy isolability learned_law>outcome outcome places>map_marks recorded shown_map
-discrepancy.name discrepancy animal>individual_walls at_places intervals law_starts name>model_selection nearest>model_selection
-discrepancy.name discrepancy rivals>at_places scoring together>joint_selection verdict
+discrepancy.name discrepancy animal>individual_walls at_places intervals law_starts name>model_selection
+discrepancy.name discrepancy nearest>model_selection rivals>at_places scoring together>joint_selection verdict
 discrepancy.name fitting.inference several>joint_record
 discrepancy.plan discrepancy second_state sensor_plan
 discrepancy.report discrepancy figures learned_text map_figure>figures map_text report>page tables wording>verdict_text
