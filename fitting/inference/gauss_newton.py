@@ -125,12 +125,13 @@ class Point:
 @dataclass(frozen=True)
 class Trial:
     """A point to evaluate. by : (q,) unknowns whose derivatives are needed. before : the previous point, from which
-    ``step`` : (p,) leads here, if any."""
+    ``step`` : (p,) leads here, if any; ``share`` : of a full step, which hidden unknowns move with it."""
 
     member: Member
     by: Array
     before: Point | None
     step: Array
+    share: float = 1.0
 
 
 Evaluate = Callable[[Sequence[Trial]], list[Point | None]]  # None where a trial has no residual
@@ -215,7 +216,8 @@ class Search:
         damping = max(damping, self.rules.error**2)
         scaled = self.prior * s**2, x / s, self.low / s, self.high / s
         step = bounded_step(J * s, z, *scaled, damping, self.rules.tails)
-        step *= s * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        self.share = min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        step *= s * self.share
         return step, self.cost - self._cost(replace(self.here, z=z + J @ step), x + step)
 
     def _cost(self, point: Point, x: Array) -> float:
@@ -277,7 +279,10 @@ def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf
             derive(evaluate, active, everything=few or turn >= _ALL_FRESH * fresh)
             active = [s for s in active if s.proposes()]
         by = [np.arange(0 if fresh else len(s.x)) for s in active]
-        trials = [Trial(replace(s.member, x=s.x + s.step), i, s.here, s.step) for s, i in zip(active, by, strict=True)]
+        trials = [
+            Trial(replace(s.member, x=s.x + s.step), i, s.here, s.step, s.share)
+            for s, i in zip(active, by, strict=True)
+        ]
         for s, found in zip(active, evaluate(trials), strict=True):
             s.answer(found)
 

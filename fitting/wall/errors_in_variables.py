@@ -91,7 +91,7 @@ class _Regression:
         P, by_lag, columns, A = np.split(law, (1, 2, 2 + len(self.model.free)), axis=1)
         linear = linearise(loop, R, P[:, 0], A, np.column_stack([columns, by_lag]) * self.sizes)
         hidden = loop.misfit(P[:, 0], R) - float(linear.z @ linear.z)
-        return Point(linear.z, -linear.columns, hidden, linear)
+        return Point(linear.z, -linear.columns, hidden, (linear, R))
 
     def searched(self, first: Point, point: Callable[[Trial], Point], rounds: int, lag_free: bool = False) -> Search:
         """The search from the start, whose point is the ``first``."""
@@ -112,7 +112,8 @@ def solve(loop: Loop, model: WallModel, start: Values, *, lag: float | None = No
 
     def point(trial: Trial) -> Point:
         assert trial.before is not None
-        return problem.point(trial.member.x, trial.before.memory.after(trial.step))
+        linear, R = trial.before.memory
+        return problem.point(trial.member.x, R + trial.share * (linear.after(trial.step) - R))
 
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # non-finite values are rejected
         problem = _Regression.of(loop, model, start, lag or 0.0)
@@ -155,7 +156,7 @@ def _solution(problem: _Regression, found: Search, lag_free: bool) -> Solution:
     """What the linear problem at the minimum tells."""
     here, free = found.here, np.arange(len(problem.sizes) - (not lag_free))
     assert here is not None
-    linear: Linear = here.memory
+    linear: Linear = here.memory[0]
     R, (values, lag), columns = linear.radius(here.z), problem.at(found.x), here.J / problem.sizes
     scale = np.linalg.norm(columns[:, free], axis=0)
     q, triangle = np.linalg.qr(columns[:, free] / scale)
