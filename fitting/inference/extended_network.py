@@ -109,7 +109,7 @@ def _everywhere(
     if unknown.ratio is None:
         first, *others = found.values()
         return {unknown.name: first} if all(other == first for other in others) else found
-    now = {**nominal, **values(fit.unknowns, fit.x, nominal)}
+    now = dict(nominal) | {n: float(v) for n, v in values(fit.unknowns, fit.x, nominal).items()}
     ratios = [now[v] / now[reference(unknown, v)] for v in found]
     same = np.ptp(ratios) <= _SAME * np.abs(ratios).max()
     return {unknown.name: _ratio(fit, unknown, nominal, reach)} if same else found
