@@ -21,7 +21,7 @@ from discrepancy.name.verdict import Naming
 from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import Term, candidates
-from fitting.inference.models.bench import Bench, fit
+from fitting.inference.models.bench import Bench
 from fitting.inference.models.bench_observation import chain
 from fitting.inference.models.loop import Loop
 from fitting.inference.unknown import quantile
@@ -78,8 +78,8 @@ def test_jacobian_of_the_residual() -> None:
     """|z(x + h d)|² = h² |J d|² (1 + O(h)) where z(x) = 0: any direction of x, R and V moving along; h = 1e-3, 1 %."""
     case = Case("bench", SITE, 40.0, (Effect("stress_relaxation", (SITE,), 0.02),))
     problem, _ = noise_free(case, OTHER)
-    found = fit(problem, (term_of(problem, case.effects[0]),))
-    assert found.chi2 <= 1e-8
+    (found,) = problem.refit([(term_of(problem, case.effects[0]),)])
+    assert found is not None and found.chi2 <= 1e-8
     rng = np.random.default_rng(0)
     for direction in (*np.eye(len(found.x)), *rng.normal(size=(5, len(found.x)))):
         expected = 1e-6 * float(np.sum((found.J @ direction) ** 2))
@@ -92,8 +92,8 @@ def test_jacobian_of_the_residual() -> None:
 def test_columns_of_what_may_be_added(base: str) -> None:
     """Every candidate's column a : |z(h a)|² = h² |a|² from a perfect fit without it; h = 1e-3, 3 %."""
     problem, _ = noise_free(Case("bench", SITE, 40.0, (), base), OTHER)
-    none = fit(problem, ())
-    assert none.chi2 <= 1e-8
+    (none,) = problem.refit([()])
+    assert none is not None and none.chi2 <= 1e-8
     terms = candidates(problem.network, problem.signals, SITE)
     columns = problem.columns(none, terms)
     assert set(columns) == {t.label for t in terms}
@@ -123,8 +123,8 @@ def test_recovers_the_generator(base: str, effect: Effect) -> None:
     """Without noise, in an animal with other E, φ0 and R0: every parameter within 1e-6 of the truth (1e-9 measured)."""
     problem, truth = noise_free(Case("bench", SITE, 40.0, (effect,), base), OTHER)
     term = term_of(problem, effect)
-    found = fit(problem, (term,))
-    assert found.converged and found.chi2 <= 1e-8
+    (found,) = problem.refit([(term,)])
+    assert found is not None and found.converged and found.chi2 <= 1e-8
     told = {name: e.value for name, e in estimates(problem.network, found, term, 2.0).items()}
     assert told == pytest.approx(truth, rel=1e-6)
 
@@ -151,7 +151,8 @@ def test_aliases_of_the_nuisances(effect: Effect, x: float | None) -> None:
     ((hidden, _),) = problem.predict([replace(at, x=np.zeros(4))])
     assert hidden > 1e4
     assert problem.predict([at])[0][0] <= 1e-6
-    assert fit(problem, (term,)).chi2 <= 1e-4
+    (found,) = problem.refit([(term,)])
+    assert found is not None and found.chi2 <= 1e-4
 
 
 @pytest.mark.parametrize("f_n", [8.0, 40.0])
