@@ -39,10 +39,9 @@ def late_flow(late: float, rms: tuple[float, float], root: str) -> str:
     before, after = (f"{x / MMHG:.2g}" for x in rms)
     side = "late" if late > 0.0 else "early"
     return (
-        f"{INFLOW} seems {1e3 * abs(late):.3g} ms {side} against {root}: with that delay the best difference of the "
-        f"model from its pulsation is {after} mmHg in place of {before}. A slow meter, or a sensor elsewhere, looks "
-        f"alike. The numbers are fitted with it; to keep it, add these lines to the network file: "
-        f'[channels."{INFLOW}"] and lag = "{1e3 * late:.3g} ms"; discover tests it.'
+        f"{INFLOW} seems {1e3 * abs(late):.3g} ms {side} against {root}: with this delay the model misses the pulsation "
+        f"of {root} by {after} mmHg rms, without it by {before}. A meter with a low-pass, or one at another place, looks "
+        "alike. The numbers were fitted with the delay, which is in the network file as a comment; discover tests it."
     )
 
 

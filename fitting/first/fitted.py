@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -27,18 +28,21 @@ from .waves import heard
 Array = np.ndarray
 
 # standard deviation of the logarithm, and the range of the factor: judgement. The length stands for a reflection time
-# that is known by its order only, and not at all if the meter is late
+# that is known by its order only
 _PRIORS = {
-    "L": (2.0, 0.03, 30.0),
-    "E": (0.5, 0.2, 5.0),
-    "phi0": (1.5, 0.05, 10.0),
-    "R1": (0.5, 0.2, 5.0),
-    "C": (0.5, 0.2, 5.0),
+    "L": (2.0, 0.03, 10.0),
+    "E": (1.0, 0.1, 10.0),
+    "phi0": (2.5, 0.01, 10.0),
+    "R1": (1.0, 0.1, 10.0),
+    "C": (1.0, 0.1, 10.0),
     "R2": (0.2, 0.5, 2.0),
 }
 _SHORTEST, _LONGEST = 5e-3, 0.6  # of a tube [m]
-_TRANSIT = 0.04  # of the period: the transit time of the longer tubes from which a further search starts
-_SHORTER = 0.5  # factor of all lengths where another one starts
+# where searches may start, as factors of the estimates: the best of all combinations do
+_GRID = {"E": (0.6, 1.0, 1.7), "phi0": (0.15, 1.0), "C": (0.6, 1.0, 2.0)}
+_LENGTHS = (0.2, 0.5, 1.0, 2.0)  # the same of all lengths
+_LAGS = (-0.03, 0.0, 0.03)  # of inlet.Q [periods]
+_SEARCHES = 3  # that are begun
 _ERROR = 0.005  # of the pulsation: an error of the model in each harmonic
 _LATEST = 0.1  # of the period: the range of the lag; beyond it the clocks differ (doubts.py)
 _CLOSES = 0.7  # of the residual: a lag that leaves more is not told
@@ -56,31 +60,31 @@ class Fitted:
     rms: tuple[float, float]
 
 
-def fitted(network: Network, beats: Beats, root: str, transit: float) -> Fitted:
-    """Fit lengths, walls and Windkessels. root : the channel of the pressure at the root. transit : estimated time of a
-    wave to the reflections [s]."""
-    problem = _Problem(network, beats, max(_TRANSIT * beats.T / transit, 1.0))
+def fitted(network: Network, beats: Beats, root: str, known: bool) -> Fitted:
+    """Fit lengths, walls and Windkessels. root : the channel of the pressure at the root. known : whether a distance
+    gives the lengths, which then stay."""
+    problem = _Problem(network, beats, known)
     plain, moved = problem.search(lag=False), problem.search(lag=True)
     before, after = problem.rms(plain, root), problem.rms(moved, root)
     late = float(moved[-1])
-    known = abs(late) > beats.T / beats.N and abs(late) < 0.99 * _LATEST * beats.T
-    matters = before > _MATTERS * problem.size(root)
-    if not (known and matters and after < _CLOSES * before):
+    within = beats.T / beats.N < abs(late) < 0.99 * _LATEST * beats.T
+    if not (within and before > _MATTERS * problem.size(root) and after < _CLOSES * before):
         return Fitted(problem.factors(plain), 0.0, (before, before))
     return Fitted(problem.factors(moved), late, (before, after))
 
 
 class _Problem:
-    """groups : the parameters that share a factor. x : (p,) their logarithms, and the lag [s]. longer : factor of all
-    lengths from which a second search starts."""
+    """groups : the parameters that share a factor. x : (p,) their logarithms, and the lag [s]. known : whether lengths
+    stay."""
 
-    def __init__(self, network: Network, beats: Beats, longer: float) -> None:
+    def __init__(self, network: Network, beats: Beats, known: bool) -> None:
         nominal = network.parameters()
         kinds = {name: name.rpartition(".")[2] for name in nominal}
-        own = [[name] for name, kind in kinds.items() if kind == "L"]
+        own = [[name] for name, kind in kinds.items() if kind == "L" and not known]
         common = [[n for n, k in kinds.items() if k == kind] for kind in _PRIORS if kind != "L"]
         self.groups = [group for group in own + common if group]
-        self.network, self.nominal, self.beats, self.starts = network, nominal, beats, {_SHORTER, 1.0, longer}
+        self.network, self.nominal, self.beats = network, nominal, beats
+        self.known = known
         spread, low, high = np.array([_PRIORS[kinds[group[0]]] for group in self.groups]).T
         self.lengths = np.array([kinds[group[0]] == "L" for group in self.groups])
         L = np.array([nominal[group[0]] for group in self.groups])
@@ -91,7 +95,7 @@ class _Problem:
         self.Q = resample(beats.mean(INFLOW), 2 * most + 2)
         self.k = np.arange(most + 1)
         there = waveforms(network, self.Q, beats.T)
-        self.names = [name for name in beats.values if name in there and name != INFLOW]
+        self.names = [name for name in beats.values if name in there and name[-2:] in (".P", ".Q")]
         self.X = {name: coefficients(beats.mean(name))[: most + 1] for name in self.names}
         self.sigma = {name: self._sigma(name) for name in self.names}
 
@@ -132,7 +136,7 @@ class _Problem:
         return float(np.sqrt(2.0 * np.sum(np.abs(difference) ** 2)))
 
     def search(self, lag: bool) -> Array:
-        """The best point : (p,), from the estimates and from longer tubes; without a lag this is 0."""
+        """The best point : (p,), from points about the estimates; without a lag this is 0."""
         p = len(self.groups) + 1
         free = np.arange(p if lag else p - 1)
         unit = np.append(np.ones(p - 1), self.beats.T)  # of x: the lag in periods
@@ -150,9 +154,17 @@ class _Problem:
             z = self.residual(whole(np.concatenate([x[None], x + _STEP * np.eye(len(x))])))
             return np.asarray((z[1:] - z[0]).T / _STEP)
 
-        found = []
-        for factor in sorted(self.starts):
-            start = np.zeros(len(free))
-            start[: p - 1] = np.clip(np.log(factor) * self.lengths, self.low, self.high)
-            found.append(least_squares(at, start, slopes, bounds=(low[free] - 1e-9, high[free] + 1e-9), max_nfev=60))
+        starts = np.clip(self._starts(lag)[:, free], low[free], high[free])
+        order = np.argsort(np.sum(self.residual(whole(starts)) ** 2, axis=1))[:_SEARCHES]
+        limits = low[free] - 1e-9, high[free] + 1e-9
+        found = [least_squares(at, start, slopes, bounds=limits, max_nfev=60) for start in starts[order]]
         return np.asarray(whole(min(found, key=lambda each: each.cost).x[None])[0])
+
+    def _starts(self, lag: bool) -> Array:
+        """(n, p) points: all combinations of a few factors, and of lags in periods."""
+        grid = product((1.0,) if self.known else _LENGTHS, *_GRID.values(), _LAGS if lag else (0.0,))
+        kinds = ("L", *_GRID)
+        of = [group[0].rpartition(".")[2] for group in self.groups]
+        return np.array(
+            [[*(np.log(dict(zip(kinds, each, strict=False)).get(kind, 1.0)) for kind in of), each[-1]] for each in grid]
+        )

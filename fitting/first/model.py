@@ -120,7 +120,7 @@ def first_model(
 
     models = [with_compliance(C).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
     parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
-    return parts.adjusted(fitted(model.network, beats, channel, echo.value / 2.0), channel).model(beats)[1]
+    return parts.adjusted(fitted(model.network, beats, channel, bool(distances)), channel).model(beats)[1]
 
 
 @dataclass(frozen=True)
@@ -139,12 +139,7 @@ class _Parts:
         """The same with the fitted values, and a note if inlet.Q is late."""
         f = fit.factor
         tubes = [
-            replace(
-                t,
-                L=t.L * f[f"{t.stretch.name}.L"],
-                E=t.E * f[f"{t.stretch.name}.E"],
-                phi0=t.phi0 * f[f"{t.stretch.name}.phi0"],
-            )
+            replace(t, **{key: getattr(t, key) * f.get(f"{t.stretch.name}.{key}", 1.0) for key in ("L", "E", "phi0")})
             for t in self.tubes
         ]
         ends = {
