@@ -183,9 +183,15 @@ def test_a_perfect_chain_is_one() -> None:
 # --- what it names ---------------------------------------------------------------------------------------------------
 
 
-def judged(hidden: tuple[Effect, ...], base: str, dB: float = 40.0, seed: int = 5) -> Naming:
+# enough to take one effect for another, where every pair is refitted; of the whole catalogue the slow tests find pairs
+FEW = ("nonlinear_elasticity", "nonlinear_wall_viscosity", "stress_relaxation", "catheter_resonance", "channel_lag")
+
+
+def judged(
+    hidden: tuple[Effect, ...], base: str, dB: float = 40.0, seed: int = 5, among: tuple[str, ...] = ()
+) -> Naming:
     made = make(Case("bench", SITE, dB, hidden, base), seed)
-    return judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
+    return judge(Record("made", "", made.time, made.channels, {}), made.base, among=among)[1]
 
 
 @pytest.mark.parametrize(("base", "seed"), [("sheep", 3), ("elastic", 4)])
@@ -213,7 +219,7 @@ def test_a_slow_sensor_that_is_slow_enough_is_named() -> None:
 def test_nonlinear_elasticity_is_named() -> None:
     """E_NL = 8 E in a viscoelastic wall at 40 dB: one name, and the 95 % interval holds the truth.
 
-    Of a bench at most 0.94 is stated. With 2 E a springpot stays in the class.
+    Of a bench at most 0.97 is stated. With 2 E a springpot stays in the class.
     """
     made = make(Case("bench", SITE, 40.0, (Effect("nonlinear_elasticity", (SITE,), 8.0),)), 5)
     naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
@@ -223,7 +229,7 @@ def test_nonlinear_elasticity_is_named() -> None:
     assert told.ci95[0] <= made.truth["effects"][0]["parameters"][f"{SITE}.ENL"] <= told.ci95[1]
     assert naming.verdict == "effect"
     assert naming.best.label == f"nonlinear_elasticity at {SITE}"
-    assert naming.confidence == 0.94
+    assert naming.confidence == 0.97
 
 
 @pytest.mark.parametrize(
@@ -247,7 +253,7 @@ def test_viscosity_or_a_slow_sensor(effect: Effect) -> None:
 def test_two_effects_are_several() -> None:
     """A bent wall seen through a catheter that rings: both named, and what is left is noise."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", ("CA.P",), 1 / 15, 0.1))
-    naming = judged(hidden, "sheep")
+    naming = judged(hidden, "sheep", among=FEW)
     assert naming.verdict == "several"
     assert {t.label for t in naming.best.fit.terms} == {f"nonlinear_elasticity at {SITE}", "catheter_resonance at CA.P"}
     assert naming.best.explains
@@ -256,7 +262,7 @@ def test_two_effects_are_several() -> None:
 def test_two_clear_faults_of_the_sensors_of_one_site_are_ambiguous() -> None:
     """A catheter that rings and a radius 6 ms late: the pair leaves noise, and is no discovery of two effects."""
     hidden = (Effect("catheter_resonance", ("CA.P",), 1 / 15, 0.1), Effect("channel_lag", ("CA.R",), 6e-3))
-    naming = judged(hidden, "elastic")
+    naming = judged(hidden, "elastic", among=FEW)
     assert {t.label for t in naming.best.fit.terms} == {"catheter_resonance at CA.P", "channel_lag at CA.R"}
     assert naming.best.explains and naming.of_one_site
     assert naming.verdict == "ambiguous"
@@ -291,7 +297,7 @@ def test_a_cubic_rate_is_not_all_of_it() -> None:
 
     A quarter as large, it is named without in half of the records: what remains is noise.
     """
-    naming = judged((Effect("cubic_rate", (SITE,), 80.0),), "sheep")
+    naming = judged((Effect("cubic_rate", (SITE,), 80.0),), "sheep", among=FEW)
     assert (naming.verdict, naming.best.label) == ("partial", f"nonlinear_wall_viscosity at {SITE}")
     assert naming.reason is not None and naming.reason.startswith("whitened RMS 4.")
 

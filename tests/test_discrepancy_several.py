@@ -27,7 +27,6 @@ from typer.testing import CliRunner
 
 import arterial_fmu.__main__
 from arterial_fmu.cli.tables.study import gap_text, recordings_table
-from discrepancy.assemble import Shown
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.recorded import rows as rows_of
@@ -38,13 +37,15 @@ from discrepancy.name.model_selection import name as name_one
 from discrepancy.name.verdict import Naming
 from discrepancy.plan.second_state import second_state, separations
 from discrepancy.recordings import Recordings, _named
-from discrepancy.show.fmu_validation import Gap, confirmed
+from discrepancy.show.fmu_validation import Gap, Run, confirmed
 from fitting.inference.fit import Member
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.records.read.record import write_record
 from solver.network.files import read_network, write_network
+
+pytestmark = pytest.mark.usefixtures("one_process")
 
 SITE = "CA"
 RELAXATION = Case("bench", SITE, 27.0, (Effect("stress_relaxation", (SITE,), 0.006),))
@@ -277,10 +278,13 @@ def test_names_of_own_numbers_are_whole() -> None:
 def test_own_numbers_are_of_the_model_that_stands() -> None:
     """Where the FMUs do not bear the name out, a recording's own numbers are those without the effect."""
     each = replace(one("A", 3.0, 20.0), own={"CA.E": 2e6}, own_before={"CA.E": 1e6})
-    several: Any = SimpleNamespace(each=lambda *_: ([(each, BEFORE, AFTER)], []), warnings=(), alone=False)
-    run: Any = object()
-    naming, _, (found,), _ = Recordings.judged(several, named(RELAXATION, 1)[2], run, Shown(run, run, run), run, run)
-    assert naming.verdict == "unknown" and found.own == {"CA.E": 1e6} and found.gap_after is None
+    runs = [Run(np.zeros((1, 1)), {}, gap) for gap in (BEFORE, AFTER)]
+    several: Any = SimpleNamespace(each=lambda *_: ([(each, *runs)], []), warnings=(), alone=False)
+    base: Any = object()
+    judged = Recordings.judged(several, named(RELAXATION, 1)[2], base, base, base)
+    (found,) = judged.recordings
+    assert judged.naming.verdict == "unknown" and judged.after is None and judged.gaps[1] is None
+    assert found.own == {"CA.E": 1e6} and found.gap_after is None
 
 
 def test_all_is_all() -> None:

@@ -318,7 +318,7 @@ def test_beats_that_are_nearly_the_same(noise: float, step: float) -> None:
     check_scatter(prepare(as_record(waves), NETWORK).fitted)
 
 
-@pytest.mark.parametrize("part", [-0.3, -0.12, 0.107, 0.145, 0.3, 0.5])
+@pytest.mark.parametrize("part", [-0.3, 0.107, 0.5])
 def test_a_bench_of_two_clocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: float) -> None:
     """CA.R rolled by a tenth to half of a beat: refused before anything is named, with the delay (± 20 ms)."""
     monkeypatch.setattr(workflow, "name", pytest.fail)

@@ -44,7 +44,7 @@ def off(network: Network, found: Array, expected: Array, least: dict[str, float]
     scale of a kind where that is larger; NaN where NaN."""
     assert np.array_equal(np.isnan(found), np.isnan(expected))
     kinds = np.array([name[-1] for name in names(network)])
-    scales = {kind: 1e-300 for kind in set(kinds.tolist())} | (least or {})
+    scales = dict.fromkeys(set(kinds.tolist()), 1e-300) | (least or {})
     largest = {kind: np.nanmax(np.abs(expected[..., kinds == kind]), initial=x) for kind, x in scales.items()}
     return float(np.nanmax(np.abs(found - expected) / [largest[kind] for kind in kinds], initial=0.0))
 

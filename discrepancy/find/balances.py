@@ -111,6 +111,6 @@ def wall_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
     for site in network.sites:
         if {f"{site.name}.P", f"{site.name}.R"} <= set(beats.values):
             (local,) = bench(beats, on_bench(network, site.name, segment=site.segment), site.name).refit([()])
-            if local is not None:  # else no wall of this kind fits the loop
+            if local is not None:  # a wall of this kind fits the loop
                 found.append(Balance("wall law", site.name, float(np.sqrt(np.mean(local.z**2)))))
     return tuple(found)

@@ -118,6 +118,10 @@ class Bench(Forward):
         return alone.with_terms(neutral | alone.parameters())
 
     @cached_property
+    def _present(self) -> dict[str, float]:
+        return self.artery.parameters()
+
+    @cached_property
     def start(self) -> Array:
         """(N,) [m] the radius up to harmonic K, where searches start: inverting a ringing sensor amplifies noise."""
         X = spectral.coefficients(self.loop.R)
@@ -263,7 +267,7 @@ class Bench(Forward):
 
     def seen(self, member: Member, x: Array) -> Seen:
         """The channels for some points x : (B, p) of a hypothesis."""
-        present = self.artery.parameters()
+        present = self._present
         moved = values(member.unknowns, x, present)
         wall = law.wall_of(self.artery, self.site, {n: v for n, v in moved.items() if n in present})
         omega = 2.0 * np.pi / self.loop.T * np.arange(self.loop.N // 2 + 1)
