@@ -20,11 +20,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up import LAG, N, T, isolability, synthetic, write_report
+from made_up import LAG, VERDICTS, N, T, isolability, synthetic, write_report
 
 from discrepancy.findings.map_marks import entry, marks
 from discrepancy.findings.outcome import (
-    VERDICTS,
     Absorbed,
     Detectable,
     Isolability,

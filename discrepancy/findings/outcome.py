@@ -22,10 +22,8 @@ from .shown_map import SourceMapShown, map_json
 
 Array = np.ndarray
 
-VERDICTS = ("none", "effect", "ambiguous", "several", "partial", "unknown", "unusable")
 ADDED = ("effect", "ambiguous", "several", "partial")  # verdicts that add effects to the model
-BEYOND = 2.0  # stated spreads from the common value, beyond which a parameter is reported as odd
-_OUTSIDE_PRIOR = 2.0  # prior standard deviations, beyond which a nuisance parameter deserves attention
+BEYOND = 2.0  # stated spreads from the common value, or prior standard deviations: what is farther is reported as odd
 
 Hypothesis = tuple[tuple[str, tuple[str, ...]], ...]  # effects that act together: name and places of each
 
@@ -101,7 +99,7 @@ class Absorbed:
     @property
     def far(self) -> bool:
         """True if its shift is so large against its prior that it deserves attention."""
-        return bool(self.prior_sd) and abs(self.x) > _OUTSIDE_PRIOR * self.prior_sd
+        return bool(self.prior_sd) and abs(self.x) > BEYOND * self.prior_sd
 
 
 @dataclass(frozen=True)

@@ -35,9 +35,9 @@ from fitting.records.alignment.beats import Beats
 from solver.errors import InputError
 from solver.network.description import Network
 
-Array = np.ndarray
+from .. import thresholds
 
-_FARTHEST = 4.0  # stated spreads: bound on a parameter that is unknown only as it varies; R2 and P_venous are aliases
+Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,8 @@ class Several(Forward):
                 where, _, key = name.partition(".")
                 found.setdefault(key, []).append(where)
         names = [f"{'+'.join(dict.fromkeys(where))}.{key}" for key, where in found.items()]
-        return tuple(parse_unknown(name, self.network).within(_FARTHEST) for name in names)
+        # bounded, because R2 and P_venous are aliases
+        return tuple(parse_unknown(name, self.network).within(thresholds.OUTLIER) for name in names)
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         mine = [u for t in terms for u in t.unknowns]

@@ -81,8 +81,9 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
 
 def compared(study: Study, fit: Fit, X: Array) -> Run:
     """The run with coefficients X : (n, m) as the FMU gives them."""
-    names = study.problem.signals
-    X = sensed(study, fit, X[: min(study.problem.K, len(X) - 1) + 1])
+    names, T = study.problem.signals, study.fitted.T
+    X = X[: min(study.problem.K, len(X) - 1) + 1]
+    X = sense(fit.member, names, as_shown(study.problem.network, names, T, X), T)  # after sensors and known filters
     beats = {name: np.fft.irfft(x, study.fitted.N, norm="forward") for name, x in zip(names, X.T, strict=True)}
     return Run(X, beats, gap(study, X))
 
@@ -142,12 +143,6 @@ def _noise(study: Study, part: Beats, K: int) -> Array:
 def _weights(K: int) -> Array:
     """(K+1, 1) 1 for the real mean, 2 for complex coefficients."""
     return np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
-
-
-def sensed(study: Study, fit: Fit, X: Array) -> Array:
-    """The coefficients after the measurement chain of a hypothesis and the known filters."""
-    names, T = study.problem.signals, study.fitted.T
-    return sense(fit.member, names, as_shown(study.problem.network, names, T, X), T)
 
 
 def parity(fmu: Path, network: Network) -> float | None:
