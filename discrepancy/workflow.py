@@ -17,12 +17,10 @@ from functools import partial
 from pathlib import Path
 from time import monotonic
 
-import numpy as np
-
 from fitting.calibrate.calibration_prior import Prior
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.extended_network import extended
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Array, Fit
 from fitting.inference.runs import Meter, OutOfTime, Runs
 from fitting.parallel.threads import single_threaded
 from fitting.parallel.workers import Workers
@@ -60,7 +58,6 @@ from .show.fmu_validation import Run, agreement, free_run, parity
 
 _LEARNING = 0.3  # of the time limit: further time for learning a law
 
-Array = np.ndarray
 Progress = Callable[[float, str], None]
 
 

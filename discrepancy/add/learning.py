@@ -24,7 +24,7 @@ import numpy as np
 from fitting.check.fmu_run import RunFailed
 from fitting.inference import hierarchy
 from fitting.inference.extended_network import estimates, extended
-from fitting.inference.fit import Fit, misfit
+from fitting.inference.fit import Array, Fit, misfit
 from fitting.inference.forward import Forward
 from fitting.inference.hypothesis import Term, effect_of, searched
 from fitting.inference.models.bench import Bench
@@ -46,8 +46,6 @@ from ..name.scoring import there, weighed
 from ..name.verdict import Naming
 from ..show.fmu_validation import Run, agreement, fall, gap
 from .described import Runner, described, with_network
-
-Array = np.ndarray
 
 _TRIED = 2  # most promising terms, refitted at every step
 _ALONG = (0.0, 0.5, 1.0)  # x/L at which the strains of a segment are evaluated

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fitting.inference.fit import Array
 from fitting.results.estimate import Estimate
 from fitting.results.result_files import plain
 from solver.displays import Shown
@@ -19,8 +20,6 @@ from .isolability import Detectable as Detectable
 from .isolability import Isolability as Isolability
 from .recorded import Pair, Recorded, pair_json
 from .shown_map import SourceMapShown, map_json
-
-Array = np.ndarray
 
 ADDED = ("effect", "ambiguous", "several", "partial")  # verdicts that add effects to the model
 BEYOND = 2.0  # stated spreads from the common value, or prior standard deviations: what is farther is reported as odd

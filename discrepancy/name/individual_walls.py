@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.hierarchy import Linear, with_widths
 from fitting.inference.hypothesis import Term, rewired
@@ -76,8 +76,6 @@ def _odd_text(name: str, own: OwnNumber, network: Network) -> str:
         "spreads from what all have in common: this subject's own, not counted as an effect."
     )
 
-
-Array = np.ndarray
 
 # --- outliers ---------------------------------------------------------------------------------------------------------
 # With free deviations, one outlier widens the spread that its kind shares, and hides in it: with individual walls, an

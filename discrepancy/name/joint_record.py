@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from fitting.inference.extended_network import allowed
-from fitting.inference.fit import Fit, Member, begun, taken_over
+from fitting.inference.fit import Array, Fit, Member, begun, taken_over
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Point, Search, Trial, promised, search
 from fitting.inference.hypothesis import Term
@@ -36,8 +36,6 @@ from solver.errors import InputError
 from solver.network.description import Network
 
 from .. import thresholds
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from fitting.inference.fit import Array
 from fitting.inference.places import Place
 from solver.laws.effect import CHANNEL, JUNCTION, OUTLET, WALL
 from solver.quantities.legible import number
 from solver.quantities.units import printed, readable
 
 from ..findings.shown_map import Acting, SourceMapShown
-
-Array = np.ndarray
 
 _MOST = 3  # rival places that a sentence names
 # what acts at a place whose label only names it

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from fitting.inference.fit import Array
 from fitting.records.channels.amounts import size_text
 from fitting.results.estimate import Estimate
 from solver.laws import effects
@@ -19,8 +20,6 @@ from solver.quantities.units import of_signal, readable
 
 from ..findings.map_marks import effect_text
 from ..findings.outcome import ChannelBeats, Outcome
-
-Array = np.ndarray
 
 _LOUD = 3.0  # smallest |z| for which the z map has a column
 _FEWEST_HARMONICS = 12

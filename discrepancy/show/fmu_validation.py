@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fitting.check.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Array, Fit
 from fitting.inference.models.bench_observation import mean_wander, sense
 from fitting.inference.models.simulator import as_shown
 from fitting.records.alignment.beats import Beats
@@ -34,8 +34,6 @@ from ..findings.outcome import Agreement
 from ..findings.recorded import Recorded
 from ..name.individual_walls import implausible
 from ..name.verdict import Naming
-
-Array = np.ndarray
 
 _OWN_BEATS = 2
 _AT_REST = 1e-4  # of a pressure: if all vary by less, there are no waves to compare
