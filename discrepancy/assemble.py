@@ -30,8 +30,7 @@ from .findings.shown_map import SourceMapShown, gap_shares, shown_map
 from .name.individual_walls import implausible, odd_ones, walls_of
 from .name.intervals import stated
 from .name.verdict import Naming
-from .report.map_text import acts_as, joined
-from .report.verdict_text import late_drive, separating_measurement
+from .report.verdict_text import acts_as, joined, late_drive, separating_measurement
 from .show.fmu_validation import Gap, Run, changed, left, met_only_with
 
 _SHOWN = 12  # candidates listed in the report

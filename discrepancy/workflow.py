@@ -52,8 +52,8 @@ from .name.verdict import Naming
 from .options import TIME_LIMIT, Asked
 from .plan.second_state import second_state
 from .recordings import drives, recordings_of
-from .report.learned_text import with_law
 from .report.page import check_folder, write_study
+from .report.verdict_text import with_law
 from .show.fmu_validation import Run, agreement, free_run, parity
 
 _LEARNING = 0.3  # of the time limit: further time for learning a law

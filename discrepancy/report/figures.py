@@ -30,8 +30,8 @@ from ..findings.isolability import INSEPARABLE
 from ..findings.map_marks import Mark, label_text, marks, site_of
 from ..findings.outcome import Isolability, Outcome
 from ..findings.shown_map import Acting, SourceMapShown
-from .map_text import axis_label, phrase
 from .tables import APART, Scale, Z, channel_z, harmonics_shown, loop_sites, period
+from .verdict_text import axis_label, phrase
 
 Captioned = tuple[Picture, str]
 
