@@ -127,7 +127,6 @@ SAID = {
     ),
     "several": (
         "Several effects are missing",
-        "Rounds",
         "terminal reflection, at FA",
         "0.620",
         "does not rule out the other candidates of the class below",
