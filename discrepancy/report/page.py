@@ -12,7 +12,10 @@ from math import exp
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fitting.pages.page import environment, words
+from fitting.records.channels.amounts import size_text
 from fitting.results.result_files import check_unmixed, json_text
 from solver.errors import InputError
 from solver.io.writing import check_destinations, make_folder, write_folder
@@ -63,8 +66,6 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         "gap": tables.gap_text,
         "label": map_marks.label_text,
         "number": number,
-        "odds": tables.odds_text,
-        "p": tables.p_text,
         "percent": tables.percent,
         "places": map_marks.places_text,
         "plain": map_marks.plain,
@@ -76,6 +77,7 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         "at": thresholds,
         "limits": isolability,
         "recorded": recorded,
+        "size": size_text,
         "tables": tables,
         "wording": verdict_text,
         "Z": tables.Z,
@@ -85,6 +87,8 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         drawings=drawings,
         acts=map_sentences(outcome.map) if outcome.map else [],
         beats=json.dumps(tables.beats(outcome), separators=(",", ":")).replace("<", "\\u003c"),
+        z_map=np.abs(outcome.z_map[: tables.harmonics_shown(outcome)]).T.tolist(),
+        phases={(f"{at.site}.{at.signal}", at.harmonic): at.phase for at in outcome.located},
         plus_minus=plus_minus,
         exp=exp,
         provenance={

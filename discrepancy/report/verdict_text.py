@@ -73,11 +73,6 @@ def why_walls(outcome: Outcome) -> str:
     return "the record gives no evidence for individual walls"
 
 
-def names(labels: tuple[str, ...]) -> str:
-    """Names of effects in words, without repetition and without places."""
-    return ", ".join(dict.fromkeys(plain(label.partition(" at ")[0]) for label in labels))
-
-
 def separating_measurement(naming: Naming) -> str | None:
     """The measurement that separates the members of the class, by the catalogue; None for a class of one."""
     if len(naming.members) < 2:
