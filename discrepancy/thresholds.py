@@ -1,8 +1,7 @@
 """Every threshold of a decision, fixed on tuning records before the reported run of benchmarks/hidden_effects.py.
 
-Each comment states its basis: a derivation, a simulated error rate, or judgement. Thirteen were chosen; of the others
-some are derived from these, and some mean "noise", "most of it" or "no surer than not" by definition. Numbers that only
-limit time, lay out a report or define when sensors see an effect stand where they are used, and so do those by which
+Each comment states its basis: a derivation, a simulated error rate, or judgement. Numbers that only limit time, lay out
+a report or define when sensors see an effect stand where they are used, and so do those by which
 :mod:`discrepancy.find.plausibility` refuses a record.
 """
 

@@ -254,8 +254,8 @@ def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
     """
     known = None
     try:
-        while (later := next(stages, None)) is not None:
-            known = later
+        for known in stages:
+            pass
     except OutOfTime:
         if known is None:
             raise
