@@ -29,7 +29,7 @@ from discrepancy.checkpoint import Journal
 from discrepancy.find.model_source import read_model
 from discrepancy.find.study import Study as Prepared
 from discrepancy.find.study import Unusable, prepare
-from discrepancy.findings.outcome import VERDICTS, Outcome, verdict_json
+from discrepancy.findings.outcome import Outcome, verdict_json
 from discrepancy.name.model_selection import name
 from discrepancy.name.scoring import Named
 from discrepancy.name.verdict import Naming
@@ -139,7 +139,7 @@ def test_stages_are_told(study: Study) -> None:
 def test_verdict_json(study: Study) -> None:
     """The schema: every key with its kind; the true effect with the truth in its interval; numbers only, no NaN."""
     v = study.verdict
-    assert v["verdict"] in VERDICTS and v["verdict"] == "effect"
+    assert v["verdict"] == "effect"
     (effect,) = v["effects"]
     assert (effect["name"], effect["where"]) == (HIDDEN.name, [SITE])
     assert 0.85 < effect["confidence"] <= 1.0

@@ -29,7 +29,8 @@ from discrepancy.findings.outcome import LearnedLaw, Outcome, law_json, verdict_
 from discrepancy.findings.shown_map import beat_of
 from discrepancy.name.scoring import weighed
 from discrepancy.name.verdict import Naming
-from discrepancy.report.learned_text import DESCRIBED, MODEL, TABLE, law_text, learned_files, with_law
+from discrepancy.report.page import TABLE, learned_files
+from discrepancy.report.verdict_text import DESCRIBED, MODEL, law_text, with_law
 from discrepancy.show.fmu_validation import Run, compared
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network_record import network_problem
