@@ -92,7 +92,7 @@ def test_order(human: Network, finest: Run) -> None:
     ("heart", "h"),
     [
         pytest.param(STIFF, 0.5 * MS, marks=pytest.mark.slow, id="stiff-0.5"),
-        pytest.param(STIFF, 1 * MS, id="stiff-1"),
+        pytest.param(STIFF, 1 * MS, marks=pytest.mark.slow, id="stiff-1"),
         pytest.param(STIFF, 2 * MS, marks=pytest.mark.slow, id="stiff-2"),
         pytest.param(STIFF, 5 * MS, id="stiff-5"),
         pytest.param(HUMAN_HEART, 1 * MS, marks=pytest.mark.slow, id="human-1"),

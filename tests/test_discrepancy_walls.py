@@ -255,6 +255,8 @@ def test_no_refit_after_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(workflow, "monotonic", lambda: now[0])
     monkeypatch.setattr(workflow, "name", late)
+    among = ("nonlinear_elasticity", "catheter_resonance", "stress_relaxation", "channel_lag")
+    monkeypatch.setattr(study, "candidates", lambda *given: tuple(t for t in candidates(*given) if t.effect in among))
     outcome = discover(tmp_path / "record.csv", tmp_path / "base.toml", tmp_path / "out")
     assert (outcome.verdict, outcome.complete) == ("several", True)
     assert len(outcome.effects) == 2 and outcome.alone is None

@@ -268,7 +268,7 @@ def test_report_and_figures_are_there(study: Study) -> None:
     assert "nonlinear elasticity" in (study.folder / "out" / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("stage", ["report", "moving"])
+@pytest.mark.parametrize("stage", [pytest.param("report", marks=pytest.mark.slow), "moving"])
 def test_an_interrupt_while_files_are_written(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
