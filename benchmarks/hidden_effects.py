@@ -28,7 +28,7 @@ import typer
 from benchmarks.hidden.bank import ROOT, Bank, read, sources_hash
 from benchmarks.hidden.calibration import diagram
 from benchmarks.hidden.failures import failures as listed
-from benchmarks.hidden.report import report as tables
+from benchmarks.hidden.report import behind, targets
 from benchmarks.hidden.report import write as put
 from benchmarks.hidden.through_fmu import sample, table
 from solver import load
@@ -106,7 +106,7 @@ def report(
     kind: Annotated[Kind | None, typer.Option(help="Only these records.")] = None,
     out: Annotated[list[Path] | None, typer.Option(help="Files of lines; may be given twice.")] = None,
     through: Annotated[list[Path] | None, typer.Option("--fmu", help="Files of the sample through FMUs.")] = None,
-    write: Annotated[bool, typer.Option("--write", help="Put the tables into docs/hidden-effects.md.")] = False,
+    write: Annotated[bool, typer.Option("--write", help="Put the tables into docs/hidden-effects*.md.")] = False,
     failures: Annotated[bool, typer.Option("--failures", help="List the records to look at.")] = False,
 ) -> None:
     """Print the tables of all records diagnosed so far."""
@@ -116,10 +116,14 @@ def report(
     if not lines:
         raise SystemExit(f"{', '.join(map(str, paths))}: no records; run the bank first.")
     samples = [x for path in through or [_path(*each, "_fmu") for each in known] for x in read(path)]
-    text = tables(lines, load("sheep"), samples)
-    print(text)
+    pages = {
+        "hidden-effects": targets(lines, load("sheep")),
+        "hidden-effects-tables": behind(lines, load("sheep"), samples),
+    }
+    print(*pages.values(), sep="\n")
     if write:
-        put(text, ROOT / "docs" / "hidden-effects.md")
+        for name, text in pages.items():
+            put(text, ROOT / "docs" / f"{name}.md")
         (ROOT / "docs" / "images" / "reliability.png").write_bytes(diagram(lines))
     if failures:
         print(listed(lines, load("sheep")))

@@ -34,7 +34,7 @@ from benchmarks.table import Small
 from discrepancy.add.learning import Learnt, in_range, learns, learnt, stands
 from discrepancy.find.model_source import build_fmu
 from discrepancy.find.study import Study, prepare
-from discrepancy.findings.learned_law import LearnedLaw
+from discrepancy.findings.outcome import LearnedLaw
 from discrepancy.name.scoring import weighed
 from discrepancy.name.verdict import Naming
 from discrepancy.show.fmu_validation import Run, free_run

@@ -24,8 +24,8 @@ from .find.balances import Found, find, mass_balances, momentum_balances, wall_b
 from .find.study import Study
 from .findings.isolability import isolability, smallest
 from .findings.map_marks import of_sensor, plain
-from .findings.outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
-from .findings.recorded import Pair, pair_json
+from .findings.outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
+from .findings.recorded import pair_json
 from .findings.shown_map import SourceMapShown, gap_shares, shown_map
 from .name.individual_walls import implausible, odd_ones, walls_of
 from .name.intervals import stated
@@ -47,9 +47,9 @@ _PARITY = 1e-3  # of the pulse: a larger difference between FMU and direct solve
 class Shown:
     """Free runs of the FMUs: the file ``given``, with refitted nuisances (``before``), and with the added effects
     (``after``). If effects were added, also the extended ``network``, its FMU (``archive``), the FMU's difference from
-    the direct solver (``parity``) or the reason why it is unknown (``failure``), and the effects. alone : gap with the
-    first effect of a pair only. agreement : of the last of these FMUs with the inferred model. gaps : before and after,
-    over all fitted recordings. second : the second state that would separate the class."""
+    the direct solver (``parity``) or the reason why it is unknown (``failure``), and the effects. agreement : of the
+    last of these FMUs with the inferred model. gaps : before and after, over all fitted recordings. second : the second
+    state that would separate the class."""
 
     given: Run
     before: Run
@@ -59,7 +59,6 @@ class Shown:
     parity: float | None = None
     failure: str | None = None
     effects: tuple[NamedEffect, ...] = ()
-    alone: Pair | None = None
     agreement: Agreement | None = None
     gaps: tuple[Gap, Gap | None] | None = None
     second: str = ""
@@ -120,7 +119,6 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         isolability=isolability(base, columns, terms),
         smallest=smallest(base, columns, terms) if none else {},
         sites=naming.problem.left_out(final),
-        alone=shown.alone,
         gap_before=gaps[0].total,
         gap_after=gaps[1].total if gaps[1] else None,
         parity=shown.parity,
@@ -232,7 +230,7 @@ def sentence(
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
         said = f"Nothing is missing: the model fits the record, with a gap to held-out beats of {left(before)}."
-    elif naming.verdict in ADDED and after:
+    elif naming.adds and after:
         said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}")
         said += f" The simplest reading: {late}." if late else ""
         if acting and somewhere and naming.verdict == "partial":

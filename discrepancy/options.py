@@ -37,6 +37,11 @@ class Asked:
     varies: tuple[str, ...] = ()
     hold_out: tuple[str | os.PathLike[str], ...] = ()
 
+    @property
+    def others(self) -> tuple[str | os.PathLike[str], ...]:
+        """The recordings beside the first: those fitted with it, then those held out."""
+        return (*self.further, *self.hold_out)
+
     def check(self) -> None:
         """Raise ValueError, one sentence, for invalid options."""
         if self.walls not in (None, COMMON, INDIVIDUAL):

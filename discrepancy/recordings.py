@@ -17,7 +17,6 @@ from discrepancy.name.joint_record import Several
 from fitting.calibrate.calibrated import labels_of
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Fit, Member
-from fitting.inference.forward import Forward
 from fitting.inference.hypothesis import Term, candidates, rewired
 from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
@@ -28,23 +27,35 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
-from .assemble import Shown
 from .checkpoint import Journal
 from .find.plausibility import check_beats, check_record, check_waves
 from .find.study import Study, prepare
-from .findings.outcome import ADDED
 from .findings.recorded import Recorded
 from .name.joint_selection import name_together
 from .name.model_selection import COMMON
 from .name.scoring import seen_by, weighed
 from .name.verdict import Naming
 from .options import Asked
-from .show.fmu_validation import Gap, Run, confirmed, fall
+from .show.fmu_validation import Gap, Run, confirmed, fall, held_out
 
 Array = np.ndarray
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A naming that the FMUs support. before, after : runs of the first recording without and with the added effects,
+    the latter None if none is added. gaps : of these, over all fitted recordings. recordings : results of each of
+    several. warnings : on recordings."""
+
+    naming: Naming
+    before: Run
+    after: Run | None
+    gaps: tuple[Gap, Gap | None]
+    recordings: tuple[Recorded, ...]
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -85,8 +96,8 @@ class Recordings:
         return candidates(network, [*dict.fromkeys(sensors), *(() if site else (INFLOW,))], site)
 
     def named(self, journal: Journal, asked: Asked, runs: Runs, name: Namer) -> Naming:
-        """Name each recording by itself, in its share of the time, then all together. name : names one recording."""
-        if self.alone:
+        """Name each fitted recording by itself, in its share of the time, then all together. name : names one."""
+        if len(self.studies) == 1:
             (study,) = self.studies
             return journal.naming(study.problem, lambda: name(study.problem, study.terms, runs, asked.chosen))
         alone, whole, n = list[Naming](), self.whole, len(self.studies)
@@ -100,72 +111,73 @@ class Recordings:
 
         return replace(journal.naming(whole, together), map=alone[0].map)
 
-    def only(self, journal: Journal, name: Namer) -> Naming | None:
-        """The naming of the first recording by itself, made by :meth:`named`; None if others are fitted, too."""
-        (study, *more) = self.studies
-        return None if more else journal.naming(study.problem, partial(_named, name, study, Runs(), None), "naming_0")
-
     # --- through the FMUs ---------------------------------------------------------------------------------------------
 
-    def judged(
-        self, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
-    ) -> tuple[Naming, Shown, tuple[Recorded, ...], tuple[str, ...]]:
-        """The naming if the free runs of all recordings support it, with the gaps over the fitted ones. Also the
-        results of each of several recordings, and warnings.
+    def judged(self, naming: Naming, base: Fit, before: FreeRun, after: FreeRun) -> Judged:
+        """The naming if the free runs of all recordings support it, with these runs.
 
-        base : fit without the added effects. shown : runs of the first recording. before, after : run the FMU without
-        and with the added effects.
+        base : fit without the added effects. before, after : run the FMU without and with the added effects.
         """
-        found, unjudged = self.each(naming, base, shown, before, after)
-        fitted = [(first, last) for each, first, last in found if each.fitted]
-        first, last = joined([g for g, _ in fitted]), joined([g for _, g in fitted if g]) if shown.after else None
+        found, unjudged = self.each(naming, base, before, after)
+        fitted = [(first.gap, last and last.gap) for each, first, last in found if each.fitted]
+        gaps = joined([first for first, _ in fitted]), joined([g for _, g in fitted if g]) if naming.adds else None
         each = tuple(recorded for recorded, _, _ in found)
-        naming = confirmed(naming, each, first, last)
-        if naming.verdict not in ADDED:
-            last, each = None, tuple(replace(r, gap_after=None, rms_after={}, own=r.own_before) for r in each)
-        return naming, replace(shown, gaps=(first, last)), () if self.alone else each, (*self.warnings, *unjudged)
+        naming = confirmed(naming, each, *gaps)
+        _, first, last = found[0]
+        if not naming.adds:
+            last, gaps = None, (gaps[0], None)
+            each = tuple(replace(r, gap_after=None, rms_after={}, own=r.own_before) for r in each)
+        return Judged(naming, first, last, gaps, () if self.alone else each, (*self.warnings, *unjudged))
 
     def each(
-        self, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
-    ) -> tuple[list[tuple[Recorded, Gap, Gap | None]], list[str]]:
-        """The gaps of the FMUs for each recording, and sentences on held-out ones that could not be judged."""
-        whole, best = naming.problem, naming.best.fit if shown.after else None
+        self, naming: Naming, base: Fit, before: FreeRun, after: FreeRun
+    ) -> tuple[list[tuple[Recorded, Run, Run | None]], list[str]]:
+        """The free runs of each recording, and sentences on held-out ones that could not be judged."""
         found, unjudged = [], list[str]()
         for i, (record, study) in enumerate((*zip(self.records, self.studies, strict=True), *self.unseen)):
-            fitted = i < len(self.records)
-            study = replace(study, problem=whole.parts[i] if isinstance(whole, Several) else whole) if fitted else study
             try:
-                fits = _there(whole, study, base, i, fitted), best and _there(whole, study, best, i, fitted)
-                runs = free_runs(f"_{i}", study, *fits, before, after) if i else (shown.before, shown.after)
-                if not fitted:
-                    check_waves(study, runs[0].beats)
+                found.append(self._run(i, record, study, naming, base, before, after))
             except (InputError, RunFailed) as error:
-                if fitted:
+                if i < len(self.records):
                     raise
                 unjudged.append(not_judged(record.path, error))  # the verdict does not depend on it
-                continue
-            own = dict[str, object]()
-            if isinstance(whole, Several):
-                last, rows = (best or base, whole.rows[i]) if fitted else (fits[1] or fits[0], slice(None))
-                own = {"own": _own(whole, study, fits[1] or fits[0]), "own_before": _own(whole, study, fits[0])}
-                own["d"] = float(np.linalg.norm(seen_by(last, last.terms)[rows])) if best else None
-            found.append(self._recorded(i, record, study, runs, own))
         return found, unjudged
 
-    def _recorded(
-        self, i: int, record: Record, study: Study, runs: tuple[Run, Run | None], own: dict[str, object]
-    ) -> tuple[Recorded, Gap, Gap | None]:
-        first, last = runs
-        if last is not None:
-            fallen, sd = fall(study, first, last)
-            rms = {channel: pair[1] for channel, pair in last.gap.rms.items()}
-            own = own | {"gap_after": last.gap.total, "rms_after": rms, "fallen": fallen, "sd": sd}
-        found = Recorded(
-            self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats, study.fitted.T,
-            i < len(self.records), first.gap.total, {c: pair[1] for c, pair in first.gap.rms.items()},
-            **own,  # type: ignore[arg-type]
+    def _run(
+        self, i: int, record: Record, study: Study, naming: Naming, base: Fit, before: FreeRun, after: FreeRun
+    ) -> tuple[Recorded, Run, Run | None]:
+        """The free runs of one recording, without and with the added effects."""
+        fitted, whole = i < len(self.records), naming.problem if isinstance(naming.problem, Several) else None
+
+        def there(fit: Fit) -> Fit:
+            return _refitted(self.whole, study, fit) if not fitted else whole.of(fit, i) if whole else fit
+
+        if fitted:
+            study = replace(study, problem=whole.parts[i] if whole else naming.problem)
+        without, best = there(base), there(naming.best.fit) if naming.adds else None
+        drive, wave = drives(study, without, best)
+        stage = f"_{i}" if i else ""
+        first = before(f"before{stage}", without, drive, moved(study.network, without), study)
+        if not fitted:
+            check_waves(study, first.beats)
+        recorded = Recorded(
+            self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats,
+            study.fitted.T, fitted, first.gap.total, held_out(first.gap.rms),
         )  # fmt: skip
-        return found, first.gap, None if last is None else last.gap
+        if not self.alone:
+            own, own_before = (_own(self.whole, study, fit) for fit in (best or without, without))
+            recorded = replace(recorded, own=own, own_before=own_before)
+        if best is None:
+            return recorded, first, None
+        # the FMU with the effects has the values of the first recording
+        last = after(f"after{stage}", best, wave, moved(study.network, best) if i else {}, study)
+        fallen, sd = fall(study, first, last)
+        seen = seen_by(naming.best.fit, best.terms)[whole.rows[i]] if whole and fitted else seen_by(best, best.terms)
+        recorded = replace(
+            recorded, gap_after=last.gap.total, rms_after=held_out(last.gap.rms), fallen=fallen, sd=sd,
+            d=float(np.linalg.norm(seen)),
+        )  # fmt: skip
+        return recorded, first, last
 
 
 def recordings_of(
@@ -246,8 +258,8 @@ def joined(gaps: Sequence[Gap]) -> Gap:
 
 def _own(whole: Several, study: Study, fit: Fit) -> dict[str, float]:
     """The fitted values of the parameters that vary, for one recording."""
-    mine = (u for u in whole.hypothesis(fit.terms) if u.name.endswith(f" of {whole.labels[0]}"))
-    vary = {v for u in mine for v in u.variables}
+    effects = [u for t in fit.terms for u in t.unknowns]
+    vary = {v for u in fit.unknowns if u not in effects and whole.differs(u) for v in u.variables}
     return {v: x for v, x in moved(study.network, fit).items() if v in vary}
 
 
@@ -256,34 +268,29 @@ def moved(network: Network, fit: Fit) -> dict[str, float]:
     return {n: float(x) for n, x in parameter_values(fit.unknowns, rewired(network, fit.terms), fit.x).items()}
 
 
-def free_runs(
-    stage: str, study: Study, base: Fit, best: Fit | None, before: FreeRun, after: FreeRun
-) -> tuple[Run, Run | None]:
-    """The free runs of a recording under its most probable drive. If a fault of the flow meter is named, the run
-    without effects uses the measured inflow."""
-    problem, measured = study.problem, study.problem.measured_wave(study.fitted)
-    wave = problem.wave(study.fitted, best or base)
+def drives(study: Study, base: Fit, best: Fit | None) -> tuple[Array, Array]:
+    """The waves that drive the FMUs without and with the effects: the most probable one. If a fault of the flow meter
+    is named, the measured inflow drives the former."""
+    wave = study.problem.wave(study.fitted, best or base)
     lies = best is not None and any(t.is_sensor and t.place == INFLOW for t in best.terms)
-    first = before(f"before{stage}", base, measured if lies else wave, moved(study.network, base), study)
-    if best is None:
-        return first, None
-    return first, after(f"after{stage}", best, wave, moved(study.network, best), study)
+    return study.problem.measured_wave(study.fitted) if lies else wave, wave
 
 
-def _there(problem: Forward, study: Study, fit: Fit, i: int, fitted: bool) -> Fit:
-    """A joint fit as a fit to the i-th recording. If that was held out, the common unknowns are fixed and those that
-    vary are fitted to it."""
-    if not isinstance(problem, Several):
-        return fit
-    if fitted:
-        return problem.of(fit, i)
-    each = [problem.own(fit.unknowns, k) for k in range(len(problem.parts))]
-    unknowns, which = each[0]
-    vary = [fit.unknowns[j].name != u.name for j, u in zip(which, unknowns, strict=True)]
-    x = np.mean([fit.x[at] for _, at in each], axis=0)
-    held = [u if v else replace(u, low=float(y), high=float(y)) for u, v, y in zip(unknowns, vary, x, strict=True)]
+def _refitted(whole: Several, study: Study, fit: Fit) -> Fit:
+    """A fit to the fitted recordings as one to a held-out one: the common unknowns are fixed, and those that vary are
+    fitted to it, from their mean."""
+    each = [whole.own(fit.unknowns, i) for i in range(len(whole.parts))]
+    unknowns, x = each[0][0], np.mean([fit.x[which] for _, which in each], axis=0)
+    present = {v for u in unknowns for v in u.variables}
+    more = tuple(u for u in whole.added if not set(u.variables) & present)
+    effects = [u for t in fit.terms for u in t.unknowns]
+    held = (
+        u if whole.differs(u) and u not in effects else replace(u, low=float(value), high=float(value))
+        for u, value in zip(unknowns, x, strict=True)
+    )
+    member = Member(fit.terms, (*held, *more), np.append(x, np.zeros(len(more))))
     one = Several((study.problem,), (f"{study.fitted.source} alone",))
-    (found,) = one.searched([Member(fit.terms, tuple(held), x)], Runs())
+    (found,) = one.searched([member], Runs())
     if found is None:
         raise InputError("the model cannot be simulated with it")
     return found

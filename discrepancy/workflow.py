@@ -11,7 +11,6 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import partial
@@ -34,11 +33,10 @@ from fitting.records.read.record import Record, read_record
 from fitting.records.read.sensors import UnusableRecord
 from fitting.records.recordings import check_one, not_judged
 from fitting.results.provenance import software
-from solver import NonPhysicalState, Settings
+from solver import NonPhysicalState
 from solver.errors import InputError
 from solver.network.description import Network, to_dict
 from solver.network.files import write_network
-from solver.quantities.units import INFLOW
 
 from .add.described import NOTHING
 from .add.learning import law_of, learns
@@ -47,20 +45,18 @@ from .checkpoint import Journal
 from .find.model_source import build_fmu, first_of, read_model
 from .find.plausibility import check_record, check_waves
 from .find.study import Study, Unusable
-from .findings.learned_law import LearnedLaw
 from .findings.map_marks import entry
-from .findings.outcome import ADDED, NamedEffect, Outcome
-from .findings.recorded import Pair
-from .name.individual_walls import animal_without
+from .findings.outcome import LearnedLaw, NamedEffect, Outcome
+from .name.individual_walls import subject_without
 from .name.intervals import stated
 from .name.model_selection import name
 from .name.verdict import Naming
 from .options import TIME_LIMIT, Asked
 from .plan.second_state import second_state
-from .recordings import moved, recordings_of
+from .recordings import drives, recordings_of
 from .report.learned_text import with_law
-from .report.page import check_folder, holds_study, write_study
-from .show.fmu_validation import Run, agreement, free_run, own_parity, parity
+from .report.page import check_folder, write_study
+from .show.fmu_validation import Run, agreement, free_run, parity
 
 _LEARNING = 0.3  # of the time limit: further time for learning a law
 
@@ -113,32 +109,22 @@ def discover(
         period, walls, prior, time_limit, jobs, tuple(filters), tuple(further), tuple(varies), tuple(hold_out)
     )
     asked.check()
-    others = [*asked.further, *asked.hold_out]
-    check_one(reading.beside if reading else (), len(others) + 1)
+    check_one(reading.beside if reading else (), len(asked.others) + 1)
     described = None if model is None else read_model(model)
-    measured = _read(record, reading)
-    also = [_read(each, reading) for each in others]
+    measured, *others = (_read(each, reading) for each in (record, *asked.others))
     said: list[str] = []
     if model is None:
-        check_folder(folder, [record, prior, *others])
+        check_folder(folder, [record, prior, *asked.others])
         model, *said = first_of(measured, folder, period, as_measured)
     network = with_filters(described or read_model(model), asked.filters)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     told = asked.plain  # the calibration as it is now: its file may change or vanish during the study
-    progress = _rising(progress)
-    check_folder(folder, [record, *(reading.beside if reading else ()), model, prior, *others])
+    check_folder(folder, [record, *(reading.beside if reading else ()), model, prior, *asked.others])
     journal = None
     try:
-        records, n = list[Record](), 1 + len(asked.further)
-        for i, each in enumerate((measured, *also)):
-            try:
-                records.append(_usable(each, network, as_measured))
-            except UnusableRecord as error:
-                if i < n:
-                    raise
-                said.append(not_judged(others[i - 1], error))
+        records, unjudged = _usable([measured, *others], asked, network, as_measured)
+        said += unjudged
         measured = records[0]
-        check_record(measured)
         given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model), [r.sha256 for r in records]]
         journal = Journal(folder, [*given, told, deciding_numbers(), software()])
         outcome, fmu = _Work(records, network, Path(model), journal, asked, known, progress).run()
@@ -151,11 +137,7 @@ def discover(
         provenance={**outcome.provenance, "asked": told},
         warnings=(*said, *doubts, *outcome.warnings),
     )
-    if outcome.verdict == "unusable" and holds_study(folder):
-        kept = f"{folder}: nothing was written; it holds an earlier study of a record that could be used."
-        outcome = replace(outcome, warnings=(*outcome.warnings, kept), written=False)
-    else:
-        write_study(outcome, fmu, folder, progress)
+    outcome = write_study(outcome, fmu, folder, progress)
     if journal is not None:
         journal.close()
     return outcome
@@ -169,31 +151,29 @@ def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | U
         return error
 
 
-def _usable(read: Record | UnusableRecord, network: Network, as_measured: bool) -> Record:
-    """A record that passes the checks for a network. Raises UnusableRecord otherwise."""
-    if isinstance(read, UnusableRecord):
-        raise read
-    if not as_measured:
-        check_plausible(read, arteries(network))
-    return read
-
-
-def _rising(progress: Progress) -> Progress:
-    """The same progress, but never decreasing."""
-    reached = 0.0
-
-    def tell(fraction: float, label: str) -> None:
-        nonlocal reached
-        reached = max(reached, fraction)
-        progress(reached, label)
-
-    return tell
+def _usable(
+    read: Sequence[Record | UnusableRecord], asked: Asked, network: Network, as_measured: bool
+) -> tuple[list[Record], list[str]]:
+    """The records that pass the checks for a network, and a sentence for every held-out one that does not. Raises
+    UnusableRecord for a fitted one."""
+    records, unjudged = list[Record](), list[str]()
+    for i, each in enumerate(read):
+        try:
+            if isinstance(each, UnusableRecord):
+                raise each
+            if not as_measured:
+                check_plausible(each, arteries(network))
+            records.append(each)
+        except UnusableRecord as error:
+            if i <= len(asked.further):
+                raise
+            unjudged.append(not_judged(asked.others[i - 1], error))
+    check_record(records[0])
+    return records, unjudged
 
 
 class _Work:
-    """One study from its records to its outcome. extended_fmu : the FMU with the added effects."""
-
-    extended_fmu = Path()
+    """One study from its records to its outcome."""
 
     def __init__(
         self, records: Sequence[Record], network: Network, model: Path, journal: Journal, asked: Asked,
@@ -215,51 +195,37 @@ class _Work:
             shutil.rmtree(self.place, ignore_errors=True)
 
     def _run(self) -> tuple[Outcome, bytes | None]:
-        fmu = self._fmu(self.network, "given")
+        given = self._fmu(self.network, "given")
         # before the long search: the record may be of another network, or its channels of two clocks
         self.progress(0.1, "running the file as it is")
         as_given = []
         for i, each in enumerate(self.recordings.studies):
             wave = each.problem.measured_wave(each.fitted)
-            as_given.append(self._free(fmu, f"given_{i}" if i else "given", NOTHING, wave, {}, each))
+            as_given.append(self._free(given, f"given_{i}" if i else "given", NOTHING, wave, {}, each))
             check_waves(each, as_given[-1].beats)
         naming = self._name()
-        study = weighted(self.study, naming)
-        added = naming.verdict in ADDED
-        best = naming.best.fit if added else naming.base.fit
-        self.progress(0.75, "running the model with this subject's walls")
-        wave = study.problem.wave(study.fitted, best)
-        base = naming.nearest
-        if base is None and added:
-            base = animal_without(study.problem, best, naming.base.fit)
-        base = naming.base.fit if base is None else base
-        # if a fault of the flow meter is named, the measured inflow drove the model before
-        drove = study.problem.measured_wave(study.fitted) if _has_sensor(best, INFLOW) else wave
-        before = self._free(fmu, "before", base, drove, moved(self.network, base), study)
-        without = agreement(study, base, drove, before)
-        shown = Shown(as_given[0], before, agreement=without)
-        if added:
-            shown = self._add(study, naming, wave, shown)
-        self.progress(0.91, "judging by the held-out beats")
-        runners = partial(self._free, fmu), partial(self._free, self.extended_fmu)
-        naming, shown, recordings, unjudged = self.recordings.judged(naming, base, shown, *runners)
-        if naming.verdict not in ADDED:
-            shown = Shown(as_given[0], before, agreement=without, gaps=shown.gaps)
-        law = self._law(naming, shown.after or shown.before)
+        network, fmu = self.network, given
+        if naming.adds:
+            self.progress(0.75, "rebuilding the FMU")
+            network = extended(self.network, naming.best.fit)
+            fmu = self._fmu(network, "extended")
+        self.progress(0.82, f"running the {'extended FMU' if naming.adds else 'model with this subject’s walls'}")
+        base = subject_without(naming)
+        judged = self.recordings.judged(naming, base, partial(self._free, given), partial(self._free, fmu))
+        naming, before, after = judged.naming, judged.before, judged.after
+        study, best = weighted(self.study, naming), naming.best.fit if after else None
+        wave = drives(study, base, best)[after is not None]
+        shown = Shown(
+            as_given[0], before, agreement=agreement(study, best or base, wave, after or before), gaps=judged.gaps
+        )
+        if after is not None:
+            shown = self._with_model(replace(shown, after=after, network=network), naming, fmu)
+        law = self._law(naming, after or before)
         self.progress(0.92, "comparing the candidates with the held-out beats")
-        second = self.journal.stage("second_state", lambda: second_state(naming))
-        outcome = summary(self.record, self.model, self.study, naming, replace(shown, second=second))
-        outcome = with_law(outcome, law)
-        return replace(outcome, recordings=recordings, warnings=(*outcome.warnings, *unjudged)), shown.archive
-
-    def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
-        """A law of the remaining misfit, if only one recording is fitted."""
-        alone = naming if self.recordings.alone else self.recordings.only(self.journal, name)
-        if alone is None or not learns(naming):
-            return None
-        until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
-        told = self.asked.jobs, until, self.journal.stage
-        return law_of(self.study, alone, before, self.record, self._with_law, *told)
+        shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
+        outcome = with_law(summary(self.record, self.model, self.study, naming, shown), law)
+        said = (*outcome.warnings, *judged.warnings)
+        return replace(outcome, recordings=judged.recordings, warnings=said), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
@@ -284,13 +250,46 @@ class _Work:
                 f'"{math.ceil(max(TIME_LIMIT, 2.0 * limit) / 60.0)} min".'
             ) from None
 
+    def _with_model(self, shown: Shown, naming: Naming, ran: Path) -> Shown:
+        """Adds the effects, and the FMU of the extended network with its difference from the solver."""
+        assert shown.network is not None
+        self.progress(0.9, "comparing the extended FMU with the solver")
+        fmu = self._whole(shown.network, "model", ran)
+        difference = failure = None
+        try:
+            difference = parity(fmu, shown.network)
+        except (RunFailed, NonPhysicalState, InputError) as error:
+            failure = str(error)
+        best, sure = naming.best, naming.confidence
+        each = ((t, stated(self.network, naming, best, t)) for t in best.fit.terms)
+        effects = tuple(NamedEffect(t.effect, t.where, found, sure, entry(t.effect).equation) for t, found in each)
+        return replace(shown, archive=fmu.read_bytes(), parity=difference, failure=failure, effects=effects)
+
+    def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
+        """A law of the remaining misfit, if only one recording is fitted."""
+        if len(self.recordings.studies) > 1 or not learns(naming):
+            return None
+
+        def run(own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
+            stage = "described" if network.sources else "learned"
+            fmu = self._fmu(network, stage)
+            run = self._kept(fmu, stage, fit, own.problem.wave(own.fitted, fit), {}, own)
+            return run, self._whole(network, f"{stage}_model", fmu).read_bytes()
+
+        until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
+        return law_of(self.study, naming, before, self.record, run, self.asked.jobs, until, self.journal.stage)
+
+    # --- FMUs ---------------------------------------------------------------------------------------------------------
+
     def _fmu(self, network: Network, stage: str) -> Path:
         """The FMU to run: of the network, or of the bench of its site."""
         part = self.study.problem.part(network)
         as_it_is = self.asked.prior is None and self.model.suffix.lower() == ".fmu"
-        if part is network and stage == "given" and as_it_is:
-            return self.model
-        return self._built(part, stage)
+        return self.model if part is network and stage == "given" and as_it_is else self._built(part, stage)
+
+    def _whole(self, network: Network, stage: str, ran: Path) -> Path:
+        """The FMU of the network: the one that ran, or another if that is of a bench."""
+        return ran if self.study.problem.part(network) is network else self._built(network, stage)
 
     def _built(self, network: Network, stage: str) -> Path:
         file = self.place / f"{stage}.toml"
@@ -306,64 +305,3 @@ class _Work:
 
     def _kept(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
         return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study, fit, wave, starts))
-
-    def _add(self, study: Study, naming: Naming, wave: Array, shown: Shown) -> Shown:
-        """Adds the extended network, its FMU and its free run."""
-        self.progress(0.82, "rebuilding the FMU")
-        best = naming.best.fit
-        network = extended(self.network, best)
-        fmu = self.extended_fmu = self._fmu(network, "extended")
-        self.progress(0.88, "running the extended FMU")
-        after = self._free(fmu, "after", best, wave, {}, study)
-        self.progress(0.9, "comparing the extended FMU with the solver")
-        difference = failure = None
-        if study.problem.part(network) is network:
-            steps = max(8, int(np.ceil(study.fitted.T / Settings().dt - 1e-3)))
-            settings = Settings(dt=study.fitted.T / steps)
-            physical = free_run(fmu, study, NOTHING, wave, {}) if _has_sensor(best) else after
-            difference = parity(network, study, wave, physical, settings)
-            archive = fmu.read_bytes()
-        else:
-            fmu = self._built(network, "model")
-            archive = fmu.read_bytes()
-            try:
-                difference = own_parity(fmu, network)
-            except (RunFailed, NonPhysicalState, InputError) as error:
-                failure = str(error)
-        alone = self._alone(study, naming) if len(best.terms) > 1 else None
-        alike = agreement(study, best, wave, after)
-        return Shown(
-            shown.given, shown.before, after, network, archive, difference, failure, self._named(naming), alone, alike
-        )
-
-    def _with_law(self, own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
-        """The free run of a learned law's FMU, and the FMU to deliver."""
-        stage = "described" if network.sources else "learned"
-        fmu = self._fmu(network, stage)
-        run = self._kept(fmu, stage, fit, own.problem.wave(own.fitted, fit), {}, own)
-        whole = own.problem.part(network) is network
-        return run, (fmu if whole else self._built(network, f"{stage}_model")).read_bytes()
-
-    def _named(self, naming: Naming) -> tuple[NamedEffect, ...]:
-        """The effects of the best hypothesis with their estimates."""
-        best, sure = naming.best, naming.confidence
-        each = ((t, stated(self.network, naming, best, t)) for t in best.fit.terms)
-        return tuple(NamedEffect(t.effect, t.where, found, sure, entry(t.effect).equation) for t, found in each)
-
-    def _alone(self, study: Study, naming: Naming) -> Pair | None:
-        """The gap with only the first effect of a pair, refitted within the rest of the time limit; None if time runs
-        out or the FMU fails."""
-        alone, best = None, naming.best.fit
-        with suppress(OutOfTime):
-            runs = Runs(deadline=self.deadline, clock=monotonic)
-            (alone,) = naming.problem.refit([(best.terms[0],)], naming.base.fit, runs)
-        if alone is not None:
-            fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best)
-            with suppress(RunFailed):
-                return self._kept(fmu, "middle", alone, wave, {}, study).gap.total
-        return None
-
-
-def _has_sensor(fit: Fit, place: str | None = None) -> bool:
-    """True if a term of the fit is a sensor fault, at the given place or anywhere."""
-    return any(term.is_sensor and place in (None, term.place) for term in fit.terms)

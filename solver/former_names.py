@@ -33,12 +33,12 @@ arterial_fmu.notebook solver.notebook frames tables waveforms
 discrepancy discrepancy asked>options journal>checkpoint summary>assemble
 discrepancy.add discrepancy described learning
 discrepancy.find discrepancy find>balances source>model_source study usable>plausibility
-discrepancy.findings discrepancy isolability learned_law outcome places>map_marks recorded shown_map
-discrepancy.name discrepancy animal>individual_walls at_places intervals law_starts name>model_selection nearest
-discrepancy.name discrepancy rivals>moves scoring together>joint_selection verdict
+discrepancy.findings discrepancy isolability learned_law>outcome outcome places>map_marks recorded shown_map
+discrepancy.name discrepancy animal>individual_walls at_places intervals law_starts name>model_selection
+discrepancy.name discrepancy nearest>model_selection rivals>at_places scoring together>joint_selection verdict
 discrepancy.name fitting.inference several>joint_record
 discrepancy.plan discrepancy second_state sensor_plan
-discrepancy.report discrepancy figures learned_text map_figure map_text report>page tables wording>verdict_text
+discrepancy.report discrepancy figures learned_text map_figure>figures map_text report>page tables wording>verdict_text
 discrepancy.show discrepancy show>fmu_validation
 fitting.calibrate fitting calibrate>network_calibration calibrated first_search held_out network_indices
 fitting.calibrate fitting prior>calibration_prior starts>multistart

@@ -142,7 +142,6 @@ def synthetic(verdict: str, network: Network) -> Outcome:
         absorbed=(Absorbed("all.E", 0.31, 0.02, 1.0), Absorbed("all.outlet.R_t", -2.4, 0.1, 1.0)),
         isolability=isolability(12),
         smallest=smallest if verdict == "none" else {},
-        alone=(4.0, 4.2) if verdict == "several" else None,
         gap_before=(9.1, 9.3),
         gap_after=(1.01, 1.04) if added else None,
         parity=3e-12 if added else None,

@@ -237,33 +237,6 @@ def test_no_time_at_all(network_record: Path, monkeypatch: pytest.MonkeyPatch) -
     assert (network_record / "out" / "report.html").is_file()
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("one_process")
-def test_no_refit_after_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two effects of a bench, named at the last moment: what the first does alone is not refitted any more, nor told.
-    Both are added, and the gap is shown."""
-    hidden = (Effect("nonlinear_elasticity", (BENCH,), 3.0), Effect("catheter_resonance", (f"{BENCH}.P",), 1 / 15, 0.1))
-    made = make(Case("bench", BENCH, 40.0, hidden), 5)
-    write(made, tmp_path / "record.csv")
-    write_network(made.base, tmp_path / "base.toml")
-    now, real = [0.0], workflow.name
-
-    def late(*given: Any) -> Naming:
-        found = real(*given)
-        now[0] += 301.0
-        return found
-
-    monkeypatch.setattr(workflow, "monotonic", lambda: now[0])
-    monkeypatch.setattr(workflow, "name", late)
-    among = ("nonlinear_elasticity", "catheter_resonance", "stress_relaxation", "channel_lag")
-    monkeypatch.setattr(study, "candidates", lambda *given: tuple(t for t in candidates(*given) if t.effect in among))
-    outcome = discover(tmp_path / "record.csv", tmp_path / "base.toml", tmp_path / "out")
-    assert (outcome.verdict, outcome.complete) == ("several", True)
-    assert len(outcome.effects) == 2 and outcome.alone is None
-    assert outcome.gap_after is not None and outcome.gap_after[0] < 1.0
-    assert (tmp_path / "out" / "report.html").is_file()
-
-
 # --- whole studies ----------------------------------------------------------------------------------------------------
 
 

@@ -240,7 +240,7 @@ def test_report_by_hand(tmp_path: Path) -> None:
     page.write(text, file)
     written = file.read_text(encoding="utf-8")
     assert written.startswith("before\n") and written.endswith("after\n") and "what was there" not in written
-    assert written.count("## Standard records") == 1
+    assert written.count("## Standard records\n") == 1
 
 
 def test_sample_through_fmus_by_hand() -> None:
@@ -367,6 +367,24 @@ def _spot(segment: str) -> dict[str, Any]:
     return {"kind": "wall", "name": segment, "at": None}
 
 
+def test_places_that_cannot_be_told_apart() -> None:
+    """A set of three places counts where one of them is right, each kind and segment once; one of four does not, nor
+    one beside another place of the map, nor what is added to it."""
+    wall, drop, near = _spot("CA"), _spot("CA") | {"kind": "drop", "at": 0.1}, _spot("CA") | {"kind": "drop", "at": 0.3}
+    loss, end = _spot("CA") | {"kind": "outflow"}, _spot("CA") | {"kind": "outlet"}
+
+    def right(places: list[dict[str, Any]], alike: list[list[dict[str, Any]]], most: int = 3) -> bool:
+        line = _line(0, ("coulomb",), (), "unknown", kind="network") | {"map": {"places": places, "alike": alike}}
+        return w.acts_right(line, most)
+
+    assert right([wall], [], 1) and not right([drop], [])
+    assert right([drop], [[near], [loss], [wall]]) and not right([drop], [[wall]], 1)
+    assert not right([drop], [[end], [loss], [wall]])
+    assert not right([drop], [[drop, wall]])
+    assert right([drop, end], [[wall, end], [drop, loss], [drop, _spot("BT")]])  # in the stead of the drop
+    assert not right([drop, end], [[drop, wall], [drop, loss], [drop, _spot("BT")]])  # of the outlet, with two more
+
+
 def test_groups_have_their_tables() -> None:
     """Walls, sensors, beats, places and effects outside the catalogue, each counted by hand."""
     sheep = load("sheep")
@@ -416,7 +434,7 @@ def test_groups_have_their_tables() -> None:
     ):
         assert cells in text, cells
     for title in page.TITLES.values():
-        assert (f"## {title}\n" in text) == (title != "Standard records")
+        assert (f"## {title}\n" in text) == (f"## {title}: verdicts\n" in text) == (title != "Standard records")
 
 
 def test_bounds_of_a_median() -> None:
@@ -430,7 +448,7 @@ def test_bounds_of_a_median() -> None:
 
 def _met(t: Targets) -> list[str]:
     """The last column of a table of targets."""
-    return [line.split(" | ")[-1].rstrip(" |") for line in str(t).splitlines()[4:]]
+    return [line.split(" | ")[-1].rstrip(" |") for line in str(t).splitlines()[2:]]
 
 
 def _right(n: int, confidence: float = 0.989) -> list[Line]:
@@ -452,7 +470,7 @@ def test_calibration_is_met_by_its_bound(lines: list[Line], met: str) -> None:
     """Four records without a miss do not show 0.05; 150 do; 0.1 too little is a miss."""
     t = Targets()
     t.confidence("network", lines)
-    assert _met(t) == [met]
+    assert _met(t) == met
 
 
 @pytest.mark.parametrize(
@@ -493,12 +511,12 @@ def test_times_are_met_by_their_shares(seconds: list[float], met: list[str]) -> 
     assert _met(t) == met
 
 
-@pytest.mark.parametrize(("hits", "n", "met"), [(72, 72, "open"), (71, 72, "**no**"), (0, 0, "–")])
-def test_all_is_open_at_best(hits: int, n: int, met: str) -> None:
-    """A single exception misses it, no number of records shows it, and none says nothing."""
+@pytest.mark.parametrize(("hits", "n", "met"), [(72, 72, ["open"]), (71, 72, ["**no**"]), (0, 0, [])])
+def test_all_is_open_at_best(hits: int, n: int, met: list[str]) -> None:
+    """A single exception misses it, no number of records shows it; without records there is no row."""
     t = Targets()
     t.every("named", Share(hits, n))
-    assert _met(t) == [met]
+    assert _met(t) == met
 
 
 @pytest.mark.parametrize("group", ["standard", "outside_walls"])

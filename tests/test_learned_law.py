@@ -25,8 +25,7 @@ from discrepancy.add.described import described, tables_of
 from discrepancy.add.learning import Learnt, in_range, learns, learnt, stands
 from discrepancy.checkpoint import Journal
 from discrepancy.find.study import Study, prepare
-from discrepancy.findings.learned_law import LearnedLaw, law_json
-from discrepancy.findings.outcome import Outcome, verdict_json
+from discrepancy.findings.outcome import LearnedLaw, Outcome, law_json, verdict_json
 from discrepancy.findings.shown_map import beat_of
 from discrepancy.name.scoring import weighed
 from discrepancy.name.verdict import Naming

@@ -23,8 +23,7 @@ from discrepancy.findings.outcome import Outcome, verdict_json
 from discrepancy.findings.shown_map import Acting, SourceMapShown, band_of, beat_of, shown_map
 from discrepancy.name.scoring import Named
 from discrepancy.name.verdict import Naming
-from discrepancy.report.figures import figures
-from discrepancy.report.map_figure import mark
+from discrepancy.report.figures import figures, mark
 from discrepancy.report.map_text import acts_as, map_sentences
 from discrepancy.report.page import page
 from discrepancy.show.fmu_validation import Gap

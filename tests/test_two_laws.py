@@ -9,7 +9,7 @@ import numpy as np
 from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term
 
-from discrepancy.name.moves import with_moves
+from discrepancy.name.at_places import with_moves
 from discrepancy.name.scoring import Compared
 from discrepancy.thresholds import RULED_OUT
 from fitting.inference.hypothesis import candidates, placed

@@ -10,6 +10,8 @@ from scipy.stats import beta
 
 Line = dict[str, Any]
 
+NO_RECORDS = "no records"
+
 
 @dataclass(frozen=True)
 class Share:
@@ -32,7 +34,7 @@ class Share:
 
     def __str__(self) -> str:
         if not self.n:
-            return "no records"
+            return NO_RECORDS
         low, high = (100.0 * b for b in self.bounds)
         return f"{100.0 * self.value:.1f} % ({self.hits}/{self.n}; {low:.1f}–{high:.1f})"
 

@@ -1,4 +1,4 @@
-"""The report of the bank, in Markdown: targets against measurements, and the tables behind them."""
+"""The report of the bank, in Markdown: targets against measurements, and on a second page the tables behind them."""
 
 from __future__ import annotations
 
@@ -33,18 +33,36 @@ BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end --
 
 
 def report(lines: Sequence[Line], network: Network, through: Sequence[Line] = ()) -> str:
-    """All tables with records in the lines. network : its junctions define adjacency. through : the lines of a sample
-    that ran through the rebuilt FMUs."""
-    made = w.judged(lines)
-    groups = {name: [x for x in made if w.group(x) == name] for name in ("standard", *animals.GROUPS)}
+    """The targets of all groups with records in the lines, then the tables behind them. network : its junctions define
+    adjacency. through : the lines of a sample that ran through the rebuilt FMUs."""
+    return targets(lines, network) + "\n" + behind(lines, network, through)
+
+
+def targets(lines: Sequence[Line], network: Network) -> str:
+    """Targets against measurements, group by group; rows without records are left out."""
+    parts = []
+    for name, own in _groups(lines):
+        table = standard(own, network) if name == "standard" else animals.GROUPS[name](own)
+        parts += [f"## {TITLES[name]}", table]
+    return "\n\n".join(parts) + "\n"
+
+
+def behind(lines: Sequence[Line], network: Network, through: Sequence[Line] = ()) -> str:
+    """The records, with the hashes of the sources that judged them, and what the verdicts were."""
     parts = [origin(lines)]
-    for name, own in groups.items():
-        if own:
-            table = standard(own, network) if name == "standard" else animals.GROUPS[name](own)
-            parts += [f"## {TITLES[name]}", table, *_by_kind(name, own, network)]
+    for name, own in _groups(lines):
+        parts += [f"## {TITLES[name]}: verdicts", *_by_kind(name, own, network)]
     if through:
         parts += ["## Through the rebuilt FMUs", through_fmu.table(through)]
     return "\n\n".join(parts) + "\n"
+
+
+def _groups(lines: Sequence[Line]) -> Iterator[tuple[str, list[Line]]]:
+    made = w.judged(lines)
+    for name in ("standard", *animals.GROUPS):
+        own = [x for x in made if w.group(x) == name]
+        if own:
+            yield name, own
 
 
 def _by_kind(group: str, lines: Sequence[Line], network: Network) -> list[str]:

@@ -11,14 +11,10 @@ from scipy.stats import binom
 
 from . import words as w
 from .calibration import calibration_error, error_bounds, error_said, named
-from .counts import Share, markdown, share
+from .counts import NO_RECORDS, Share, markdown, share
 
 Line = dict[str, Any]
 
-NOTE = (
-    "Met: yes if the 95 % bound is on the right side of the target, open if only the measured value is. "
-    "A target of none or of all is open at best, because no number of records proves it."
-)
 _SAID = {True: "yes", False: "**no**", None: "–"}
 
 
@@ -106,7 +102,8 @@ class Targets:
             self.none(f"– more than {longest:g} s", Share(sum(each > longest for each in s), len(s)))
 
     def __str__(self) -> str:
-        return f"{NOTE}\n\n" + markdown(("quantity", "target", "measured (95 % bounds)", "met"), self._rows, left=2)
+        rows = [row for row in self._rows if row[2] != NO_RECORDS]
+        return markdown(("quantity", "target", "measured (95 % bounds)", "met"), rows, left=2)
 
 
 def _met(value: bool, bound: bool) -> bool | str:

@@ -23,7 +23,7 @@ from solver.network.table_source import KINDS, TableSource
 
 from .. import thresholds as at
 from ..find.study import Study
-from ..findings.learned_law import LearnedLaw
+from ..findings.outcome import LearnedLaw
 from ..name.verdict import Naming
 from ..show.fmu_validation import Run, fall, gap
 

@@ -41,7 +41,7 @@ from solver.simulate import BROKEN
 
 from .. import thresholds as at
 from ..find.study import Study
-from ..findings.learned_law import LearnedLaw
+from ..findings.outcome import LearnedLaw
 from ..name.scoring import there, weighed
 from ..name.verdict import Naming
 from ..show.fmu_validation import Run, agreement, fall, gap

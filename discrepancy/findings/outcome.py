@@ -11,12 +11,12 @@ import numpy as np
 from fitting.results.estimate import Estimate
 from fitting.results.result_files import plain
 from solver.displays import Shown
+from solver.laws import effects
 from solver.network.description import Network
 from solver.quantities.units import SIGNAL_UNITS
 
 from .isolability import Detectable as Detectable
 from .isolability import Isolability as Isolability
-from .learned_law import LearnedLaw, law_json
 from .recorded import Pair, Recorded, pair_json
 from .shown_map import SourceMapShown, map_json
 
@@ -172,16 +172,52 @@ class Agreement:
 
 
 @dataclass(frozen=True)
+class LearnedLaw:
+    """A learned law with its effect on the gap.
+
+    formula : of the added term. parameters : with 95 % intervals. seen : range of the data, by segment: lowest and
+    highest strain [-] and highest strain rate [1/s]; for outlets P - P_venous [Pa] and its rate. beside : effects that
+    act with it, instead : effects of a partial verdict that it replaces. before, after : the gap on (fitted, held-out)
+    beats. record : path and hash. network, archive : with the law, and its FMU. explains : False for tables, which only
+    describe a source.
+    """
+
+    name: str
+    where: tuple[str, ...]
+    formula: str
+    parameters: Mapping[str, Estimate]
+    seen: Mapping[str, tuple[float, float, float]]
+    beside: tuple[str, ...]
+    instead: tuple[str, ...]
+    before: tuple[float, float]
+    after: tuple[float, float]
+    record: tuple[str, str]
+    network: Network = field(repr=False)
+    archive: bytes = field(repr=False)
+    explains: bool = True
+
+    @property
+    def of_outlet(self) -> bool:
+        """True if it is a law of outlets."""
+        return effects.BY_NAME[self.name].owner == "outlet" if self.explains else False
+
+    @property
+    def closed(self) -> float:
+        """The fraction of the gap to held-out beats that it closes."""
+        return 1.0 - self.after[1] / self.before[1]
+
+
+@dataclass(frozen=True)
 class Outcome(Shown):
     """The content of verdict.json and report.html.
 
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable change per
     "effect at place", for the verdict ``none``. sites : whitened RMS of each site, predicted from the others.
-    gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats; alone : with the first
-    effect of a pair only, if known. kind : "bench" or "network". parity : largest difference between the rebuilt FMU
-    and the direct solver, as a fraction of a channel's pulse: under the record's inflow, or for a bench under the
-    network's own; None if that causes no motion. agreement : of the last FMU with the inferred model; None on a bench.
+    gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or
+    "network". parity : largest difference between the rebuilt FMU and the direct solver under the network's own inflow,
+    as a fraction of a channel's pulse; None if that causes no motion. agreement : of the last FMU with the inferred
+    model; None on a bench.
     confidence : probability of the name, or that nothing is missing. remains : for ``partial``, the remaining misfit
     and its place. complete : the search finished within the time limit. notes : sentences on this subject. map : source
     map; None if there is none. learned : a law of the remaining misfit that its FMU supports. written : files were
@@ -216,7 +252,6 @@ class Outcome(Shown):
     isolability: Isolability | None = None
     smallest: Mapping[str, Detectable] = field(default_factory=dict)
     sites: Mapping[str, float] = field(default_factory=dict)
-    alone: Pair | None = None
     recordings: tuple[Recorded, ...] = ()  # of several; gaps then cover the fitted ones, figures the first
     gap_before: Pair | None = None
     gap_after: Pair | None = None
@@ -256,7 +291,7 @@ class Outcome(Shown):
         return f"<Outcome {self.verdict}: {self.sentence}>"
 
     def plot(self, figure: str | None = None) -> Any:
-        """A figure of the report: "map", "network", "z_map", "waveforms", "loops", "gap" or "isolability".
+        """A figure of the report: "map", "network", "z_map", "waveforms", "loops" or "isolability".
 
         Default: the first one that this study has. Raises ValueError for a missing one.
         """
@@ -313,3 +348,19 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "provenance": outcome.provenance,
     }  # fmt: skip
     return dict(plain(content))
+
+
+def law_json(law: LearnedLaw) -> dict[str, Any]:
+    """The plain content of verdict.json."""
+    state = "pressure" if law.of_outlet else "strain"
+    return {
+        "name": law.name,
+        "explains": law.explains,
+        "where": law.where,
+        "formula": law.formula,
+        "parameters": {name: each.plain for name, each in law.parameters.items()},
+        "seen": {s: {state: [low, high], "rate": rate} for s, (low, high, rate) in law.seen.items()},
+        "beside": law.beside,
+        "instead": law.instead,
+        "gap": {"before": pair_json(law.before), "after": pair_json(law.after)},
+    }

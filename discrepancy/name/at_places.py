@@ -2,7 +2,7 @@
 
 A law starts from the walls of the map, at the size that promises the best fit. Walls that were fitted without the free
 sources would have absorbed a part of the effect. Then other laws are tried instead of the best one, and beside it
-(:mod:`discrepancy.name.moves`).
+(:func:`with_moves`).
 """
 
 from __future__ import annotations
@@ -14,20 +14,21 @@ from itertools import combinations, product
 import numpy as np
 
 from fitting.inference.fit import Fit, Member, sizes_of
+from fitting.inference.gauss_newton import Trial
 from fitting.inference.hypothesis import Term, effect_of, joins, placed
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.runs import Runs
 from fitting.inference.source_maps.beside import found_beside
+from fitting.inference.source_maps.place_model import with_signals
 from fitting.inference.source_maps.source_map import SourceMap, is_noise
 from solver.errors import InputError
 from solver.laws.effect import CHANNEL
 
 from .. import thresholds as at
 from .individual_walls import implausible
-from .law_starts import TYPICAL, Base, along, fewest, nearest
-from .moves import with_moves
-from .scoring import Compared, exact, promised, there
+from .law_starts import TYPICAL, Base, Begun, along, fewest, nearest
+from .scoring import Compared, exact, names_of, promised, there
 
 Array = np.ndarray
 
@@ -154,7 +155,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         fits += together(problem, found, alone(problem, found, laws, runs), runs)
         yield (result := exact(problem, fits, {}, terms, runs))
     columns = result.problem.columns(result.none.fit, result.sought, runs)
-    yield (result := result.with_columns(columns))
+    yield (result := replace(result, columns=columns))
     if result.none.explains:
         yield (result := _also_promising(result, columns, runs))
         if implausible(result.none.fit):
@@ -214,3 +215,69 @@ def _refined(result: Compared, runs: Runs) -> list[Fit]:
                 if len(first.terms) > 1:  # the other law may have stood in for this one
                     hypotheses.append((finer,))
     return there(problem.refit(hypotheses, first, runs)) if hypotheses else []
+
+
+# --- moves from the best hypothesis -----------------------------------------------------------------------------------
+# Another law, at any place, instead of one of its laws or all of them, or beside it. Few sensors cannot distinguish an
+# external pressure of one artery from one of its neighbour, a flexible law absorbs a missing second law, and a law that
+# acts everywhere is no place of a map. A name requires that all of these were refitted.
+
+
+def with_moves(result: Compared, runs: Runs, left: bool = False, more: bool = False) -> Compared:
+    """Refit the laws that promise to explain the record instead of one law of the best hypothesis or all of them, and
+    those whose search ended far above its predicted cost.
+
+    left : the best leaves something; searches then start with a model error. more : another law may act beside it.
+    """
+    best = min(result.every, key=lambda n: n.score).fit  # even one that no sensor can show and that is never named
+    assert isinstance(result.problem, NetworkProblem)
+    problem, members = with_signals(result.problem, []), dict[tuple[str, bool], Member]()  # without free sources
+    known, none = {n.key: n.fit.cost for n in result.ranked}, result.none.fit
+    # a part of another segment may do what a part of one does
+    anywhere = left or any(t.moves_along for t in best.terms)
+    for rest in _rests(best.terms, left, more):
+        base, labels = without(problem, best, rest, runs), {t.label for t in rest}
+        if base is not None:
+            plain = [t for t in result.sought if t.label not in labels and joins(t, rest)]
+            laws = [each for t in plain for each in along(problem, t)] if anywhere else plain
+            most = best.cost - at.SECOND if rest == best.terms else none.cost
+            for begun in promising(problem, base, laws, most, runs):
+                key = names_of((*rest, begun.term))
+                if begun.left < known.get(key, np.inf) - at.RULED_OUT:
+                    members.setdefault((key, begun.term.moves_along), base.promised(problem, begun))
+    if not members:
+        return result
+    chosen = list(members.values())
+    if left:
+        wide = problem.granted(at.AFAR)
+        seen = problem.restated(there(wide.searched_from(chosen, runs)), wide)
+        return result.joined_by(problem.relaxed(seen, runs)).polished(runs)
+    return result.joined_by(problem.searched_from(chosen, runs, best.columns, best.cost)).polished(runs)
+
+
+def _rests(terms: tuple[Term, ...], left: bool, more: bool) -> list[tuple[Term, ...]]:
+    """The laws kept by each move: none, each one of a pair, and all if another one may act beside them."""
+    rests = [(), *((t,) for t in terms if len(terms) > 1)] if terms or left else []
+    return [*rests, terms] if terms and more and len(terms) < at.MOST_EFFECTS else rests
+
+
+def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Runs) -> Base | None:
+    """The point of a fit reduced to the laws ``rest``. Parameters of an outlet that a removed law had replaced return
+    to nominal. None if that point cannot be simulated."""
+    unknowns, columns = problem.hypothesis(rest), fit.columns
+    x = dict(zip((u.name for u in fit.unknowns), fit.x, strict=True))
+    member = Member(rest, unknowns, np.array([x.get(u.name, 0.0) for u in unknowns]))
+    missing = np.flatnonzero([u.name not in columns for u in unknowns])
+    if len(missing):
+        (point,) = problem.points([Trial(member, missing, None, np.zeros(len(unknowns)))], runs)
+        if point is None:
+            return None
+        columns |= {unknowns[i].name: column for i, column in zip(missing, point.J.T, strict=True)}
+    return Base(member, np.stack([columns[u.name] for u in unknowns], axis=1))
+
+
+def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], most: float, runs: Runs) -> list[Begun]:
+    """The laws with the lowest predicted cost, if below ``most``, each at its best size. The prediction is inaccurate
+    for strong effects, but ranks them among the first. One size screens all laws first."""
+    first = fewest(nearest(problem, base, laws, runs, TYPICAL), most, 2 * at.FEW)
+    return fewest(nearest(problem, base, [b.term for b in first], runs), most) if first else []

@@ -16,11 +16,11 @@ from fitting.inference.prior import calibrated
 from fitting.inference.runs import Runs
 from fitting.inference.unknown import Unknown, bounds, interval
 from solver.network.description import Network
-from solver.quantities.quantity import Quantity
 
 from .. import thresholds as at
 from ..findings.outcome import BEYOND, OwnNumber, Walls
-from .scoring import Compared
+from .scoring import Compared, there
+from .verdict import Naming
 
 _TOLD = 3  # outliers with a sentence of their own
 _MOST = 3  # at most one in so many parameters of a kind may be an outlier
@@ -49,13 +49,10 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
         moved = np.array([dict(u.moves).get(name, 0.0) for u in fit.unknowns])[own] @ fit.x[own]
         source = "calibration" if name in told else "file"
         arteries[name] = OwnNumber(file[name], now, float(moved / known[name].individual), source)
-    return Walls("individual", _spread(fit, known), arteries)
-
-
-def _spread(fit: Fit, known: dict[str, Quantity]) -> dict[str, tuple[float, float]]:
-    """The stated spread of every quantity between arteries, and the spread that maximises the evidence."""
+    # of every quantity, the stated spread between arteries, and the one that maximises the evidence
     sizes = {name.rpartition(".")[2]: q.individual for name, q in known.items()}
-    return {group: (sizes[group], width * sizes[group]) for group, width in Linear.of(fit).inferred().of.items()}
+    spread = {kind: (sizes[kind], width * sizes[kind]) for kind, width in Linear.of(fit).inferred().of.items()}
+    return Walls("individual", spread, arteries)
 
 
 def odd_ones(walls: Walls, network: Network) -> list[str]:
@@ -136,16 +133,17 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
     kinds = {u.group: limits[u.name] for u in own if u.name in limits}
     if not kinds:
         return
-    held = _held(none, kinds)
+    # bounded to the range of their kind, all of it: otherwise another one would become the outlier
+    unknowns = tuple(u.within(kinds[u.group]) if u.group in kinds else u for u in none.unknowns)
+    held = replace(none, unknowns=unknowns, x=np.clip(none.x, *bounds(unknowns)))
     kept = [n.fit for n in found.every if not (n.individual and _beyond(n.fit, kinds))]
-    yield Compared.of(found.problem, [*kept, settled(held)], found.columns, found.terms)
+    yield found.of_fits([*kept, settled(held)])
     effects = [[each for _, each in instead[i][:_TRIED]] for i in odd if none.unknowns[i].group in kinds]
     hypotheses = [[one] for some in effects for one in some]
     if len(effects) > 1 and all(effects[:2]):
         hypotheses.append([effects[0][0], effects[1][0]])
     base, *fits = found.problem.refine([held, *(f for each in hypotheses for f in _with(held, each))], runs)
-    new = [settled(held) if base is None else base, *(f for f in fits if f is not None)]
-    yield Compared.of(found.problem, [*kept, *new], found.columns, found.terms)
+    yield found.of_fits([*kept, base or settled(held), *there(fits)])
 
 
 def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
@@ -177,6 +175,15 @@ def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
     return replace(fit, terms=(), unknowns=unknowns, x=fit.x[mine], J=fit.J[:, mine])
 
 
+def subject_without(naming: Naming) -> Fit:
+    """The model without effect that an added effect must improve: the nearest one if much is missing, the subject of
+    the best hypothesis if outliers decide (:func:`animal_without`), otherwise the best fit without effect."""
+    if naming.nearest is not None:
+        return naming.nearest
+    alone = animal_without(naming.problem.first, naming.best.fit, naming.base.fit) if naming.adds else None
+    return alone or naming.base.fit
+
+
 Instead = tuple[Term, int, Array]  # an effect, the index of the parameter that it replaces, and its starting point
 
 
@@ -188,11 +195,10 @@ def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Arr
     if not moved.any():
         return []
     for t in terms:
-        if t.place == _owner(none.unknowns[i]) and columns.get(t.label, moved[:, None][:, :0]).shape[1] == len(
-            t.unknowns
-        ):
-            x = np.linalg.lstsq(columns[t.label], moved, rcond=None)[0]
-            left = float(np.linalg.norm(moved - columns[t.label] @ x) / np.linalg.norm(moved))
+        column = columns.get(t.label)
+        if t.place == _owner(none.unknowns[i]) and column is not None and column.shape[1] == len(t.unknowns):
+            x = np.linalg.lstsq(column, moved, rcond=None)[0]
+            left = float(np.linalg.norm(moved - column @ x) / np.linalg.norm(moved))
             found.append((left, (t, i, np.clip(x, *bounds(t.unknowns)))))
     return sorted(found, key=lambda f: f[0])
 
@@ -216,12 +222,6 @@ def _with(held: Fit, effects: Sequence[Instead]) -> list[Fit]:
 def _owner(unknown: Unknown) -> str:
     """The artery whose parameter, or whose outlet's, an unknown moves."""
     return unknown.variables[0].partition(".")[0]
-
-
-def _held(fit: Fit, kinds: Mapping[str, float]) -> Fit:
-    """A fit with some kinds of parameters bounded to their range; otherwise another one would become the outlier."""
-    unknowns = tuple(u.within(kinds[u.group]) if u.group in kinds else u for u in fit.unknowns)
-    return replace(fit, unknowns=unknowns, x=np.clip(fit.x, *bounds(unknowns)))
 
 
 def _beyond(fit: Fit, kinds: Mapping[str, float]) -> bool:

@@ -22,7 +22,6 @@ from fitting.results.estimate import Estimate
 from solver.network.description import Network
 from solver.quantities.coordinate import SCALE
 
-from ..findings.outcome import ADDED
 from .scoring import Named, found_from
 from .verdict import Naming
 
@@ -36,7 +35,7 @@ _GAIN = 0.05  # of the cost: a smaller gain counts as none
 def profiled(naming: Naming, runs: Runs) -> Naming:
     """Polish the best fit, then profile the likelihood of effects with 2 to 4 parameters. Effects with more parameters,
     narrow intervals, and those left when time runs out keep the intervals of the covariance."""
-    if naming.verdict not in ADDED:
+    if not naming.adds:
         return naming
     with suppress(OutOfTime):
         naming = _at_minimum(naming, runs)

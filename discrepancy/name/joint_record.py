@@ -118,11 +118,12 @@ class Several(Forward):
         animal = [u for u in self.first.hypothesis(terms) if u not in mine]
         found = list[Unknown]()
         for u in (*animal, *(a for a in self.added if not set(a.variables) & present)):
-            if u in self.added or any(named(u, pattern) for pattern in self.varies):
-                found += [self._of(u, i) for i in range(len(self.parts))]
-            else:
-                found.append(u)
+            found += [self._of(u, i) for i in range(len(self.parts))] if self.differs(u) else [u]
         return (*found, *mine)
+
+    def differs(self, unknown: Unknown) -> bool:
+        """True if each recording has its own value of an unknown of a single recording."""
+        return unknown in self.added or any(named(unknown, pattern) for pattern in self.varies)
 
     def _of(self, unknown: Unknown, i: int) -> Unknown:
         """The unknown of recording i. Only that of the first recording moves a variable of the network."""

@@ -60,7 +60,7 @@ def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs)
     hypotheses = _hypotheses(found, alone, promised(base, found.sought, columns))
     for i in range(0, len(hypotheses), at.FEW):
         fits = _refitted(problem, hypotheses[i : i + at.FEW], alone, base, columns, runs)
-        yield (found := found.joined_by(fits).with_columns(columns))
+        yield (found := replace(found.joined_by(fits), columns=columns))
     yield (found := _with_base(exact(problem, found.fits, columns, terms, runs), base, runs))
     if found.best.fit.terms and not found.best.explains:
         for more in coupled(found, runs) if problem.site else _with_one_more(found, runs):
@@ -131,8 +131,7 @@ def _with_base(found: Compared, base: Fit, runs: Runs) -> Compared:
     """The comparison with the model without effect refitted under the last weights from ``base``. If much is missing,
     the one linear step to new weights leads other fits far off, and the FMUs are judged against this model."""
     (again,) = found.problem.refine([base], runs)
-    effects = [n.fit for n in found.ranked]
-    return found if again is None else Compared.of(found.problem, [again, *effects], found.columns, found.terms)
+    return found if again is None else found.with_none(again)
 
 
 # --- with effects -----------------------------------------------------------------------------------------------------

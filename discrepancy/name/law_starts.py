@@ -40,6 +40,11 @@ class Base:
     member: Member
     J: Array
 
+    def promised(self, problem: NetworkProblem, begun: Begun) -> Member:
+        """The hypothesis with a law at its predicted minimum."""
+        moved = replace(self, member=replace(self.member, x=self.member.x + begun.step))
+        return moved.with_laws(problem, [(begun.term, begun.x)])
+
     def with_laws(self, problem: NetworkProblem, laws: Sequence[tuple[Term, Array]]) -> Member:
         """A hypothesis at this point with laws at their starting values."""
         terms = (*self.member.terms, *(t for t, _ in laws))

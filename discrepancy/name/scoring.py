@@ -221,27 +221,23 @@ class Compared:
             return self.terms
         return tuple(t for t in self.terms if not effect_of(t).of_animal(self.problem.network, t.place))
 
+    def of_fits(self, fits: Sequence[Fit]) -> Compared:
+        """The comparison of other fits to the same record."""
+        return Compared.of(self.problem, fits, self.columns, self.terms)
+
+    def with_none(self, none: Fit) -> Compared:
+        """The same comparison with another fit without effect."""
+        return self.of_fits([none, *(n.fit for n in self.ranked)])
+
     def joined_by(self, fits: Sequence[Fit | None]) -> Compared:
         """Add further hypotheses; fits that failed (None) are dropped."""
-        return Compared.of(self.problem, [*self.fits, *there(fits)], self.columns, self.terms)
-
-    def with_columns(self, columns: Mapping[str, Array]) -> Compared:
-        """The same with the columns of candidates at the hypothesis without effect."""
-        return replace(self, columns=columns)
+        return self.of_fits([*self.fits, *there(fits)])
 
     def polished(self, runs: Runs) -> Compared:
         """Reweight the problem for the best hypothesis, and refit those near the best with fresh derivatives."""
-        sharp = self.problem.sharpened(self.best.fit, runs)
-        if sharp is self.problem:
+        if self.problem.site is not None:  # of one weighting
             return self
-        near = [n.fit for n in self.every if n.score < self.best.score + at.NEAR]
-        again = {names_of(f.terms): f for f in there(sharp.refine(near[: at.FEW], runs))}
-        fits = sharp.restated(self.fits, self.problem)
-        if sharp.site is None:  # where other weights have moved the minimum
-            fits = [settled(f) for f in fits]
-        columns = sharp.rewhitened(self.columns, self.problem)
-        old = Compared.of(sharp, fits, columns, self.terms)
-        return Compared.of(sharp, [again.get(names_of(f.terms), f) for f in old.fits], columns, self.terms)
+        return exact(self.problem, self.fits, self.columns, self.terms, runs)
 
     def at_minimum(self, runs: Runs) -> Compared:
         """Refit the best hypothesis if it leaves more than noise: its search may have started far off."""

@@ -18,6 +18,7 @@ from fitting.inference.unknown import Reach
 
 from .. import thresholds as at
 from ..findings.map_marks import label_text
+from ..findings.outcome import ADDED
 from .scoring import Compared, Named, apart, ranked, shares, with_errors
 
 Array = np.ndarray
@@ -35,7 +36,7 @@ class Naming:
     the gap. reason : for unknown; for partial, the remaining gap. complete : the search was completed. reaches :
     profile intervals of the best by unknown (:func:`discrepancy.name.intervals.profiled`). map : source map of a
     network. nearest : the best model without effect if even that is far from the record; a name must do better
-    (:mod:`discrepancy.name.nearest`).
+    (:mod:`discrepancy.name.model_selection`).
     """
 
     verdict: str
@@ -51,6 +52,11 @@ class Naming:
     reaches: Mapping[str, Reach] = field(default_factory=dict)
     map: SourceMap | None = None
     nearest: Fit | None = None
+
+    @property
+    def adds(self) -> bool:
+        """True if the verdict adds effects to the model."""
+        return self.verdict in ADDED
 
     @property
     def best(self) -> Named:

@@ -1,11 +1,11 @@
-"""The figures of a study: source map, network with marked places, z map, waveforms, loops, gap, separations.
+"""The figures of a study: source map, network with marked places, z map, waveforms, loops, separations.
 
 Every function returns a picture and its caption; :func:`figures` calls those whose data there are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 
 import numpy as np
@@ -15,27 +15,35 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from fitting.pages.network_drawing import draw
+from fitting.inference.places import NUMBER, Place
+from fitting.pages.network_drawing import below, draw
 from fitting.pages.panels import DASHED, Curve, Drawing, drawing, loops, waveforms
-from fitting.pages.style import BLACK, BLUE, FAINT, ORANGE, STYLE, TEXT, VERMILION, Picture
+from fitting.pages.style import BLACK, BLUE, FAINT, ORANGE, PURPLE, STYLE, TEXT, VERMILION, Picture
 from solver.errors import InputError
+from solver.laws.effect import CHANNEL, JUNCTION, OUTLET
+from solver.layout import Lane, lanes
 from solver.network.description import Network
+from solver.quantities.units import readable
 
 from ..findings.isolability import INSEPARABLE
-from ..findings.map_marks import label_text, marks
+from ..findings.map_marks import Mark, label_text, marks, site_of
 from ..findings.outcome import Isolability, Outcome
-from .map_figure import map_figure, sites
+from ..findings.shown_map import Acting, SourceMapShown
+from .map_text import axis_label, phrase
 from .tables import APART, Scale, Z, channel_z, harmonics_shown, loop_sites, period
 
 Array = np.ndarray
 Captioned = tuple[Picture, str]
 
-BEFORE, AFTER = VERMILION, BLUE
-NAMES = ("map", "network", "z_map", "waveforms", "loops", "gap", "isolability")
-_CURVES: tuple[Curve, ...] = (("measured", BLACK, "-"), ("before", BEFORE, DASHED), ("after", AFTER, (0, (1, 1))))
+NAMES = ("map", "network", "z_map", "waveforms", "loops", "isolability")
+_CURVES: tuple[Curve, ...] = (("measured", BLACK, "-"), ("before", VERMILION, DASHED), ("after", BLUE, (0, (1, 1))))
+_COLOURS = (VERMILION, BLUE, PURPLE)  # of what acts; ORANGE of what cannot be told from it
+_KINDS = {OUTLET: "outlet", JUNCTION: "junction", CHANNEL: "channel"}
+_WIDE, _HIGH = 4.0, 1.9  # inches of a beat
+_BESIDE = 0.8  # x/L of the mark of what acts in a segment that is marked already
+_COLUMNS, _NARROW = 6.0, 7.6  # of a network that has beats beside it, not above: segments in a row, inches
 _MOST_TICKS = 36  # numbers below the z map that do not touch
 _MOST_FRAMED = 60  # cells in a row that still have room for a frame
-_GAPS = (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)  # that the axis of gaps names
 
 
 def figures(outcome: Outcome) -> dict[str, Drawing]:
@@ -64,7 +72,6 @@ def _there(outcome: Outcome) -> dict[str, Callable[[], Captioned]]:
         "z_map": partial(_z_map, outcome) if outcome.z_map.size else None,
         "waveforms": partial(_waveforms, outcome) if outcome.channels else None,
         "loops": partial(_loops, outcome) if loop_sites(outcome) else None,
-        "gap": partial(_gap, outcome) if outcome.channels else None,
         "isolability": partial(_isolability, table) if table and table.labels else None,
     }
     return {name: draw for name, draw in drawn.items() if draw}
@@ -94,6 +101,106 @@ def _network(outcome: Outcome, network: Network) -> Captioned:
         "The network of the model, flow from left to right. A circle is a measured site, as dark as its largest |z|; "
         f"the letters are the measured signals. {f'Marked: {places}.' if places else 'No place is marked.'}",
     )
+
+
+# --- the source map ---------------------------------------------------------------------------------------------------
+
+
+def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> tuple[Picture, str]:
+    """Left the network, right a panel for each place with its g(t)."""
+    found = [(a.place, _colour(i)) for i, a in enumerate(shown.acting)]
+    found += [(place, ORANGE) for a in shown.acting for rival in a.rivals for place in rival.places]
+    marked = [(mark(place, colour is not ORANGE), colour) for place, colour in found]
+
+    def colour_at(kind: str, place: str) -> str | None:
+        """The colour of the first mark at a place."""
+        return next((colour for mark, colour in marked if mark.is_at(kind, place)), None)
+
+    beside = max(max(lane.x0, lane.x1) for lane in lanes(network)) <= _COLUMNS
+    most = {"widest": _NARROW} if beside and shown.signals else {}
+    figure, axes, drawn = draw(network, colour_at, **most)
+    sites(axes, network, drawn, [c.name for c in outcome.channels], colour_at)
+    for (place, colour), (there, _) in zip(found, marked, strict=True):
+        at = place.at if place.at is not None else _BESIDE * (colour_at(there.kind, there.place) != colour)
+        if at and there.place in drawn:  # 0 : all along it
+            x, y = drawn[there.place].at(at)
+            axes.plot([x], [y], "D", ms=9, mfc=colour, mec="white", mew=1.2, zorder=6)
+    _beats(figure, axes, shown, beside)
+    handles = [Line2D([], [], color=_colour(i), lw=6, label=a.place.label) for i, a in enumerate(shown.acting)]
+    if len(found) > len(shown.acting):
+        handles.append(Line2D([], [], color=ORANGE, lw=6, label="not distinguishable"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    beats = " and the missing terms over one beat, with a band of ± 1 standard deviation" if shown.signals else ""
+    return figure, (
+        "The network of the model, flow from left to right, with the places where the missing physics acts"
+        f"{beats}. Marked: {', '.join(a.place.label for a in shown.acting)}. A circle is a measured site; the letters "
+        "are the measured signals."
+    )
+
+
+def sites(
+    axes: Axes, network: Network, drawn: Mapping[str, Lane], channels: Iterable[str],
+    edge: Callable[[str, str], str | None], face: Callable[[list[str]], str] = lambda names: "white", size: float = 7.0,
+) -> None:  # fmt: skip
+    """The measured sites, with the letters of the measured signals. face : by the channels of a site."""
+    measured = list(channels)
+    for site in network.sites:
+        names = [name for name in measured if name.rpartition(".")[0] == site.name]
+        if names:
+            x, y = drawn[site.segment].at(site.position)
+            colour = edge("channel", site.name)
+            width = 3.0 if colour else 1.0
+            axes.plot([x], [y], "o", ms=size, mfc=face(names), mec=colour or TEXT, mew=width, zorder=5)
+            below(axes, " ".join(name[-1] for name in names), x, y)
+
+
+def mark(place: Place, named: bool) -> Mark:
+    """The position of a mark; for an outlier its artery or outlet."""
+    if place.kind == NUMBER:
+        owner, *rest = place.name.split(".")
+        return Mark("outlet" if "outlet" in rest[:-1] else "segment", owner, named, place.label)
+    kind = _KINDS.get(place.kind, "segment")
+    return Mark(kind, site_of(place.name) if kind == "channel" else place.name, named, place.label)
+
+
+def _colour(i: int) -> str:
+    return _COLOURS[i % len(_COLOURS)]
+
+
+def _beats(figure: Picture, axes: Axes, shown: SourceMapShown, beside: bool) -> None:
+    """A panel for each signal, beside a narrow network or above a wide one."""
+    n = len(shown.signals)
+    if not n:
+        return
+    width, height = figure.get_size_inches()
+    if beside:
+        figure.set_size_inches(width + _WIDE, max(height, _HIGH * n + 0.5))
+        grid = figure.add_gridspec(n, 2, width_ratios=(width, _WIDE))
+        axes.set_subplotspec(grid[:, 0])
+        places = [grid[i, 1] for i in range(n)]
+    else:
+        figure.set_size_inches(width, height + _HIGH + 0.4)
+        grid = figure.add_gridspec(2, n, height_ratios=(_HIGH, height))
+        axes.set_subplotspec(grid[1, :])
+        places = [grid[0, i] for i in range(n)]
+    for i, a in enumerate(shown.acting):
+        if a.number is None:
+            _beat(figure.add_subplot(places.pop(0)), a, shown, _colour(i))
+
+
+def _beat(panel: Axes, a: Acting, shown: SourceMapShown, colour: str) -> None:
+    """g(t) with its band, closed."""
+    factor = readable(a.unit)[1]
+    mean, band = (factor * np.append(x, x[0]) for x in (a.mean, a.band))
+    time = np.append(shown.time, shown.T)
+    panel.axhline(0.0, color=FAINT, lw=0.6)
+    panel.fill_between(time, mean - band, mean + band, color=colour, alpha=0.25, linewidth=0)
+    panel.plot(time, mean, color=colour)
+    panel.margins(x=0)
+    title = phrase(a.place) + (f"\n{a.part}" if a.part else "")
+    panel.set_title(title[0].upper() + title[1:], loc="left")
+    panel.set_xlabel("time [s]")
+    panel.set_ylabel(axis_label(a))
 
 
 # --- maps of classes --------------------------------------------------------------------------------------------------
@@ -191,35 +298,3 @@ def _loops(outcome: Outcome) -> Captioned:
 def _curves(outcome: Outcome) -> tuple[Curve, ...]:
     """Measured, before, and after if an effect was added."""
     return _CURVES if any(channel.after is not None for channel in outcome.channels) else _CURVES[:2]
-
-
-def _gap(outcome: Outcome) -> Captioned:
-    """Whitened RMS of every channel on held-out beats (filled) and fitted beats (hollow), before and after."""
-    names = [channel.name for channel in outcome.channels]
-    figure = Picture(figsize=(8.0, 1.3 + 0.24 * len(names)), layout="constrained")
-    axes = figure.add_subplot()
-    before, after = [c.gap_before for c in outcome.channels], [c.gap_after for c in outcome.channels]
-    _gaps_of(axes, before, "before", "o", BEFORE)
-    _gaps_of(axes, after, "after", "D", AFTER)
-    axes.axvline(1.0, color=FAINT, lw=0.9, ls=DASHED)
-    axes.set_xscale("log")
-    axes.set_yticks(range(len(names)), names)
-    axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.grid(axis="y", color="#e6e6e6", lw=0.6)
-    low, high = axes.get_xlim()
-    axes.set_xlim(low := min(low, 0.5), high := max(high, 5.0))
-    ticks = [t for t in _GAPS if low <= t <= high]
-    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
-    axes.minorticks_off()
-    axes.set_xlabel("whitened RMS of the gap (1 = noise)")
-    figure.legend(loc="outside upper left", ncols=4)
-    return figure, "Gap of every channel in units of its sensor's noise; 1 is noise alone."
-
-
-def _gaps_of(axes: Axes, pairs: Sequence[tuple[float, float] | None], label: str, marker: str, colour: str) -> None:
-    """The gaps of the channels, a row each."""
-    known = [(row, *pair) for row, pair in enumerate(pairs) if pair is not None]
-    if known:
-        rows, fitted, held_out = zip(*known, strict=True)
-        axes.plot(fitted, rows, marker, mfc="white", mec=colour, ms=7, label=f"{label}, fitted")
-        axes.plot(held_out, rows, marker, color=colour, ms=5, label=f"{label}, held out")

@@ -10,9 +10,8 @@ from solver.network.files import dumps
 from solver.quantities.legible import number
 from solver.quantities.units import MMHG
 
-from ..findings.learned_law import LearnedLaw
 from ..findings.map_marks import label_text, places_text
-from ..findings.outcome import Outcome
+from ..findings.outcome import LearnedLaw, Outcome
 from ..findings.shown_map import SourceMapShown
 from .map_text import joined
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from math import exp
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -109,11 +110,15 @@ def check_folder(folder: Path, given: Iterable[str | os.PathLike[str] | None]) -
     make_folder(folder)
 
 
-def write_study(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
+def write_study(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> Outcome:
     """All files of a study, the verdict last; those of an earlier one that this verdict does not have are removed.
 
-    A folder with a verdict.json always holds the files that belong to it.
+    A folder with a verdict.json always holds the files that belong to it. An unusable record writes nothing over the
+    study of a usable one; the returned outcome says so.
     """
+    if outcome.verdict == "unusable" and _holds_study(folder):
+        kept = f"{folder}: nothing was written; it holds an earlier study of a record that could be used."
+        return replace(outcome, warnings=(*outcome.warnings, kept), written=False)
     progress(0.94, "writing the report")
     files: dict[str, str | bytes] = {}
     if outcome.network_after is not None and fmu is not None:
@@ -122,9 +127,10 @@ def write_study(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Pro
     files |= report_files(outcome) | {"verdict.json": json_text(verdict_json(outcome))}
     write_folder(folder, files, gone={*figure_files(), *_FILES} - set(files))
     progress(1.0, "done")
+    return outcome
 
 
-def holds_study(folder: Path) -> bool:
+def _holds_study(folder: Path) -> bool:
     """Whether a study is in a folder whose record could be used."""
     try:
         return bool(json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["verdict"] != "unusable")

@@ -17,12 +17,12 @@ import numpy as np
 from fitting.check.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Fit
 from fitting.inference.models.bench_observation import mean_wander, sense
-from fitting.inference.models.simulator import as_shown, filters
+from fitting.inference.models.simulator import as_shown
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels.amounts import changes, sizes
 from fitting.records.channels.noise import check_flow_driven
 from fitting.records.channels.spectral import shift
-from solver import Settings, simulate, simulate_periodic
+from solver import Settings, simulate
 from solver.network.description import Network
 from solver.quantities.legible import number
 from solver.quantities.units import INFLOW
@@ -30,7 +30,7 @@ from solver.quantities.units import INFLOW
 from .. import thresholds as at
 from ..find.study import Study
 from ..findings.map_marks import label_text
-from ..findings.outcome import ADDED, Agreement
+from ..findings.outcome import Agreement
 from ..findings.recorded import Recorded
 from ..name.individual_walls import implausible
 from ..name.verdict import Naming
@@ -150,29 +150,10 @@ def sensed(study: Study, fit: Fit, X: Array) -> Array:
     return sense(fit.member, names, as_shown(study.problem.network, names, T, X), T)
 
 
-def parity(network: Network, study: Study, wave: Array, run: Run, settings: Settings) -> float:
-    """Largest difference of the FMU's free run (without sensors) from the direct solver, relative to a channel's
-    pulse."""
-    T, names = study.fitted.T, study.problem.signals
-    N, k = len(wave), np.arange(len(wave) // 2 + 1)
-    amplitude = np.fft.rfft(wave, norm="forward") * np.where((k > 0) & (2 * k != N), 2.0, 1.0)
+def parity(fmu: Path, network: Network) -> float | None:
+    """Largest difference of an FMU from the direct solver over two beats from rest under the network's own inflow, as a
+    fraction of an output's pulse. None if that inflow causes no motion: any two networks at rest agree.
 
-    def inflow(t: Array) -> Array:
-        return np.asarray((np.exp(2j * np.pi * np.mod(np.asarray(t) / T, 1.0)[..., None] * k) @ amplitude).real)
-
-    beat = simulate_periodic(network, inflow, T, settings=settings, tolerance=1e-5)
-    worst, shown = 0.0, filters(study.problem.network, names, T, len(run.X) - 1)
-    for i, name in enumerate(names):
-        X = np.fft.rfft(beat[name][:-1], norm="forward")[: len(run.X)] * shown[:, i]
-        worst = max(worst, float(np.abs(X - run.X[:, i])[1:].max() / np.ptp(beat[name])))
-    return worst
-
-
-def own_parity(fmu: Path, network: Network) -> float | None:
-    """Largest difference of an FMU from the direct solver over two beats from rest under the network's own inflow.
-
-    As a fraction of an output's pulse. For an FMU that no record drives: a network of which one artery was on the
-    bench. None if that inflow causes no motion: any two networks at rest agree.
     Raises RunFailed with the FMU's sentence, NonPhysicalState if the solution breaks down, ValueError if a pressure
     drives the inlet.
     """
@@ -216,7 +197,7 @@ def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap 
 
 
 def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
-    if naming.verdict not in (*ADDED, "unknown"):
+    if not naming.adds and naming.verdict != "unknown":
         return naming
     best, left = label_text(naming.best.label), before.total[1]
     if left <= at.NO_GAP:
@@ -264,7 +245,7 @@ def _no_fall(fallen: float, sd: float) -> str:
 
 def _without(naming: Naming, verdict: str, reason: str) -> Naming:
     """The naming without a name. The confidence is the probability that the name was wrong, at most INCOMPLETE."""
-    doubt = 1.0 - naming.confidence if naming.verdict in ADDED else naming.confidence
+    doubt = 1.0 - naming.confidence if naming.adds else naming.confidence
     return replace(naming, verdict=verdict, members=(), confidence=min(doubt, at.INCOMPLETE), reason=reason)
 
 
@@ -278,17 +259,18 @@ def change(before: Gap, after: Gap) -> str:
 
 def changed(before: Gap, after: Gap) -> str:
     """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"."""
-    rms = changes(_held_out(before.rms), _held_out(after.rms), _held_out(before.channels))
+    rms = changes(held_out(before.rms), held_out(after.rms), held_out(before.channels))
     return f"{change(before, after)} times the noise" + (f" ({rms})" if rms else "")
 
 
 def left(gap: Gap) -> str:
     """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P"."""
-    rms = sizes(_held_out(gap.rms), _held_out(gap.channels))
+    rms = sizes(held_out(gap.rms), held_out(gap.channels))
     return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
 
 
-def _held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+def held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """The second of each pair, of the held-out beats."""
     return {name: pair[1] for name, pair in pairs.items()}
 
 

@@ -145,7 +145,7 @@ def bootstrap(
         drawn = rng.integers(0, n, n)
         P, R = (spectral.resample(_mean(beats.values[name][drawn], whole[name]), fitted.loop.N) for name in names)
         loop = replace(fitted.loop, P=P, R=R)
-        values = solve(loop, fitted.model, fitted.values, lag=lag, steps=3).values
+        values = solve(loop, fitted.model, fitted.values, lag=lag, rounds=3).values
         means[i] = [values[name] for name in fitted.model.free]
         if progress:
             progress((i + 1) / replicates)
