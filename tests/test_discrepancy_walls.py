@@ -160,6 +160,7 @@ def partial(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, dict[str
     return outcome, json.loads((folder / "out" / "verdict.json").read_text(encoding="utf-8")), folder / "out"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_a_partial_answer_is_added(partial: tuple[Outcome, dict[str, Any], Path]) -> None:
     """The effect in the network file and in the FMU; a part of the gap is closed, and what remains is said."""
