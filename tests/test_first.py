@@ -167,7 +167,7 @@ def test_a_late_flow_meter(late: float) -> None:
 
 
 def test_a_windkessel_without_a_tube() -> None:
-    """No wave returns: the tube becomes so short that it stores less than 6 % of C, and nothing of the pulse is left."""
+    """No wave returns: the tube becomes so short that it stores less than 6 % of C, and none of the pulse is left."""
     T, R = 0.66, 1.1 * PER_ML
     Z, C = 0.07 * PER_ML, 1.3 / R
     Q = ejection(T, 45.0 * ML)

@@ -95,9 +95,10 @@ def test_amplitudes_are_the_conditional_mean() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_smooth_source_does_not_lose_to_a_neighbour_with_smoother_responses(seed: int) -> None:
-    """An outlet, and a loss of flow along its segment, whose response is the same times 1/(1 + (k/4)²): both can do what
-    the other does. The waves of the outlet are smooth, with harmonics as exp(-(k/5)²); it stays within the odds of 1 :
-    100, 9.2. With spectra that fall as k^-4 at most it lost by 12 to 57: its own prior had high harmonics in excess."""
+    """An outlet, and a loss of flow along its segment, whose response is the same times 1/(1 + (k/4)²): both can do
+    what the other does. The waves of the outlet are smooth, with harmonics as exp(-(k/5)²); it stays within the odds of
+    1 : 100, 9.2. With spectra that fall as k^-4 at most it lost by 12 to 57: its own prior had high harmonics in
+    excess."""
     rng, k, m = np.random.default_rng(seed), np.arange(25), 6
     end = np.exp(-0.2j * k)[:, None, None] * rng.normal(size=(1, m, 1))
     along = end / (1.0 + (k / 4.0) ** 2)[:, None, None]

@@ -39,9 +39,10 @@ def late_flow(late: float, rms: tuple[float, float], root: str) -> str:
     before, after = (f"{x / MMHG:.2g}" for x in rms)
     side = "late" if late > 0.0 else "early"
     return (
-        f"{INFLOW} seems {1e3 * abs(late):.3g} ms {side} against {root}: with this delay the model misses the pulsation "
-        f"of {root} by {after} mmHg rms, without it by {before}. A meter with a low-pass, or one at another place, looks "
-        "alike. The numbers were fitted with the delay, which is in the network file as a comment; discover tests it."
+        f"{INFLOW} seems {1e3 * abs(late):.3g} ms {side} against {root}: with this delay the model misses the "
+        f"pulsation of {root} by {after} mmHg rms, without it by {before}. A meter with a low-pass, or one at another "
+        "place, looks alike. The numbers were fitted with the delay, which is in the network file as a comment; "
+        "discover tests it."
     )
 
 

@@ -119,9 +119,7 @@ class _Problem:
 
     def model(self, X: Array) -> dict[str, Array]:
         """Harmonics (B, K+1) of every channel for a batch of points X : (B, p)."""
-        changed = {
-            name: self.nominal[name] * np.exp(X[:, i]) for i, group in enumerate(self.groups) for name in group
-        }
+        changed = {name: self.nominal[name] * np.exp(X[:, i]) for i, group in enumerate(self.groups) for name in group}
         wave = waveforms(self.network, self.Q, self.beats.T, changed)
         turn = np.exp(1j * self.beats.omega * self.k * X[:, -1:])
         return {name: np.fft.rfft(wave[name], norm="forward")[:, : len(self.k)] * turn for name in self.names}
