@@ -253,8 +253,8 @@ def _check_names(unknown: Sequence[Column], place: Place) -> None:
         maps.append(f'--map "{column.title}={target}"')
     titles = ", ".join(repr(column.title) for column in unknown)
     raise InputError(
-        f"{place}: {titles} are no channels; allowed are {CHANNELS}, with any name of a site, and inlet.Q, the flow into "
-        f"the arteries; say which is which, such as {' '.join(maps)} (nothing behind = leaves a column out)."
+        f"{place}: {titles} are no channels; allowed are {CHANNELS}, with any name of a site, and inlet.Q, the flow "
+        f"into the arteries; say which is which, such as {' '.join(maps)} (nothing behind = leaves a column out)."
     )
 
 
