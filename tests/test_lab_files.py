@@ -344,7 +344,8 @@ def test_map(tmp_path: Path) -> None:
         (
             {},
             "'ECG', 'Pressure (mmHg)', 'Radius' are no channels; allowed are <site>.P, <site>.Q, <site>.R or <site>.D "
-            "(a diameter), with any name of a site, and inlet.Q, the flow into the arteries; say which is which, such as "
+            "(a diameter), with any name of a site, and inlet.Q, the flow into the arteries; say which is which, such "
+            "as "
             '--map "ECG=" --map "Pressure (mmHg)=Ao.P" --map "Radius=Ao.R [mm]"',
         ),
         ({"Pressure": "AA.P"}, "column 'Time': it has no unit; say which: --map \"Time=time [s]\""),

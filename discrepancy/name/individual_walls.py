@@ -13,7 +13,7 @@ from fitting.inference.forward import Forward
 from fitting.inference.hierarchy import Linear, with_widths
 from fitting.inference.hypothesis import Term, rewired
 from fitting.inference.model_discrepancy import settled
-from fitting.inference.prior import calibrated
+from fitting.inference.prior import CALIBRATION, calibrated
 from fitting.inference.runs import Runs
 from fitting.inference.unknown import Unknown, bounds, interval
 from solver.network.description import Network
@@ -55,6 +55,11 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
     sizes = {name.rpartition(".")[2]: q.individual for name, q in known.items()}
     spread = {kind: (sizes[kind], width * sizes[kind]) for kind, width in Linear.of(fit).inferred().of.items()}
     return Walls("individual", spread, arteries)
+
+
+def _prior_sd(fit: Fit, name: str) -> float:
+    """Standard deviation of a variable by the calibration, along whose directions the unknowns have one of 1."""
+    return float(np.linalg.norm([dict(u.moves).get(name, 0.0) for u in fit.unknowns if u.group == CALIBRATION]))
 
 
 def odd_ones(walls: Walls, network: Network) -> list[str]:
