@@ -145,10 +145,11 @@ def test_late_times_hide_no_lost_sample(
     assert not lost or f"of {N} samples {len(lost)} lost, which became gaps" in record.said[0]
 
 
-@pytest.mark.parametrize(("rate", "clock"), [(700.0, 1e-3), (200.0, 1.0)])
+@pytest.mark.parametrize(("rate", "clock"), [(700.0, 1e-3), (1000.0, 1e-3), (200.0, 1.0)])
 def test_stamps_coarser_than_the_samples(tmp_path: Path, rate: float, clock: float) -> None:
-    """700 Hz in milliseconds has steps of 1 and 2 ms; 200 Hz in seconds repeats its stamps: the line gives the rate, to
-    the bound 1.5 q/T that is said, and nothing is moved. Over five such steps that is too vague."""
+    """700 Hz in milliseconds has steps of 1 and 2 ms, 1 kHz cut off there some of 0 and 2 ms, as i/1000 is rounded
+    before, and 200 Hz in seconds repeats its stamps: the line gives the rate, to the bound 1.5 q/T that is said, and
+    nothing is moved. Over five such steps that is too vague."""
     n = round(40.0 * rate)
     time, P = np.floor(np.arange(n) / rate / clock) * clock, np.resize(P_MMHG, n)
     lines = ["time [s],AA.P [mmHg]", *(f"{t:.3f},{p:.6f}" for t, p in zip(time, P, strict=True))]

@@ -254,7 +254,7 @@ def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
     """
     known = None
     try:
-        for known in stages:
+        for known in stages:  # noqa: B007, the last one stays
             pass
     except OutOfTime:
         if known is None:
