@@ -17,12 +17,11 @@ from functools import partial
 from pathlib import Path
 from time import monotonic
 
-import numpy as np
-
 from fitting.calibrate.calibration_prior import Prior
 from fitting.check.fmu_run import RunFailed
+from fitting.first.spread import is_first, spread
 from fitting.inference.extended_network import extended
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Array, Fit
 from fitting.inference.runs import Meter, OutOfTime, Runs
 from fitting.parallel.threads import single_threaded
 from fitting.parallel.workers import Workers
@@ -42,25 +41,24 @@ from .add.described import NOTHING
 from .add.learning import law_of, learns
 from .assemble import Shown, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
-from .find.model_source import build_fmu, first_of, read_model
+from .find.model_source import OF_FIRST, build_fmu, first_of, read_model
 from .find.plausibility import check_record, check_waves
 from .find.study import Study, Unusable
 from .findings.map_marks import entry
 from .findings.outcome import LearnedLaw, NamedEffect, Outcome
 from .name.individual_walls import subject_without
 from .name.intervals import stated
-from .name.model_selection import name
+from .name.model_selection import COMMON, name
 from .name.verdict import Naming
 from .options import TIME_LIMIT, Asked
 from .plan.second_state import second_state
 from .recordings import drives, recordings_of
-from .report.learned_text import with_law
 from .report.page import check_folder, write_study
+from .report.verdict_text import with_law
 from .show.fmu_validation import Run, agreement, free_run, parity
 
 _LEARNING = 0.3  # of the time limit: further time for learning a law
 
-Array = np.ndarray
 Progress = Callable[[float, str], None]
 
 
@@ -118,6 +116,9 @@ def discover(
         model, *said = first_of(measured, folder, period, as_measured)
     network = with_filters(described or read_model(model), asked.filters)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
+    if known is None and walls != COMMON and is_first(network):
+        known = Prior(network, spread(network))
+        said.append(OF_FIRST)
     told = asked.plain  # the calibration as it is now: its file may change or vanish during the study
     check_folder(folder, [record, *(reading.beside if reading else ()), model, prior, *asked.others])
     journal = None

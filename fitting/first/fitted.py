@@ -63,7 +63,7 @@ class Fitted:
 def fitted(network: Network, beats: Beats, root: str, known: bool) -> Fitted:
     """Fit lengths, walls and Windkessels. root : the channel of the pressure at the root. known : whether a distance
     gives the lengths, which then stay."""
-    problem = _Problem(network, beats, known)
+    problem = _Problem(network, beats, root, known)
     plain, moved = problem.search(lag=False), problem.search(lag=True)
     before, after = problem.rms(plain, root), problem.rms(moved, root)
     late = float(moved[-1])
@@ -74,10 +74,10 @@ def fitted(network: Network, beats: Beats, root: str, known: bool) -> Fitted:
 
 
 class _Problem:
-    """groups : the parameters that share a factor. x : (p,) their logarithms, and the lag [s]. known : whether lengths
-    stay."""
+    """groups : the parameters that share a factor. x : (p,) their logarithms, and the lag [s]. root : the channel
+    whose mean counts. known : whether lengths stay."""
 
-    def __init__(self, network: Network, beats: Beats, known: bool) -> None:
+    def __init__(self, network: Network, beats: Beats, root: str, known: bool) -> None:
         nominal = network.parameters()
         kinds = {name: name.rpartition(".")[2] for name in nominal}
         own = [[name] for name, kind in kinds.items() if kind == "L" and not known]
@@ -98,6 +98,9 @@ class _Problem:
         self.names = [name for name in beats.values if name in there and name[-2:] in (".P", ".Q")]
         self.X = {name: coefficients(beats.mean(name))[: most + 1] for name in self.names}
         self.sigma = {name: self._sigma(name) for name in self.names}
+        for name in self.names:
+            if name != root:  # the zero of a sensor elsewhere may be off
+                self.sigma[name][0] = np.inf
 
     def _sigma(self, name: str) -> Array:
         noise = np.zeros(len(self.k))

@@ -19,6 +19,7 @@ from .tubes import Tube
 
 Array = np.ndarray
 
+REFERENCE = "first model of "  # how the reference of such a file begins
 _LARGE = 0.3  # larger relative standard deviations are given as factors
 
 
@@ -75,7 +76,7 @@ def network_file(
         "",
         'name = "first"',
         f'species = "{source.like}"',
-        f'reference = "first model of {source.record}, sha256 {source.sha256[:16]}"',
+        f'reference = "{REFERENCE}{source.record}, sha256 {source.sha256[:16]}"',
         "",
         "[network]",
         *_lines(
