@@ -19,6 +19,7 @@ from time import monotonic
 
 from fitting.calibrate.calibration_prior import Prior
 from fitting.check.fmu_run import RunFailed
+from fitting.first.spread import is_first, spread
 from fitting.inference.extended_network import extended
 from fitting.inference.fit import Array, Fit
 from fitting.inference.runs import Meter, OutOfTime, Runs
@@ -40,14 +41,14 @@ from .add.described import NOTHING
 from .add.learning import law_of, learns
 from .assemble import Shown, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
-from .find.model_source import build_fmu, first_of, read_model
+from .find.model_source import OF_FIRST, build_fmu, first_of, read_model
 from .find.plausibility import check_record, check_waves
 from .find.study import Study, Unusable
 from .findings.map_marks import entry
 from .findings.outcome import LearnedLaw, NamedEffect, Outcome
 from .name.individual_walls import subject_without
 from .name.intervals import stated
-from .name.model_selection import name
+from .name.model_selection import COMMON, name
 from .name.verdict import Naming
 from .options import TIME_LIMIT, Asked
 from .plan.second_state import second_state
@@ -115,6 +116,9 @@ def discover(
         model, *said = first_of(measured, folder, period, as_measured)
     network = with_filters(described or read_model(model), asked.filters)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
+    if known is None and walls != COMMON and is_first(network):
+        known = Prior(network, spread(network))
+        said.append(OF_FIRST)
     told = asked.plain  # the calibration as it is now: its file may change or vanish during the study
     check_folder(folder, [record, *(reading.beside if reading else ()), model, prior, *asked.others])
     journal = None

@@ -16,7 +16,7 @@ from .errors import InputError
 from .laws.catalogue import neutral_value
 from .laws.maxwell import Moment
 from .laws.wall import Wall
-from .network.coefficients import Parameters, coefficients
+from .network.coefficients import Parameters, walls_at
 from .network.description import Network
 
 Array = np.ndarray
@@ -31,7 +31,7 @@ def wall_of(network: Network, segment: str, parameters: Parameters | None = None
     names = [s.name for s in network.segments]
     if segment not in names:
         raise InputError(f"loop: there is no segment {segment!r}; use one of {', '.join(names)}.")
-    return coefficients(network, parameters, checked=False).wall_at(np.array([names.index(segment)]), np.array([0.5]))
+    return walls_at(network, parameters, np.array([names.index(segment)]), np.array([0.5]))
 
 
 def pressure(wall: Wall, R: Array, R_t: Array, T: float = 1.0) -> Array:

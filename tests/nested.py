@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from nautilus import Sampler
 from scipy.stats import t as student
 
 from fitting.inference.fit import Fit, Member
@@ -120,6 +119,8 @@ def log_evidence(problem: Forward, fit: Fit, seed: int = 0) -> tuple[float, floa
 
     ``fit`` says which hypothesis, and what sizes the record resolves; where its unknowns are does not matter.
     """
+    from nautilus import Sampler  # takes a second, with pandas and scikit-learn
+
     priors = [prior_of(u, float(sd)) for u, sd in zip(fit.unknowns, resolution(fit), strict=True)]
     low, high = bounds(fit.unknowns)
 

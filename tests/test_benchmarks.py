@@ -58,8 +58,13 @@ def test_make_bench_runs_them() -> None:
     assert lines and {Path(line).stem for line in lines} <= set(RUNS)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", RUNS)
+# less than five seconds; the others are run before a release
+SHORT = ("speed", "balance", "size", "native", "native_fmu", "mutations", "periods")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if n in SHORT else pytest.mark.endurance) for n in RUNS]
+)
 def test_it_runs(name: str, tmp_path: Path) -> None:
     """As by hand, in a folder of its own: exit code 0, and the last of its rows."""
     options, expected = RUNS[name]

@@ -209,8 +209,13 @@ def coarse(case: Case, seed: int) -> Naming:
     return judge(Record("made", "", made.time, {**made.channels, f"{SITE}.R": R}, {}), made.base)[1]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [*range(6), 200, 201, 202, 203, 204, 205])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 5, 200, 203)),
+        *(pytest.param(seed, marks=pytest.mark.endurance) for seed in (1, 2, 3, 4, 201, 202, 204, 205)),
+    ],
+)
 def test_healthy_benches_of_few_steps(seed: int) -> None:
     """Nothing hidden, 3 to 9 steps of the converter in the pulse of CA.R: none."""
     assert coarse(Case("bench", SITE, 40.0), seed).verdict == "none"
@@ -262,7 +267,7 @@ def test_report_and_figures_are_there(study: Study) -> None:
     assert "nonlinear elasticity" in (study.folder / "out" / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("stage", ["report", "moving"])
+@pytest.mark.parametrize("stage", [pytest.param("report", marks=pytest.mark.slow), "moving"])
 def test_an_interrupt_while_files_are_written(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
@@ -447,7 +452,8 @@ def test_a_naming_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
     """Two effects, one of a sensor: written and read back: every number and every term is the same."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", (f"{SITE}.P",), 1 / 15, 0.1))
     made = make(Case("bench", SITE, 40.0, hidden), 5)
-    study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base)
+    among = ("nonlinear_elasticity", "catheter_resonance", "stress_relaxation", "channel_lag")
+    study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base, among=among)
     assert naming.verdict == "several"
     Journal(tmp_path, []).naming(study.problem, lambda: naming)
     again = Journal(tmp_path, []).naming(study.problem, _never)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -75,12 +76,12 @@ def test_fit_writes_set_figure_and_bench(folder: Path) -> None:
     assert read_set(folder / "AA.ssv").start_values() == found.start_values()
 
 
-def test_check_on_the_bench(folder: Path) -> None:
+def test_check_on_the_bench(folder: Path, fast_fmu: Callable[..., Path]) -> None:
     """The set of a fit, its bench FMU and the recording: the radius agrees to the noise (whitened 1 ± 0.15)."""
     # another Poisson's ratio than the default: it must reach the FMU
     run("fit", folder / "AA.csv", "--site", "AA", "--h", "0.38 mm", "-q", "--bootstrap", 0, "--out", folder / "b.json",
         "--bench", folder / "b.toml", "--eta", 0.45)  # fmt: skip
-    fmu = build(read_network(folder / "b.toml"), folder)
+    fmu = fast_fmu(read_network(folder / "b.toml"), None)
     done = run("check", folder / "b.json", fmu, folder / "AA.csv", "--out", folder / "check")
     assert done.exit_code == 0, done.output
     assert "worst channel AA.R" in done.output

@@ -75,8 +75,13 @@ def test_bench_gives_no_wrong_single_name(index: int) -> None:
     assert not w.wrong(x)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("index", "hidden"), [(11, ()), (13, ("nonlinear_elasticity",))])
+@pytest.mark.parametrize(
+    ("index", "hidden"),
+    [
+        pytest.param(11, (), marks=pytest.mark.slow),
+        pytest.param(13, ("nonlinear_elasticity",), marks=pytest.mark.endurance),
+    ],
+)
 def test_network(index: int, hidden: tuple[str, ...]) -> None:
     """Three pressures with nothing hidden, and P, Q, R at seven sites at 20 dB with a bent wall everywhere (d' 34)."""
     x = row("network", TUNING_SEED, index, plan("network", REPORTED["network"], TUNING_SEED)[index])
@@ -362,6 +367,24 @@ def _spot(segment: str) -> dict[str, Any]:
     return {"kind": "wall", "name": segment, "at": None}
 
 
+def test_places_that_cannot_be_told_apart() -> None:
+    """A set of three places counts where one of them is right, each kind and segment once; one of four does not, nor
+    one beside another place of the map, nor what is added to it."""
+    wall, drop, near = _spot("CA"), _spot("CA") | {"kind": "drop", "at": 0.1}, _spot("CA") | {"kind": "drop", "at": 0.3}
+    loss, end = _spot("CA") | {"kind": "outflow"}, _spot("CA") | {"kind": "outlet"}
+
+    def right(places: list[dict[str, Any]], alike: list[list[dict[str, Any]]], most: int = 3) -> bool:
+        line = _line(0, ("coulomb",), (), "unknown", kind="network") | {"map": {"places": places, "alike": alike}}
+        return w.acts_right(line, most)
+
+    assert right([wall], [], 1) and not right([drop], [])
+    assert right([drop], [[near], [loss], [wall]]) and not right([drop], [[wall]], 1)
+    assert not right([drop], [[end], [loss], [wall]])
+    assert not right([drop], [[drop, wall]])
+    assert right([drop, end], [[wall, end], [drop, loss], [drop, _spot("BT")]])  # in the stead of the drop
+    assert not right([drop, end], [[drop, wall], [drop, loss], [drop, _spot("BT")]])  # of the outlet, with two more
+
+
 def test_groups_have_their_tables() -> None:
     """Walls, sensors, beats, places and effects outside the catalogue, each counted by hand."""
     sheep = load("sheep")
@@ -447,7 +470,7 @@ def test_calibration_is_met_by_its_bound(lines: list[Line], met: str) -> None:
     """Four records without a miss do not show 0.05; 150 do; 0.1 too little is a miss."""
     t = Targets()
     t.confidence("network", lines)
-    assert _met(t) == met
+    assert _met(t) == [met]
 
 
 @pytest.mark.parametrize(

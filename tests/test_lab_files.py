@@ -341,7 +341,13 @@ def test_map(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "expected"),
     [
-        ({}, "line 1, column 'ECG': no such channel; allowed are <site>.P"),
+        (
+            {},
+            "'ECG', 'Pressure (mmHg)', 'Radius' are no channels; allowed are <site>.P, <site>.Q, <site>.R or <site>.D "
+            "(a diameter), with any name of a site, and inlet.Q, the flow into the arteries; say which is which, such "
+            "as "
+            '--map "ECG=" --map "Pressure (mmHg)=Ao.P" --map "Radius=Ao.R [mm]"',
+        ),
         ({"Pressure": "AA.P"}, "column 'Time': it has no unit; say which: --map \"Time=time [s]\""),
         (
             {"Time": "time [s]", "Radius": "AA.R"},
@@ -485,8 +491,8 @@ def test_columns_are_asked_for_in_full(tmp_path: Path) -> None:
         ("Diameter", '--map "Diameter=AA.D [mm]"'),
         ("Diameter (mm)", '--map "Diameter (mm)=AA.D"'),
         ("Vessel radius", '--map "Vessel radius=AA.R [mm]"'),
-        ("Aortic flow", '--map "Aortic flow=AA.Q [mL/s]"'),
-        ("Flow (L/min)", '--map "Flow (L/min)=AA.Q"'),
+        ("Aortic flow", '--map "Aortic flow=inlet.Q [mL/s]"'),
+        ("Flow (L/min)", '--map "Flow (L/min)=inlet.Q"'),
         ("LV pressure", '--map "LV pressure=AA.P [mmHg]"'),
         ("channel 3", 'if it is a pressure, say so with --map "channel 3=AA.P [mmHg]"'),
     ],

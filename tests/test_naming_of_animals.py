@@ -1,7 +1,8 @@
 """Names where every wall differs from the file's: a record of the independent generator, P, Q and R at seven sites.
 
 Every E is off by 8 %, φ0 by 20 %, R0 by 2 % and R_t by 0.02, each by itself, beside what all have in common; 40 dB. A
-stenosis in such an animal: test_discrepancy_walls.py.
+stenosis in such an animal: test_discrepancy_walls.py. One to two minutes each; of a fork, in seconds: test_outliers.py,
+test_beside.py, test_discrepancy_walls.py.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from truth.records import Case, make
 from fitting.records.read.record import Record
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 def test_nothing_hidden() -> None:
     """None: walls that differ are this animal, and leave noise."""
     made = make(Case("network", "all", 40.0, walls=1.0), 7)
@@ -24,7 +25,7 @@ def test_nothing_hidden() -> None:
     assert naming.base.explains and not naming.members and naming.confidence > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 @pytest.mark.parametrize(
     ("case", "index"),
     [
@@ -51,7 +52,7 @@ def test_what_shows_from_the_walls_of_the_file(case: Case, index: int) -> None:
     assert naming.best.explains and naming.complete
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 def test_an_animal_that_there_hardly_is() -> None:
     """A Windkessel for the reflection of FA, three pressures, common walls: a record of the bank's tuning plan (seed
     11). Numbers of DD and VA2 nine spreads off meet the record to its noise without any effect; from these walls no
@@ -63,7 +64,7 @@ def test_an_animal_that_there_hardly_is() -> None:
     assert naming.best.explains and naming.complete
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 @pytest.mark.parametrize(
     ("index", "alike"),
     [

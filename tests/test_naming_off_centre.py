@@ -1,10 +1,15 @@
 """Effects of a part of a segment, and one that no catalogue has beside one that it has: whole records of the
-independent generator, P, Q and R at seven sites, 40 dB, walls with all in common."""
+independent generator, P, Q and R at seven sites, 40 dB, walls with all in common; one to two minutes each.
+
+The same of a fork, in seconds, comes first; a drop beside its site where walls differ is in test_discrepancy_walls.py,
+an effect beside what is in no catalogue in test_discrepancy_partial.py.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from forked import CHANNELS, NETWORK, exact, record
 from truth.hide import Effect
 from truth.records import Case, make
 
@@ -12,8 +17,11 @@ from discrepancy.find.study import prepare
 from discrepancy.name.intervals import stated
 from discrepancy.name.model_selection import name
 from discrepancy.name.verdict import Naming
+from fitting.inference.hypothesis import candidates
+from fitting.inference.models.network_record import network_problem
 from fitting.records.read.record import Record
 from fitting.results.estimate import Estimate
+from solver.laws.effects import BY_NAME
 
 
 def alone(effect: Effect, label: str) -> dict[str, Estimate]:
@@ -37,7 +45,44 @@ def part(found: dict[str, Estimate], key: str) -> tuple[float, float]:
     return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
+# --- of a fork --------------------------------------------------------------------------------------------------------
+
+SOUGHT = ("wall_stiffness", "side_branch", "stenosis", "terminal_reflection")
+
+
+def of_fork(effect: str, numbers: dict[str, float]) -> dict[str, Estimate]:
+    """What is stated of an effect of B, the one name of a record at 40 dB."""
+    hidden = BY_NAME[effect].add(NETWORK, "B", numbers)
+    problem = network_problem(record(exact(network=hidden), 10, 0.01), NETWORK)
+    naming = name(problem, [t for t in candidates(NETWORK, CHANNELS) if t.effect in SOUGHT], walls="common")
+    assert (naming.verdict, naming.best.label, naming.complete) == ("effect", f"{effect} at B", True)
+    return stated(NETWORK, naming, naming.best, naming.best.fit.terms[0])
+
+
 @pytest.mark.slow
+def test_a_stiffer_part_of_a_fork() -> None:
+    """E of B is half as large again as far as x/L = 0.6: where it ends to 0.01 (0.603 measured), E to 0.1 %."""
+    found = of_fork("wall_stiffness", {"E_scale": 1.5, "E_position": 0.3, "E_length": 0.6})
+    assert part(found, "B.E")[1] == pytest.approx(0.6, abs=0.01)
+    assert found["B.E_scale"].value == pytest.approx(1.5, rel=1e-3)
+    low, high = found["B.E_length"].ci95
+    assert low < 0.6 < high
+
+
+@pytest.mark.slow
+def test_a_leaking_part_of_a_fork() -> None:
+    """Its whole conductance to 1 % (0.2 measured); the record does not tell its length, and the interval holds it."""
+    found = of_fork("side_branch", {"leak": 2e-8, "leak_position": 0.3, "leak_length": 0.3})
+    begin, end = part(found, "B.leak")
+    assert found["B.leak"].value * (end - begin) == pytest.approx(2e-8 * 0.3, rel=0.01)
+    low, high = found["B.leak_length"].ci95
+    assert low < 0.3 < high and high - low > 0.3
+
+
+# --- of the sheep -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.endurance
 def test_a_branch_before_the_site() -> None:
     """A tenth of the mean flow leaves CA between x/L 0.15 and 0.45: its whole conductance to 2 %, 1 % measured. The
     record tells neither its middle nor its length, only where it ends: their intervals say so, and hold the truth."""
@@ -50,7 +95,7 @@ def test_a_branch_before_the_site() -> None:
     assert length.ci95[0] < 0.3 < length.ci95[1] and np.ptp(length.ci95) > 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 def test_a_wall_that_is_stiffer_up_to_the_middle() -> None:
     """E of DD is half as large again as far as x/L = 0.6: the end of the part to 0.01 (0.604 measured), E to 1 %."""
     found = alone(Effect("wall_stiffness", ("DD",), 0.5, position=0.3, length=0.6), "wall_stiffness at DD")
@@ -58,7 +103,7 @@ def test_a_wall_that_is_stiffer_up_to_the_middle() -> None:
     assert found["DD.E_scale"].value == pytest.approx(1.5, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 def test_a_part_that_is_stiffer_before_the_site() -> None:
     """E of CA is half as large again between x/L 0.15 and 0.45: the part tops a class of two with one of BT, the next
     artery, 5 of -2 ln evidence behind. The record does not tell how stiff a part of what length: the intervals say so,
@@ -73,7 +118,7 @@ def test_a_part_that_is_stiffer_before_the_site() -> None:
     assert np.ptp(found["CA.E_length"].ci95) > 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 def test_a_long_stenosis() -> None:
     """K = 10 over x/L 0.32 to 0.52 of PD, across its site: K to 0.3 % (0.1 measured), its ends to 0.01 (0.003)."""
     found = alone(Effect("stenosis", ("PD",), 10.0, position=0.42, length=0.2), "stenosis at PD")
@@ -81,7 +126,7 @@ def test_a_long_stenosis() -> None:
     assert found["PD.K"].value == pytest.approx(10.0, rel=0.003)
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 def test_a_stenosis_beside_what_is_in_no_catalogue() -> None:
     """Every wall's φ0 grows with its strain, φ0 (1 + 10 ε): the stenosis is named, K = 30 to 8 % (30.7 measured), and
     that more than noise remains, most in a radius. The map has both: a drop in the middle of MD, and all walls."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import ast
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 
 import pytest
-from test_layout import PRODUCT, ROOT
+from test_layout import PRODUCT, ROOT, nodes
 
 from solver.laws.effects import ALL
 from solver.laws.outlets import OUTLETS
@@ -49,6 +50,7 @@ OWN = {
 }
 
 
+@cache
 def classes_of_effects(path: Path) -> list[range]:
     """The lines of the classes in a file that belong to an effect of the catalogue or to a kind of outlet."""
     known = {kind for effect in ALL for kind in type(effect).__mro__[:-1]} | set(OUTLETS)
@@ -59,11 +61,10 @@ def classes_of_effects(path: Path) -> list[range]:
 
 def literals(path: Path) -> Iterator[ast.Constant]:
     """Every text in the code, parts of f-strings included, docstrings not."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     docs = {
-        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        id(node.value) for node in nodes(path) if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
     }
-    for node in ast.walk(tree):
+    for node in nodes(path):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs:
             yield node
 
@@ -75,30 +76,32 @@ def words(text: str) -> set[str]:
     return {word for word in re.findall(r"\w+", text) if "_" in word} & NAMES
 
 
-@pytest.mark.parametrize("path", PRODUCT, ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_no_effect_is_named(path: Path) -> None:
-    """No name and no key of the catalogue in a text of the code outside the classes of the effects."""
+def names(path: Path) -> list[str]:
+    """Names and keys of the catalogue in texts of a file outside the classes of the effects."""
     inside, name = classes_of_effects(path), path.relative_to(ROOT).as_posix()
     allowed = (FIELDS if name.startswith(PHYSICS) else set()) | OWN.get(name, set())
-    offenders = [
+    return [
         f"{name}:{node.lineno}: {word}"
         for node in literals(path)
         for word in sorted(words(node.value) - allowed)
         if not any(node.lineno in span for span in inside)
     ]
-    assert not offenders, "\n".join(offenders)
 
 
-@pytest.mark.parametrize("path", PRODUCT, ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_nobody_asks_for_a_kind(path: Path) -> None:
-    """No ``isinstance`` of an effect or an outlet of one kind, outside the classes of the effects."""
+def kinds_asked(path: Path) -> list[str]:
+    """Each ``isinstance`` of an effect or an outlet of one kind in a file, outside the classes of the effects."""
     kinds = {kind.__name__ for kind in (*OUTLETS, *map(type, ALL))}
     inside, name = classes_of_effects(path), path.relative_to(ROOT).as_posix()
-    offenders = [
+    return [
         f"{name}:{call.lineno}: {sorted(asked)}"
-        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for call in nodes(path)
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "isinstance"
         if (asked := {n.id for n in ast.walk(call.args[1]) if isinstance(n, ast.Name)} & kinds)
         if not any(call.lineno in span for span in inside)
     ]
-    assert not offenders, "\n".join(offenders)
+
+
+@pytest.mark.parametrize("search", [names, kinds_asked])
+def test_nobody_names_an_effect(search: Callable[[Path], list[str]]) -> None:
+    """In no file of the product."""
+    assert [offender for path in PRODUCT for offender in search(path)] == []

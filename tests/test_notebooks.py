@@ -11,7 +11,9 @@ import pytest
 nbformat = pytest.importorskip("nbformat", reason="nbclient is not installed")
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "examples" / "notebooks").glob("*.ipynb"))
 
-pytestmark = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+every_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+# two minutes: the real recording is calibrated and searched by the snippets of docs/tutorial-real.md
+MINUTES = "mock-loop"
 
 
 def code(book: Any) -> list[Any]:
@@ -23,6 +25,7 @@ def kinds(book: Any) -> list[list[tuple[str, list[str]]]]:
     return [[(o.output_type, sorted(o.get("data", {}))) for o in cell.outputs] for cell in code(book)]
 
 
+@every_notebook
 def test_stored(path: Path) -> None:
     """Executed in order, without an error and without a path of the computer where it was; data say what they are."""
     book = nbformat.read(path, 4)
@@ -37,7 +40,11 @@ def test_stored(path: Path) -> None:
     assert path.stat().st_size < 250_000
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=pytest.mark.endurance if p.stem == MINUTES else pytest.mark.slow) for p in NOTEBOOKS],
+    ids=lambda path: path.stem,
+)
 def test_runs(path: Path, tmp_path: Path) -> None:
     """Every cell runs in an empty folder, and gives what is stored: tables, figures, and the same verdict."""
     from nbclient import NotebookClient

@@ -26,7 +26,6 @@ from fitting.inference.gauss_newton import Point, Rules, Search, Trial, search
 from fitting.inference.hierarchy import score
 from fitting.inference.hypothesis import Term
 from fitting.inference.intervals.profile import reaches
-from fitting.inference.models.bench import fit
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import Meter, OutOfTime, Runs
 from fitting.inference.unknown import Unknown, quantile
@@ -146,7 +145,10 @@ def springpot(seed: int = 5) -> tuple[Any, Fit, Term, dict[str, float]]:
     made = make(Case("bench", "CA", 40.0, (Effect("fractional_viscosity", ("CA",), 0.3, 0.3),)), seed)
     study = prepare(Record("made", "", made.time, made.channels, {}), made.base)
     found = next(t for t in study.terms if t.effect == "fractional_viscosity")
-    best, truth = fit(study.problem, (found,), fit(study.problem, ())), made.truth["effects"][0]["parameters"]
+    (none,) = study.problem.refit([()])
+    (best,) = study.problem.refit([(found,)], none)
+    assert best is not None
+    truth = made.truth["effects"][0]["parameters"]
     return study.problem, best, found, truth
 
 

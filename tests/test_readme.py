@@ -77,8 +77,19 @@ def _slow(document: str, text: str) -> bool:
     return document.startswith("docs/") or "arterial-fmu fit" in text
 
 
+# two studies of the sheep network with individual walls, two minutes: one of a stenosis, and one of a fork with a
+# calibration as prior, are in test_discrepancy_walls.py
+MINUTES = ("discover dist/virtual_friday.csv",)
+
+
+def _mark(document: str, text: str) -> list[pytest.MarkDecorator]:
+    if any(words in text for words in MINUTES):
+        return [pytest.mark.endurance]
+    return [pytest.mark.slow] if _slow(document, text) else []
+
+
 CASES = [
-    pytest.param(document, i, marks=[pytest.mark.slow] if _slow(document, text) else [])
+    pytest.param(document, i, marks=_mark(document, text))
     for document in DOCUMENTS
     for i, (_, text) in enumerate(_snippets(document))
 ]

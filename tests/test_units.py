@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import pint
 import pytest
 
@@ -14,6 +16,7 @@ from solver.quantities.units import (
     base_units,
     display_factor,
     display_units,
+    exact_factor,
     of_signal,
     printed,
     readable,
@@ -45,6 +48,32 @@ def test_pint_agrees_on_display_factors(unit: str) -> None:
         assert display_factor(display) * pint_unit(display).magnitude == pytest.approx(1.0, rel=1e-15)
 
 
+def test_pint_agrees_on_exact_factors() -> None:
+    """Every symbol with every prefix, and products, quotients and powers: pint's factor as a fraction, or none."""
+    exact = pint.UnitRegistry(non_int_type=Fraction)
+    symbols = ("m", "s", "g", "L", "Hz", "N", "J", "W", "Pa", "mmHg")
+    texts = [
+        prefix + symbol
+        for symbol in symbols
+        for prefix in ("", *"Mkcmu")
+        if prefix + symbol == "mmHg" or symbol != "mmHg"
+    ]
+    texts += ["kPa.s^2", "mmHg.s/mL", "mL/mmHg", "mm^2/(mmHg.s)", "cm/s.m", "kg/(m.s^2)", "cm^2/s"]
+    read = 0
+    for text in texts:
+        unit = {1: "m", 2: "m^2", 3: "m^3"}.get(dict(base_units(text)).get("m", 0), "Pa")
+        for wanted in (unit, text):
+            factor = exact_factor(text, wanted)
+            pair = [exact.parse_units(each.replace(".", "*")) for each in (text, wanted)]
+            if factor is None:
+                assert pair[0].dimensionality != pair[1].dimensionality
+            else:
+                assert factor == exact.convert(Fraction(1), *pair), (text, wanted)
+                read += 1
+    assert read >= len(texts)
+    assert exact_factor("10^-3/mmHg", "1/Pa") is exact_factor("min", "s") is exact_factor("m^-1", "1/m") is None
+
+
 def test_what_people_read() -> None:
     """The usual unit, another on request, the SI unit where there is none; powers and products as printed."""
     assert [of_signal(f"CA.{signal}")[0] for signal in SIGNAL_UNITS] == ["mmHg", "mL/s", "mm"]
@@ -55,7 +84,7 @@ def test_what_people_read() -> None:
     assert printed("m^2/(Pa.s)") == "m²/(Pa·s)"
 
 
-@pytest.mark.parametrize("text", ["Pa s", "fathom", "m^", "m//s", "x.m"])
+@pytest.mark.parametrize("text", ["Pa s", "fathom", "m^", "m//s", "x.m", "kmmHg"])
 def test_what_is_no_unit(text: str) -> None:
     with pytest.raises(ValueError, match=r"not understood at .*; write it like Pa\.s"):
         base_units(text)

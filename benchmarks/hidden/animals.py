@@ -87,7 +87,9 @@ def outside_walls(lines: Sequence[Line]) -> str:
         t.outside(kind, own)
         seen = w.of(own, "outside", 30.0)
         if kind == "network":
-            t.at_least("– the map has the place", 0.90, share(seen, w.acts_right))
+            placed = [x for x in seen if not w.wanders(x)]
+            t.at_least("– the map has the place, except of a tone that wanders", 0.90, share(placed, w.acts_right))
+            t.add("– and no other does as well", "–", share(placed, lambda x: w.acts_right(x, 1)))
         t.add("– named, and more remains", "–", share(seen, w.partial))
         t.add("– unknown", "–", share(seen, lambda x: x["verdict"] == "unknown"))
     return str(t)

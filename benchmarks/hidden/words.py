@@ -165,16 +165,32 @@ def right_place(line: Line) -> bool:
     return named_right(line) and (line["kind"] == "bench" or place(line) == tuple(line["effects"][0]["where"]))
 
 
-def acts_right(line: Line) -> bool:
+def acts_right(line: Line, most: int = 3) -> bool:
     """The map has what is hidden, a single effect, where it is: a source of its kind there, or of all places of a kind
-    at several; or the number that is off. A name in the right place counts, too."""
+    at several; or the number that is off. Places that cannot be told from one another, up to ``most``, count if one of
+    them is right. A name in the right place counts, too."""
     (effect,) = line["effects"]
-    where, found = effect["where"][0], (line.get("map") or {"places": []})["places"]
-    if effect["name"] in _NUMBERS and any(p["name"] == f"{where}.{_NUMBERS[effect['name']]}" for p in found):
-        return True
-    kind = _KINDS[effect["name"]]
+    where, kind = effect["where"][0], _KINDS[effect["name"]]
+    true = {(kind, where), ("number", f"{where}.{_NUMBERS.get(effect['name'])}")}
+    found = (line.get("map") or {"places": []})["places"]
     several = where == "all" and sum(p["kind"] == kind for p in found) > 1
-    return several or any(p["kind"] == kind and p["name"] == where for p in found) or right_place(line)
+    held = any(true & spots for spots in _alike(line) if len(spots) <= most)
+    return several or held or right_place(line)
+
+
+def _alike(line: Line) -> list[set[tuple[str, str]]]:
+    """For every place of the map, kind and name of itself and of those that do as well in its stead."""
+    found = line.get("map") or {"places": []}
+    mine, sets = found["places"], list[set[tuple[str, str]]]()
+    for place in mine:
+        instead = [p for spots in found.get("alike", []) if place not in spots for p in spots if p not in mine]
+        sets.append({(p["kind"], p["name"]) for p in (place, *instead)})
+    return sets
+
+
+def wanders(line: Line) -> bool:
+    """Whether what is hidden makes beats differ and is nothing in their mean, which has then no place for it."""
+    return any(e["name"] == "varying_tone" for e in line["effects"])
 
 
 def told_places(line: Line) -> set[str]:

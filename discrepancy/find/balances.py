@@ -15,10 +15,9 @@ from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import false_discovery_control, norm
 
 from fitting.inference.fit import Array
-from fitting.inference.models.bench import bench, fit
+from fitting.inference.models.bench import bench
 from fitting.inference.models.bench_network import on_bench
 from fitting.records.alignment.beats import Beats
-from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
@@ -110,9 +109,7 @@ def wall_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
     found = []
     for site in network.sites:
         if {f"{site.name}.P", f"{site.name}.R"} <= set(beats.values):
-            try:
-                local = fit(bench(beats, on_bench(network, site.name, segment=site.segment), site.name), ())
-            except InputError:  # no wall of this kind fits the loop
-                continue
-            found.append(Balance("wall law", site.name, float(np.sqrt(np.mean(local.z**2)))))
+            (local,) = bench(beats, on_bench(network, site.name, segment=site.segment), site.name).refit([()])
+            if local is not None:  # a wall of this kind fits the loop
+                found.append(Balance("wall law", site.name, float(np.sqrt(np.mean(local.z**2)))))
     return tuple(found)

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from fitting.first.spread import is_first
 from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.hierarchy import Linear, with_widths
 from fitting.inference.hypothesis import Term, rewired
 from fitting.inference.model_discrepancy import settled
-from fitting.inference.prior import calibrated
+from fitting.inference.prior import CALIBRATION, calibrated
 from fitting.inference.runs import Runs
 from fitting.inference.unknown import Unknown, bounds, interval
 from solver.network.description import Network
@@ -47,12 +48,18 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
     for name in (name for name in nominal if name in deviate and known[name].individual > 0.0):
         now = interval(fit.unknowns, name, nominal[name], known[name], fit.x, fit.covariance, quantile)
         moved = np.array([dict(u.moves).get(name, 0.0) for u in fit.unknowns])[own] @ fit.x[own]
-        source = "calibration" if name in told else "file"
-        arteries[name] = OwnNumber(file[name], now, float(moved / known[name].individual), source)
+        source = "calibration" if name in told and not is_first(network) else "file"
+        size = _prior_sd(fit, name) if name in told else known[name].individual
+        arteries[name] = OwnNumber(file[name], now, float(moved / size), source)
     # of every quantity, the stated spread between arteries, and the one that maximises the evidence
     sizes = {name.rpartition(".")[2]: q.individual for name, q in known.items()}
     spread = {kind: (sizes[kind], width * sizes[kind]) for kind, width in Linear.of(fit).inferred().of.items()}
     return Walls("individual", spread, arteries)
+
+
+def _prior_sd(fit: Fit, name: str) -> float:
+    """Standard deviation of a variable by the calibration, along whose directions the unknowns have one of 1."""
+    return float(np.linalg.norm([dict(u.moves).get(name, 0.0) for u in fit.unknowns if u.group == CALIBRATION]))
 
 
 def odd_ones(walls: Walls, network: Network) -> list[str]:

@@ -22,6 +22,7 @@ Array = np.ndarray
 _VENOUS = 5.0 * MMHG  # uncertainty of an assumed venous pressure
 _LEAST = 0.2  # smallest relative standard deviation, as both methods may share an error
 _ROUGH = 0.4  # the same for a reflection time, as waves return from many places
+_RETURN = 0.08  # of the period: a usual reflection time, if none is found
 _HIGH = (3, 10)  # harmonics whose impedance is near Z_c
 _EARLY = 0.5  # of its rise: until then the flow enters vessels without reflection
 _CLOSED = 0.05  # of its peak: below that flow, the valve is closed
@@ -165,7 +166,8 @@ def reflection_time(beats: Beats, root: str, Z_c: float) -> Found:
     t = later(foot((P - Z_c * Q) / 2.0, beats.T) - foot((P + Z_c * Q) / 2.0, beats.T), beats.T)
     how = f"feet of the forward and the backward wave of {root} and {INFLOW}"
     if t < beats.T / beats.N:
-        t, how = beats.T / beats.N, f"the backward wave of {root} and {INFLOW} is not later, one sample assumed"
+        how = f"the backward wave of {root} and {INFLOW} is not later, {_RETURN:.0%} of the period assumed"
+        return Found("reflection time", _RETURN * beats.T, "s", 2.0 * _ROUGH, how)
     return Found("reflection time", float(t), "s", _ROUGH, how)
 
 

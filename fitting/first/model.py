@@ -5,13 +5,14 @@ With the impedance Z_c at the root, the wave speed c and the transit time t of a
     A = ρ c s/Z_c,   L = c t,   E = 2 ρ c² (1 - η²) R0/h,   C_tube = A L/(ρ c²) = s t/Z_c
 
 so that junctions are matched, and the storage of the tubes depends on times and Z_c alone. A Windkessel at each end has
-its share of the rest: R1 = Z_c/s, R1 + R2 = R/s minus the friction of the tubes, C = s (C - Σ C_tube).
+its share of the rest: R1 = Z_c/s, R1 + R2 = R/s minus the friction of the tubes, C = s (C - Σ C_tube). From these
+estimates, lengths, walls and Windkessels are fitted to the mean beat (:mod:`fitting.first.fitted`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +26,12 @@ from solver.quantities.units import INFLOW, MMHG
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
-from .doubts import doubts
+from .doubts import doubts, late_flow
 from .estimates import Found, compliances, delay, impedance, reflection_time, resistance, root_pressure, sites
+from .fitted import Fitted, fitted
 from .species import Typical, typical
 from .stretches import parents, stretches
-from .tubes import made, windkessel
+from .tubes import Tube, made, windkessel
 from .waves import heard
 
 Array = np.ndarray
@@ -102,7 +104,7 @@ def first_model(
         Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)
     )
 
-    def with_compliance(C: Found) -> FirstModel:
+    def with_compliance(C: Found) -> _Parts:
         walls = [made(tube, c.value, area, usual) for tube in tubes]
         stored, most, said = sum(wall.stretch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
@@ -114,13 +116,46 @@ def first_model(
             walls = [made(tube, c.value, area, usual) for tube in shorter]
         rest = C.value - min(stored, most)
         ends = {wall.stretch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.stretch.end}
-        found = (R, C, Z, *delays.values(), echo, c, radius)
-        file = text.network_file(source, found, walls, ends, said)
-        network = loads(file, f"first model of {beats.source}")
-        return FirstModel(network, file, found, _shown(beats, network), tuple(said))
+        return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, said)
 
-    models = [with_compliance(C) for C in compliances(beats, channel, P_venous, R.value)]
-    return min(models, key=lambda model: next(row.rms for row in model.shown if row.channel == channel))
+    models = [with_compliance(C).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
+    parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
+    return parts.adjusted(fitted(model.network, beats, channel, bool(distances)), channel).model(beats)[1]
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """The contents of the file of a first model. factor : of the fit, by parameter."""
+
+    source: text.Source
+    found: tuple[Found, ...]
+    tubes: Sequence[Tube]
+    windkessels: Mapping[str, tuple[float, float, float]]
+    notes: Sequence[str]
+    factor: Mapping[str, float] = field(default_factory=dict)
+    late: float = 0.0
+
+    def adjusted(self, fit: Fitted, root: str) -> _Parts:
+        """The same with the fitted values, and a note if inlet.Q is late."""
+        f = fit.factor
+        tubes = [
+            replace(t, **{key: getattr(t, key) * f.get(f"{t.stretch.name}.{key}", 1.0) for key in ("L", "E", "phi0")})
+            for t in self.tubes
+        ]
+        ends = {
+            name: (R1 * f[f"{name}.outlet.R1"], C * f[f"{name}.outlet.C"], R2 * f[f"{name}.outlet.R2"])
+            for name, (R1, C, R2) in self.windkessels.items()
+        }
+        notes = [*self.notes, *([late_flow(fit.late, fit.rms, root)] if fit.late else [])]
+        return replace(self, tubes=tubes, windkessels=ends, notes=notes, factor=f, late=fit.late)
+
+    def model(self, beats: Beats) -> tuple[_Parts, FirstModel]:
+        """The model of the file."""
+        file = text.network_file(
+            self.source, self.found, self.tubes, self.windkessels, self.notes, self.factor, self.late
+        )
+        network = loads(file, f"first model of {beats.source}")
+        return self, FirstModel(network, file, self.found, _shown(beats, network), tuple(self.notes))
 
 
 def _speed_and_area(

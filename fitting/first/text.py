@@ -12,13 +12,14 @@ from solver.laws.outlets import Windkessel
 from solver.network.description import Network, Segment
 from solver.quantities.quantity import quantities
 from solver.quantities.text import quoted, typed_unit
-from solver.quantities.units import display_factor, display_units, readable
+from solver.quantities.units import INFLOW, display_factor, display_units, readable
 
 from .estimates import Found
 from .tubes import Tube
 
 Array = np.ndarray
 
+REFERENCE = "first model of "  # how the reference of such a file begins
 _LARGE = 0.3  # larger relative standard deviations are given as factors
 
 
@@ -56,18 +57,26 @@ def network_file(
     tubes: Sequence[Tube],
     windkessels: Mapping[str, tuple[float, float, float]],
     notes: Iterable[str],
+    factor: Mapping[str, float],
+    late: float,
 ) -> str:
-    """TOML with all of it. windkessels : R1, C, R2 by stretch [SI]."""
+    """TOML with all of it. windkessels : R1, C, R2 by stretch [SI]. factor : of the fit, by parameter. late : of the
+    inflow [s], as a comment."""
+
+    def origin(parameter: str, estimated: str) -> str:
+        return f"{estimated}, × {factor[parameter]:.2g} by the fit" if parameter in factor else estimated
+
     lines = [
         f"# A first model of {source.record}, for editing: the start of a calibration, not its result.",
         "# Estimates from the recording, with one standard deviation and the method:",
         *(f"#   {each.name} = {value(each)} {error(each)}: {each.how}" for each in found),
-        f"# Not from the recording: thickness and viscosity of the walls, from {source.typical}.",
+        f"# Not from the recording: thickness of the walls, from {source.typical}.",
+        "# Lengths, walls and Windkessels were then fitted to the mean beat, as small waves, from these estimates.",
         *(f"# Doubtful: {note}" for note in notes),
         "",
         'name = "first"',
         f'species = "{source.like}"',
-        f'reference = "first model of {source.record}, sha256 {source.sha256[:16]}"',
+        f'reference = "{REFERENCE}{source.record}, sha256 {source.sha256[:16]}"',
         "",
         "[network]",
         *_lines(
@@ -90,11 +99,11 @@ def network_file(
             f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long",
             *_lines(
                 Segment,
-                L=(tube.L, "wave speed times that time"),
+                L=(tube.L, origin(f"{s.name}.L", "wave speed times that time")),
                 R0=(tube.R0, "from c and Z_c over its share of the flow"),
                 h=(tube.h, "a typical fraction of R0"),
-                E=(tube.E, "from c, R0 and h; the recording determines only E h"),
-                phi0=(tube.phi0, "a typical fraction of E"),
+                E=(tube.E, origin(f"{s.name}.E", "from c, R0 and h; the recording determines only E h")),
+                phi0=(tube.phi0, origin(f"{s.name}.phi0", "a typical fraction of E")),
             ),
         ]
     heads: dict[str, list[str]] = {}
@@ -109,9 +118,9 @@ def network_file(
             f"[outlets.{name}]",
             *_lines(
                 Windkessel,
-                R1=(R1, "the impedance of the tube: no reflection of steep waves"),
-                C=(C, "its share of the compliance outside the tubes"),
-                R2=(R2, "the rest of its share of the resistance"),
+                R1=(R1, origin(f"{name}.outlet.R1", "the impedance of the tube: no reflection of steep waves")),
+                C=(C, origin(f"{name}.outlet.C", "its share of the compliance outside the tubes")),
+                R2=(R2, origin(f"{name}.outlet.R2", "the rest of its share of the resistance")),
                 P_venous=(source.P_venous, "given, not estimated"),
             ),
         ]
@@ -119,6 +128,9 @@ def network_file(
     places += [(tube.stretch.site, tube.stretch.name, 1.0) for tube in tubes if tube.stretch.site]
     lines += ["", "[sites]"]
     lines += [f'{site} = {{ segment = "{segment}", position = {at:g} }}' for site, segment, at in places]
+    if late:
+        lines += ["", f'# [channels."{INFLOW}"]  # remove the signs # in front to keep the delay in the model']
+        lines += [f'# lag = "{1e3 * late:.3g} ms"']
     return "\n".join(lines) + "\n"
 
 

@@ -11,12 +11,11 @@ from solver.errors import InputError
 from solver.laws.effect import ALL_PLACES
 from solver.laws.sensors import Sensor
 from solver.network.description import Channel, Network
-from solver.quantities.coordinate import SCALE
 
 from ..results.estimate import Estimate
 from .fit import Fit
 from .hypothesis import Term, effect_of, rewired
-from .unknown import Reach, Unknown, bounds, interval, parameter_values, values
+from .unknown import Reach, Unknown, bounds, interval, linear, parameter_values, reference, values
 
 Array = np.ndarray
 
@@ -46,7 +45,7 @@ def allowed(network: Network, fit: Fit) -> Fit | None:
 
 def frequency(fit: Fit) -> float:
     """The highest frequency [Hz] of the sensor faults of a hypothesis; 0 without one."""
-    chains = [(_sensor(t), _searched(t, fit.x[_places(fit, t)])) for t in fit.terms if t.is_sensor]
+    chains = [_searched(t, fit.x[_places(fit, t)]) for t in fit.terms if t.is_sensor]
     return max((sensor.frequency(numbers) for sensor, numbers in chains), default=0.0)
 
 
@@ -63,18 +62,15 @@ def _places(fit: Fit, term: Term) -> list[int]:
 
 def _as_terms(term: Term, x: Array) -> dict[str, float]:
     """The catalogue's parameters of a channel's effect at x : (q,)."""
-    return _sensor(term).as_terms(_searched(term, x))
+    sensor, numbers = _searched(term, x)
+    return sensor.as_terms(numbers)
 
 
-def _searched(term: Term, x: Array) -> dict[str, float]:
-    """The numbers of a search for a channel's effect at x : (q,)."""
-    return {name.rpartition(".")[2]: float(value) for name, value in values(term.unknowns, x, {}).items()}
-
-
-def _sensor(term: Term) -> Sensor:
+def _searched(term: Term, x: Array) -> tuple[Sensor, dict[str, float]]:
+    """A channel's effect, and the numbers of a search for it at x : (q,)."""
     effect = effect_of(term)
     assert isinstance(effect, Sensor)
-    return effect
+    return effect, {name.rpartition(".")[2]: float(value) for name, value in values(term.unknowns, x, {}).items()}
 
 
 def estimates(
@@ -99,21 +95,21 @@ def estimates(
                         (below, above) if step >= 0.0 else (above, below))
             for v, step in unknown.moves
         }  # fmt: skip
-        found |= of if term.place != ALL_PLACES else _everywhere(network, fit, unknown, of, known[unknown.name])
+        found |= of if term.place != ALL_PLACES else _everywhere(fit, unknown, of, nominal, known[unknown.name])
     return found
 
 
 def _everywhere(
-    network: Network, fit: Fit, unknown: Unknown, found: dict[str, Estimate], reach: Reach
+    fit: Fit, unknown: Unknown, found: dict[str, Estimate], nominal: Mapping[str, float], reach: Reach
 ) -> dict[str, Estimate]:
     """One estimate if it is the same everywhere, else all of ``found``."""
     if unknown.ratio is None:
         first, *others = found.values()
         return {unknown.name: first} if all(other == first for other in others) else found
-    now = extended(network, fit).parameters()
-    ratios = [now[v] / now[f"{v.rpartition('.')[0]}.{unknown.ratio}"] for v in found]
+    now = dict(nominal) | {n: float(v) for n, v in values(fit.unknowns, fit.x, nominal).items()}
+    ratios = [now[v] / now[reference(unknown, v)] for v in found]
     same = np.ptp(ratios) <= _SAME * np.abs(ratios).max()
-    return {unknown.name: _ratio(fit, unknown, reach)} if same else found
+    return {unknown.name: _ratio(fit, unknown, nominal, reach)} if same else found
 
 
 def _of_sensor(fit: Fit, term: Term, reaches: Mapping[str, Reach]) -> dict[str, Estimate]:
@@ -131,7 +127,7 @@ def _of_sensor(fit: Fit, term: Term, reaches: Mapping[str, Reach]) -> dict[str, 
         return [_as_terms(term, np.clip(x + step, low, high)) for step in steps]
 
     sides, found = [ends(side) for side in np.diag(sd)], {}
-    units = {k: q.unit for k, q in _sensor(term).terms.items()}
+    units = {k: q.unit for k, q in effect_of(term).terms.items()}
     units |= {u.name.rpartition(".")[2]: u.unit for u in term.unknowns}
     for key, value in _as_terms(term, x).items():
         slope = np.array([b[key] - a[key] for a, b in sides]) / np.maximum(sd, 1e-300)
@@ -141,20 +137,11 @@ def _of_sensor(fit: Fit, term: Term, reaches: Mapping[str, Reach]) -> dict[str, 
     return found
 
 
-def _ratio(fit: Fit, unknown: Unknown, reach: Reach) -> Estimate:
-    """A ratio such as φ0/E to the refitted modulus; its interval by the derivatives of all unknowns that change it."""
-    names = [u.name for u in fit.unknowns]
-    slope, i = np.zeros(len(names)), names.index(unknown.name)
-    nuisance = {u.name: (j, u.size) for j, u in enumerate(fit.unknowns) if j != i and u.kind == SCALE}
-    reference, step = nuisance.get(f"{ALL_PLACES}.{unknown.ratio}", (i, 0.0))
-    if unknown.kind == SCALE:  # of the same modulus as the nuisance of that name
-        own, own_step = nuisance.get(unknown.name, (i, 0.0))
-        value = unknown.nominal * np.exp(unknown.size * fit.x[i] + own_step * fit.x[own] - step * fit.x[reference])
-        slope[own] += own_step * value
-        slope[reference] -= step * value
-        slope[i] += unknown.size * value
-    else:  # the modulus takes it along
-        value = unknown.nominal + unknown.size * fit.x[i]
-        slope[i] += unknown.size
+def _ratio(fit: Fit, unknown: Unknown, nominal: Mapping[str, float], reach: Reach) -> Estimate:
+    """A ratio such as φ0/E to the refitted modulus, with its interval by the delta method."""
+    variable, at = unknown.moves[0][0], linear(fit.unknowns, fit.x, nominal)
+    (a, by_a), modulus = at[variable], reference(unknown, variable)
+    b, by_b = at.get(modulus, (nominal[modulus], 0.0 * fit.x))
+    value, slope = a / b, (by_a - a / b * by_b) / b
     below, above = (each * float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0))) for each in reach)
-    return Estimate(float(value), unknown.unit, (float(value) - below, float(value) + above))
+    return Estimate(value, unknown.unit, (value - below, value + above))

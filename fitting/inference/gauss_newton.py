@@ -15,6 +15,7 @@ every point, or updated from the residuals (C. G. Broyden, Math. Comput. 19 (196
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +30,7 @@ LARGEST = 2.0  # of a step, in typical sizes
 # Parts of a step to which the reach falls: where there is no residual, and where the cost rises. With 0.5 there, one of
 # four benches with a flat valley of R0 and an external pressure ended 4 above the lowest cost known, with 0.3 none
 _BROKEN, _VAIN = 0.5, 0.3
-_DAMPED, _MOST_DAMPING = 0.05, 1e6  # λ where the cost rises again, and λ that leaves no step
+_MOST_DAMPING = 1e6  # λ that leaves no step
 _ALL_FRESH = 2  # times that derivatives are found anew without those of every artery's own: many that change little
 _FEW = 100  # derivatives, which are all found anew at once
 _ABSURD = 1e6  # times the root of the cost: a residual as good as broken down, which carries no information on slopes
@@ -88,8 +89,8 @@ class Rules:
     relative error of a column of J; λ is at least its square, which damps directions that J does not determine.
     latent : a point has hidden unknowns, which change with every step; the search then ends after a step with too
     small a gain, and relaxes them once after a step without gain. hopeless : a search continues only if its predicted
-    cost is at most this far above the best of its batch. afar : the search starts far from its minimum, so that its
-    prediction counts only after all derivatives were recomputed.
+    cost is at most this far above the best of its batch. damped : λ where the cost rises again. afar : the search
+    starts far from its minimum, so that its prediction counts only after all derivatives were recomputed.
     """
 
     gain: float
@@ -99,6 +100,7 @@ class Rules:
     error: float = 0.0
     latent: bool = False
     hopeless: float = 150.0
+    damped: float = 0.05
     afar: bool = False
 
     def goes_on(self, promise: float, best: float, turn: int) -> bool:
@@ -110,7 +112,8 @@ class Rules:
 class Point:
     """The linear problem at some x. z : (n,) whitened residual, J : (n, q) its derivatives by the requested unknowns.
 
-    log_volume : log det of the covariance of z, if it depends on x. memory : data of the caller.
+    log_volume : the cost beside |z|² and the priors: log det of the covariance of z, if it depends on x, or what hidden
+    unknowns have still to gain. memory : data of the caller.
     """
 
     z: Array
@@ -122,15 +125,30 @@ class Point:
 @dataclass(frozen=True)
 class Trial:
     """A point to evaluate. by : (q,) unknowns whose derivatives are needed. before : the previous point, from which
-    ``step`` : (p,) leads here, if any."""
+    ``step`` : (p,) leads here, if any; ``share`` : of a full step, which hidden unknowns move with it."""
 
     member: Member
     by: Array
     before: Point | None
     step: Array
+    share: float = 1.0
 
 
 Evaluate = Callable[[Sequence[Trial]], list[Point | None]]  # None where a trial has no residual
+
+
+def one_by_one(point: Callable[[Trial], Point], *broken: type[Exception]) -> Evaluate:
+    """Evaluates trials one after the other; one that raises an error of ``broken`` has no residual."""
+
+    def evaluate(trials: Sequence[Trial]) -> list[Point | None]:
+        found: list[Point | None] = []
+        for trial in trials:
+            found.append(None)
+            with suppress(*broken):
+                found[-1] = point(trial)
+        return found
+
+    return evaluate
 
 
 class Search:
@@ -198,7 +216,8 @@ class Search:
         damping = max(damping, self.rules.error**2)
         scaled = self.prior * s**2, x / s, self.low / s, self.high / s
         step = bounded_step(J * s, z, *scaled, damping, self.rules.tails)
-        step *= s * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        self.share = min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        step *= s * self.share
         return step, self.cost - self._cost(replace(self.here, z=z + J @ step), x + step)
 
     def _cost(self, point: Point, x: Array) -> float:
@@ -236,7 +255,7 @@ class Search:
             self.settle(x, found)
         else:
             if self.reach < LARGEST:
-                self.damping = max(5.0 * self.damping, _DAMPED)
+                self.damping = max(5.0 * self.damping, self.rules.damped)
             self.reach = _VAIN * size
             self.ended |= self.damping > _MOST_DAMPING
             self.settling = self.rules.latent and not self.settled
@@ -260,7 +279,10 @@ def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf
             derive(evaluate, active, everything=few or turn >= _ALL_FRESH * fresh)
             active = [s for s in active if s.proposes()]
         by = [np.arange(0 if fresh else len(s.x)) for s in active]
-        trials = [Trial(replace(s.member, x=s.x + s.step), i, s.here, s.step) for s, i in zip(active, by, strict=True)]
+        trials = [
+            Trial(replace(s.member, x=s.x + s.step), i, s.here, s.step, s.share)
+            for s, i in zip(active, by, strict=True)
+        ]
         for s, found in zip(active, evaluate(trials), strict=True):
             s.answer(found)
 

@@ -1,25 +1,34 @@
 """The regression of a wall on a loop of noisy pressure and radius (:mod:`fitting.inference.models.loop`), without
-priors."""
+priors.
+
+The search (:mod:`fitting.inference.gauss_newton`) minimises -2 ln of the joint likelihood of the parameters and of the
+true radius, which is a hidden unknown: |z|² of the linear problem, and what the radius has still to move.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from solver.loop import derivative_matrix
+from solver.quantities.coordinate import SHIFT
 
-from ..inference.models.loop import Loop, NoFit, linearise, spectrum
+from ..inference.fit import Member
+from ..inference.gauss_newton import Point, Rules, Search, Trial, one_by_one, search
+from ..inference.models.loop import Linear, Loop, NoFit, linearise, spectrum
+from ..inference.unknown import Unknown
 from ..records.channels import spectral
-from .wall_model import Evaluated, Values, WallModel, evaluate
+from .wall_model import Values, WallModel, evaluate
 
 Array = np.ndarray
 
-_ITERATIONS = 200
+_ROUNDS = 200
+_SETTLED = 1e-2  # gain of a tenth of a standard deviation: what rounding leaves of loops without noise is far less
 _STEEPEST = 12.0  # of |2 r ε̇|: a viscosity that varies by e^12 along a loop is noise, no wall
-_FULL_STEPS = 10
-_CONVERGED = 1e-3  # of a standard deviation: a smaller step ends the iteration
+_RULES = Rules(gain=1e-6, latent=True, hopeless=np.inf, damped=0.0)  # ends at a thousandth of a standard deviation
 
 
 @dataclass(frozen=True)
@@ -43,98 +52,124 @@ class Solution:
     condition: float
 
 
-def solve(
-    loop: Loop, model: WallModel, start: Values, *, lag: float | None = None, steps: int = _ITERATIONS
-) -> Solution:
-    """Iterate from ``start`` until a step is a thousandth of its standard deviation, or ``steps`` are done.
+@dataclass(frozen=True)
+class _Regression:
+    """The free parameters and a delay of P as unknowns x, 0 at the start, in units of ``sizes`` : (p + 1,)."""
+
+    loop: Loop
+    model: WallModel
+    start: Values
+    lag: float
+    sizes: Array
+
+    @classmethod
+    def of(cls, loop: Loop, model: WallModel, start: Values, lag: float = 0.0) -> _Regression:
+        """In units of the start; of φ_NL and E_NL, of what makes half of the law nonlinear."""
+        rate = float(np.std(derivative_matrix(loop.N, loop.T) @ loop.R)) / start["R0"]
+        bent = {"phiNL": start["phi0"] / rate, "ENL": start["E"] * start["R0"] / float(np.std(loop.R))}
+        sizes = [*(bent.get(name, start[name]) for name in model.free), 0.1 * loop.T]
+        return cls(loop, model, start, lag, np.array(sizes))
+
+    def at(self, x: Array) -> tuple[dict[str, float], float]:
+        """The parameters and the delay [s] of unknowns x. Raises NoFit for E, R0 or φ0 that are not positive."""
+        *changes, lag = (x * self.sizes).tolist()
+        moved = {name: self.start[name] + change for name, change in zip(self.model.free, changes, strict=True)}
+        values = {**self.start, **moved}
+        if not min(values["E"], values["R0"], values["phi0"]) > 0.0:
+            raise NoFit(f"the {self.model.name} model has no solution on this loop.")
+        return values, self.lag + lag
+
+    def point(self, x: Array, R: Array) -> Point:
+        """The linear problem at x and the radius R : (N,). Raises NoFit as :func:`linearise`."""
+        (values, lag), loop = self.at(x), self.loop
+        D = derivative_matrix(loop.N, loop.T)
+        at = evaluate(self.model, values, R, D @ R)
+        A = at.by_R_t[:, None] * D
+        A[np.diag_indices(loop.N)] += at.by_R
+        law = np.column_stack([at.P, -D @ at.P, at.by_parameter, A])
+        law = spectral.shift(law.T, lag / loop.T).T if lag else law
+        P, by_lag, columns, A = np.split(law, (1, 2, 2 + len(self.model.free)), axis=1)
+        linear = linearise(loop, R, P[:, 0], A, np.column_stack([columns, by_lag]) * self.sizes)
+        hidden = loop.misfit(P[:, 0], R) - float(linear.z @ linear.z)
+        return Point(linear.z, -linear.columns, hidden, (linear, R))
+
+    def searched(self, first: Point, point: Callable[[Trial], Point], rounds: int, lag_free: bool = False) -> Search:
+        """The search from the start, whose point is the ``first``."""
+        ends = [*(np.inf for _ in self.model.free), np.inf if lag_free else 0.0]
+        unknowns = tuple(Unknown("", SHIFT, (), -end, end, prior_sd=None) for end in ends)
+        found = Search(Member((), unknowns, 0.0 * self.sizes), replace(_RULES, rounds=rounds), first)
+        search(one_by_one(point, NoFit), [found])
+        return found
+
+
+def solve(loop: Loop, model: WallModel, start: Values, *, lag: float | None = None, rounds: int = _ROUNDS) -> Solution:
+    """The most probable wall, from ``start``, after ``rounds`` steps at most.
 
     lag : start value [s] of a fitted delay of P relative to R.
     Raises NoFit if the parameters leave their range (E, R0, φ0 > 0), do not converge in 200 steps, or if P is
     a function of R to rounding, which leaves nothing to weigh the two by.
     """
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # non-finite values are rejected below
-        return _iterate(loop, model, start, lag, steps)
 
+    def point(trial: Trial) -> Point:
+        assert trial.before is not None
+        linear, R = trial.before.memory
+        return problem.point(trial.member.x, R + trial.share * (linear.after(trial.step) - R))
 
-def _iterate(loop: Loop, model: WallModel, start: Values, start_lag: float | None, steps: int) -> Solution:
-    D = derivative_matrix(loop.N, loop.T)
-    lag_free, lag = start_lag is not None, start_lag or 0.0
-    values, R = dict(start), loop.R
-    for iteration in range(steps):
-        relax = 1.0 if iteration < _FULL_STEPS else 0.5  # a model that misses the loop may swing about its best
-        found, step, radius = _linearised(loop.earlier(lag), D, R, evaluate(model, values, R, D @ R), lag_free)
-        step = relax * step
-        step *= _admissible(model, values, step)
-        for name, change in zip(model.free, step, strict=False):
-            values[name] += float(change)
-        lag += float(step[-1]) if lag_free else 0.0
-        R = R + relax * (radius - R)
-        _check_bend(model, values, D @ R, iteration)
-        sd = np.sqrt(np.diag(found.covariance) * max(1.0, found.chi2 / loop.N))
-        if iteration and np.all(np.abs(step) <= _CONVERGED * sd):
-            break
-    else:
-        if steps == _ITERATIONS:
-            raise NoFit(
-                f"the {model.name} model with the {model.elastic} law did not converge (chi²/dof = "
-                f"{found.chi2 / loop.N:.3g}); try another model or law, check R0 if it was given, and fit no lag."
-            )
-    return replace(found, values=values, lag=lag, R=R, R_t=D @ R, by_lag=found.by_lag[: len(model.free)])
-
-
-def _check_bend(model: WallModel, values: Values, R_t: Array, iteration: int) -> None:
-    """NoFit where φ0 and φ_NL run away together, which no step brings back; the first few may overshoot."""
-    r = values["phiNL"] / values["phi0"]
-    bend = 2.0 * abs(r) * float(np.abs(R_t).max()) / values["R0"]
-    if model.viscous == "monotone" and iteration >= 3 and not bend < _STEEPEST:
-        raise NoFit(
-            f"phi0 and phiNL run away (phiNL/phi0 = {r:.3g} s): noise, a slow sensor, a time lag or another elastic "
-            "law hides them; fit the linear model, check law and timing, R0 if it was given, or record more beats."
-        )
-
-
-def _linearised(loop: Loop, D: Array, R: Array, at: Evaluated, lag_free: bool) -> tuple[Solution, Array, Array]:
-    """The linear problem u = C δθ + noise of covariance V at the radius R, where the law is ``at``, solved; its step
-    (p,) of the parameters, and of the lag if it is free; and the most probable radius after it."""
-    P_t = D @ at.P  # of the law: the measured one has the noise of u in it
-    A = at.by_R_t[:, None] * D
-    A[np.diag_indices(loop.N)] += at.by_R
-    C = np.column_stack([at.by_parameter, -P_t]) if lag_free else at.by_parameter
-    scale = np.linalg.norm(C, axis=0)
-    linear = linearise(loop, R, at.P, A, np.column_stack([C / scale, P_t]))
-    columns, by_lag = linear.columns[:, :-1], linear.columns[:, -1]
-    q, triangle = np.linalg.qr(columns)
-    step = solve_triangular(triangle, q.T @ linear.z)
-    inverse = solve_triangular(triangle, np.eye(len(scale))) / scale[:, None]
-    left = linear.z - columns @ step
-    condition = float(np.linalg.cond(columns / np.linalg.norm(columns, axis=0)))
-    expected = np.sqrt(np.maximum(spectrum(linear.V), 0.0))
-    found = Solution({}, inverse @ inverse.T, 0.0, R, D @ R, linear.unwhiten(left), expected, float(np.sum(left**2)),
-                     -inverse @ (q.T @ by_lag), condition)  # fmt: skip
-    return found, step / scale, linear.radius(left)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # non-finite values are rejected
+        problem = _Regression.of(loop, model, start, lag or 0.0)
+        found = problem.searched(problem.point(0.0 * problem.sizes, loop.R), point, rounds, lag is not None)
+        solution = _solution(problem, found, lag is not None)
+    if rounds == _ROUNDS:
+        _check(model, solution, found.cost - found.promised())
+    return solution
 
 
 def plain(loop: Loop, model: WallModel, start: Values, R: Array) -> dict[str, float]:
     """Ordinary least squares of P on the loop with the measured radius R, which ignores the noise of R."""
-    values, R_t = dict(start), spectral.derivative(R, loop.T)
-    for _ in range(_ITERATIONS):
-        at = evaluate(model, values, R, R_t)
-        scale = np.linalg.norm(at.by_parameter, axis=0)
-        step = np.linalg.lstsq(at.by_parameter / scale, loop.P - at.P, rcond=None)[0] / scale
-        step *= _admissible(model, values, step)
-        for name, change in zip(model.free, step, strict=True):
-            values[name] += float(change)
-        if all(abs(change) <= 1e-9 * abs(values[name]) for name, change in zip(model.free, step, strict=True)):
-            break
-    return values
+    problem, R_t = _Regression.of(loop, model, start), spectral.derivative(R, loop.T)
+
+    def point(x: Array) -> Point:
+        at = evaluate(model, problem.at(x)[0], R, R_t)
+        return Point(loop.P - at.P, -np.column_stack([at.by_parameter, 0.0 * at.P]) * problem.sizes)
+
+    found = problem.searched(point(0.0 * problem.sizes), lambda trial: point(trial.member.x), _ROUNDS)
+    return problem.at(found.x)[0]
 
 
-def _admissible(model: WallModel, values: Values, step: Array) -> float:
-    """The largest of 1, 1/2, 1/4 … of the step that leaves E, R0 and φ0 positive."""
-    if not np.all(np.isfinite(step)):
-        raise NoFit(f"the {model.name} model has no solution on this loop.")
-    fraction = 1.0
-    for name, change in zip(model.free, step, strict=False):
-        while name in ("E", "R0", "phi0") and values[name] + fraction * change <= 0.1 * values[name]:
-            fraction *= 0.5
-    return fraction
+def _check(model: WallModel, found: Solution, gain: float) -> None:
+    """NoFit if φ0 and φ_NL ran away together, or if a further step still promises a ``gain`` of the cost."""
+    r = found.values["phiNL"] / found.values["phi0"]
+    bend = 2.0 * abs(r) * float(np.abs(found.R_t).max()) / found.values["R0"]
+    if model.viscous == "monotone" and not bend < _STEEPEST:
+        raise NoFit(
+            f"phi0 and phiNL run away (phiNL/phi0 = {r:.3g} s): noise, a slow sensor, a time lag or another elastic "
+            "law hides them; fit the linear model, check law and timing, R0 if it was given, or record more beats."
+        )
+    if not gain < _SETTLED * max(1.0, found.chi2 / len(found.R)):
+        raise NoFit(
+            f"the {model.name} model with the {model.elastic} law did not converge (chi²/dof = "
+            f"{found.chi2 / len(found.R):.3g}); try another model or law, check R0 if it was given, and fit no lag."
+        )
+
+
+def _solution(problem: _Regression, found: Search, lag_free: bool) -> Solution:
+    """What the linear problem at the minimum tells."""
+    here, free = found.here, np.arange(len(problem.sizes) - (not lag_free))
+    assert here is not None
+    linear: Linear = here.memory[0]
+    R, (values, lag), columns = linear.radius(here.z), problem.at(found.x), here.J / problem.sizes
+    scale = np.linalg.norm(columns[:, free], axis=0)
+    q, triangle = np.linalg.qr(columns[:, free] / scale)
+    inverse = solve_triangular(triangle, np.eye(len(scale))) / scale[:, None]
+    return Solution(
+        values=values,
+        covariance=inverse @ inverse.T,
+        lag=lag,
+        R=R,
+        R_t=derivative_matrix(len(R), problem.loop.T) @ R,
+        residual=linear.unwhiten(here.z),
+        expected=np.sqrt(np.maximum(spectrum(linear.V), 0.0)),
+        chi2=float(here.z @ here.z),
+        by_lag=(inverse @ (q.T @ columns[:, -1]))[: len(problem.model.free)],
+        condition=float(np.linalg.cond(triangle)),
+    )

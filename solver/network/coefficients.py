@@ -43,6 +43,12 @@ class Term:
         each = [np.any(value != neutral[key], axis=0) for key, value in switches.items()]
         return np.any(np.stack(each), axis=0)
 
+    @property
+    def active(self) -> bool:
+        """Whether it is active anywhere."""
+        neutral, how = self.effect.neutral, (*self.effect.how, *self.effect.along)
+        return any(key not in how and bool((value != neutral[key]).any()) for key, value in self.values.items())
+
 
 @dataclass(frozen=True)
 class Ends:
@@ -117,11 +123,7 @@ class Coefficients:
 
     def wall_at(self, segment: Array, x: Array) -> Wall:
         """The walls at points x : (n,) = x/L of segments : (n,), arrays (B, n), with the effects that are on."""
-        wall = self.base.at(segment)
-        for term in self.terms:
-            if term.effect.owner == "segment":
-                wall = term.effect.wall(wall, term.at(segment), x)
-        return wall
+        return _with_effects(self.base, self.terms, segment, x)
 
     @cached_property
     def wall(self) -> Wall:
@@ -180,7 +182,7 @@ def coefficients(
     numbers = _Numbers(network, parameters, size or 1)
     segments, fluid = numbers.owners["segment"], numbers.owners["fluid"]
     held = (term for term in map(numbers.term, effects.ALL) if term is not None)
-    terms = tuple(term for term in held if every or term.on.any())
+    terms = tuple(term for term in held if every or term.active)
     rho, nu = numbers.of(fluid, "rho"), numbers.of(fluid, "nu")
     C_f, alpha = numbers.of(fluid, "friction") * np.pi * nu, np.ones_like(rho)
     junctions: Mapping[str, Array] = {"k": np.zeros((numbers.size, len(network.junctions)))}
@@ -208,6 +210,22 @@ def coefficients(
         P_venous=P_venous,
         batched=size is not None,
     )
+
+
+def walls_at(network: Network, parameters: Parameters | None, segment: Array, x: Array) -> Wall:
+    """The walls of :func:`coefficients` alone, of parameters that are not checked, as :meth:`Coefficients.wall_at`."""
+    numbers = _Numbers(network, parameters or {}, batch_size(parameters or {}) or 1)
+    held = (numbers.term(effect) for effect in effects.ALL if effect.owner == "segment")
+    return _with_effects(_walls(numbers), [term for term in held if term is not None and term.active], segment, x)
+
+
+def _with_effects(base: Wall, terms: Sequence[Term], segment: Array, x: Array) -> Wall:
+    """The walls ``base`` at points x/L of segments, with effects."""
+    wall = base.at(segment)
+    for term in terms:
+        if term.effect.owner == "segment":
+            wall = term.effect.wall(wall, term.at(segment), x)
+    return wall
 
 
 def changes(effect: Effect, hook: str) -> bool:

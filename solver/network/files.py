@@ -1,4 +1,4 @@
-"""Network files: read and write TOML. pint reads the units here, once; all other code uses SI.
+"""Network files: read and write TOML. Units are read here, once; all other code uses SI.
 
 A value is text with a unit (``L = "4 cm"``) or a bare number in SI. The keys are the quantities of
 :mod:`solver.network.description`, so a new quantity needs no change here. Reading is exact: the magnitude times the

@@ -7,6 +7,7 @@ determines the SI unit: an effect may use any unit made of the symbols below.
 from __future__ import annotations
 
 import re
+from fractions import Fraction
 
 from ..errors import InputError
 
@@ -49,6 +50,8 @@ _SYMBOLS = {
 }
 _PREFIXES = dict(zip("Mkcmu", (6, 3, -2, -3, -6), strict=True))
 _FACTOR = re.compile(r"([./]?)(\(?)([A-Za-z]+|10?)(?:\^(-?\d+))?(\)?)")
+_ONE = r"[A-Za-z]+(?:\^\d)?"
+_PLAIN = re.compile(rf"{_ONE}(?:[./]{_ONE}|/\({_ONE}(?:\.{_ONE})*\))*")  # pint reads it alike
 
 
 def base_units(unit: str) -> dict[str, int]:
@@ -63,6 +66,18 @@ def display_factor(display: str) -> float:
     """The factor from SI to a display unit: "cm" -> 100. Raises ValueError as above."""
     *_, ten, mmHg = _powers(display)
     return float(float(f"1e{-ten}") / MMHG**mmHg if mmHg >= 0 else float(f"1e{-ten}") * MMHG**-mmHg)
+
+
+def exact_factor(given: str, wanted: str) -> Fraction | None:
+    """The exact factor from one unit to another; None if they differ in kind, or are not made of the symbols above."""
+    if not (_PLAIN.fullmatch(given) and _PLAIN.fullmatch(wanted)):
+        return None
+    try:
+        a, b = _powers(given), _powers(wanted)
+    except InputError:
+        return None
+    ten, mmHg = a[3] - b[3], a[4] - b[4]
+    return Fraction(10) ** ten * Fraction(str(MMHG)) ** mmHg if a[:3] == b[:3] else None
 
 
 def display_units(unit: str) -> tuple[str, ...]:
@@ -117,5 +132,5 @@ def _powers(unit: str) -> list[int]:
 def _symbol(text: str) -> tuple[int, ...] | None:
     if text in _SYMBOLS:
         return _SYMBOLS[text]
-    known = _SYMBOLS.get(text[1:]) if text[0] in _PREFIXES else None
+    known = _SYMBOLS.get(text[1:]) if text[0] in _PREFIXES and text[1:] != "mmHg" else None
     return known and (*known[:3], known[3] + _PREFIXES[text[0]], known[4])

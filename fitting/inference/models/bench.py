@@ -118,6 +118,10 @@ class Bench(Forward):
         return alone.with_terms(neutral | alone.parameters())
 
     @cached_property
+    def _present(self) -> dict[str, float]:
+        return self.artery.parameters()
+
+    @cached_property
     def start(self) -> Array:
         """(N,) [m] the radius up to harmonic K, where searches start: inverting a ringing sensor amplifies noise."""
         X = spectral.coefficients(self.loop.R)
@@ -148,27 +152,35 @@ class Bench(Forward):
 
         known : cost of an earlier fit; if given, a search that promises to stay far above the best ends.
         """
-        found: list[Fit | None] = []
+        runs, found = runs or Runs(), list[Fit | None]()
         for terms in hypotheses:
-            (runs or Runs()).check()
-            found.append(self._fitted(terms, start, known))
-            if (last := found[-1]) is not None and known < np.inf:
-                known = min(known, last.cost)
+            runs.check()
+            best = self._fitted(terms, start, known) or (start and self._fitted(terms, None, known))
+            found.append(best)
+            if best is not None and known < np.inf:
+                known = min(known, best.cost)
         return found
 
-    def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:  # from start or zero
-        for begin in (start, None):
-            with suppress(NoFit):
-                return allowed(self.network, fit(self, terms, begin, known))
+    def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:
+        """The best fit of all starting points of a hypothesis; ``start`` : a fit to a simpler one."""
+        found = [self._searched(member, known) for member in _begin(self, terms, start)]
+        best = min((f for f in found if f is not None), key=lambda f: f.cost, default=None)
+        return best and allowed(self.network, best)
+
+    def _searched(self, member: Member, known: float = np.inf) -> Fit | None:
+        """The minimum that a search from one point reaches; None if the law has no pressure on the measured loop."""
+        found = Search(member, _RULES)
+        with suppress(NoFit, np.linalg.LinAlgError):
+            search(partial(self.points, runs=Runs()), [found], known)
+            return None if found.here is None else found.fit(*self.entries)
         return None
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        found: list[Fit | None] = []
+        found = list[Fit | None]()
         for f in fits:
             (runs or Runs()).check()
-            found.append(None)
-            with suppress(NoFit, np.linalg.LinAlgError):
-                found[-1] = allowed(self.network, _searched(self, f.member))
+            there = self._searched(f.member)
+            found.append(there and allowed(self.network, there))
         return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
@@ -255,7 +267,7 @@ class Bench(Forward):
 
     def seen(self, member: Member, x: Array) -> Seen:
         """The channels for some points x : (B, p) of a hypothesis."""
-        present = self.artery.parameters()
+        present = self._present
         moved = values(member.unknowns, x, present)
         wall = law.wall_of(self.artery, self.site, {n: v for n, v in moved.items() if n in present})
         omega = 2.0 * np.pi / self.loop.T * np.arange(self.loop.N // 2 + 1)
@@ -292,30 +304,6 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
 
 
 # --- the search -------------------------------------------------------------------------------------------------------
-
-
-def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None, known: float = np.inf) -> Fit:
-    """The most probable values of terms and nuisance parameters.
-
-    start : a fit to a simpler hypothesis, whose unknowns are the start. known : as in :meth:`Bench.refit`.
-    Raises NoFit if no wall of this kind explains the loop.
-    """
-    found: list[Fit] = []
-    for member in _begin(problem, tuple(terms), start):
-        with suppress(NoFit, np.linalg.LinAlgError):
-            found.append(_searched(problem, member, known))
-    if not found:
-        raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
-    return min(found, key=lambda f: f.cost)
-
-
-def _searched(problem: Bench, member: Member, known: float = np.inf) -> Fit:
-    """The minimum that a search from one point reaches. Raises NoFit if the law has no pressure there."""
-    found = Search(member, _RULES)
-    search(partial(problem.points, runs=Runs()), [found], known)
-    if found.here is None:
-        raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
-    return found.fit(*problem.entries)
 
 
 def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[Member]:

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +35,7 @@ from ...records.alignment.beats import Beats
 from ...records.channels.inflow import inflow
 from ...records.channels.noise import Target, pulses, target
 from ..fit import Fit, Member
-from ..gauss_newton import LARGEST, Point, Rules, Search, Trial, search
+from ..gauss_newton import LARGEST, Point, Rules, Search, Trial, one_by_one, search
 from ..intervals.identify import Determined, determined
 from ..model_discrepancy import Block, estimated, settled
 from ..runs import Meter, Runs
@@ -149,19 +148,14 @@ class Problem:
         z, J = zip(*(part.point(x, batch) for part, batch in zip(self.parts, batches, strict=True)), strict=True)
         return Point(np.concatenate(z), np.concatenate(J), sum(part.log_volume for part in self.parts), batches)
 
+    def simulated(self, trial: Trial) -> Point:
+        """The point of a trial."""
+        return self.point(trial.member.x, self.batches(trial.member.x))
+
     def rows(self) -> list[slice]:
         """Each part's entries of z."""
         ends = np.cumsum([0, *(part.size for part in self.parts)])
         return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-
-    def evaluated(self, trials: Sequence[Trial]) -> list[Point | None]:
-        """Trials of :func:`fitting.inference.gauss_newton.search`; None if a simulation breaks down."""
-        found: list[Point | None] = []
-        for trial in trials:
-            found.append(None)
-            with suppress(*BROKEN):
-                found[-1] = self.point(trial.member.x, self.batches(trial.member.x))
-        return found
 
     def determined(self, point: Point, scale: float = 1.0) -> Determined:
         """The directions that the data determine at a point; scale : of their covariance."""
@@ -208,7 +202,7 @@ def minimum(problem: Problem, x: Array, batches: Sequence[Array], rules: Rules) 
             break
         errors, weighted = told, granted(problem, told)
         found = Search(Member((), problem.unknowns, x), rules, weighted.point(x, batches))
-        search(weighted.evaluated, [found])
+        search(one_by_one(weighted.simulated, *BROKEN), [found])
         assert found.here is not None
         x, batches, history = found.x, found.here.memory, [*history, *found.history]
     return Ended(found, errors, tuple(history))

@@ -74,6 +74,18 @@ class Loop:
         PP, RR = (circulant(self.N * (self.noise[:, i, i] + self.floor[i]), self.N) for i in (0, 1))
         return PP, RR, circulant(self.N * self.noise[:, 1, 0], self.N)
 
+    @cached_property
+    def weights(self) -> Array:
+        """(N//2 + 1, 2, 2) inverse covariance of the coefficients; twice that of those which stand for two."""
+        weights = np.linalg.inv(self.noise + np.diag(self.floor))
+        weights[1 : (self.N + 1) // 2] *= 2.0
+        return weights
+
+    def misfit(self, P: Array, R: Array) -> float:
+        """-2 ln of the joint likelihood of true waves P, R : (N,), up to a constant."""
+        left = coefficients(np.array([self.P - P, self.R - R])).T
+        return float(np.einsum("ki,kij,kj->", left.conj(), self.weights, left).real)
+
 
 def mean_loop(beats: Beats, site: str) -> Loop:
     """The mean beats of P and R of a site, and the noise of their harmonics. Raises ValueError if the channels are

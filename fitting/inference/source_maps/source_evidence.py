@@ -16,15 +16,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 Array = np.ndarray
 
-AMPLITUDES = tuple(10.0 ** (0.5 * i) for i in range(-4, 7))  # in units of the sources, 1 % of a pulse: up to ten pulses
-SPECTRA = ((2.0, 1.0), (6.0, 1.0), (3.0, 2.0), (8.0, 2.0), (20.0, 2.0))  # k0 and n
-FIRST_LOOK = (SPECTRA[2:4], AMPLITUDES[::2])
+AMPLITUDES = tuple(
+    10.0 ** (0.25 * i) for i in range(-8, 13)
+)  # in units of the sources, 1 % of a pulse: up to ten pulses
+SPECTRA = ((6.0, 1.0), (3.0, 2.0), (8.0, 2.0), (4.0, 4.0), (8.0, 4.0), (16.0, 4.0))  # k0 and n
+FIRST_LOOK = (SPECTRA[1:3], 4)
 _ROUNDING = 1e-8  # of the unknowns' own information (measured: sources of 100 pulses lost 2e-8 of the largest)
 PRICE = 2.0 * math.log(len(SPECTRA) * len(AMPLITUDES))  # of a prior; all of the list are equally likely
 
@@ -105,14 +107,25 @@ class Normal:
 
     def best_law(
         self, columns: Array, relative: Sequence[float], sd: Array,
-        spectra: Sequence[tuple[float, float]] = SPECTRA, amplitudes: Sequence[float] = AMPLITUDES,
+        spectra: Sequence[tuple[float, float]] = SPECTRA, stride: int = 2,
     ) -> tuple[float, Law]:  # fmt: skip
         """-2 ln evidence with another place of some columns under its best prior, and this prior.
 
-        relative : (q,) sizes of the columns. sd : (p,) standard deviations of the priors of the unknowns.
+        relative : (q,) sizes of the columns. sd : (p,) standard deviations of the priors of the unknowns. stride : in
+        the list of amplitudes; those next to the best one follow.
         """
-        laws = [Law(1.0, *spectrum) for spectrum in spectra]
-        r = np.sqrt([law.variance(len(self.between) - 1, relative) for law in laws])
+        K, coarse = len(self.between) - 1, AMPLITUDES[::stride]
+        scores = self._scores(columns, [Law(1.0, *each).variance(K, relative) for each in spectra], coarse, sd)
+        i, j = np.unravel_index(int(np.argmin(scores)), scores.shape)
+        best, law, at = float(scores[i, j]), Law(coarse[int(i)], *spectra[int(j)]), stride * int(i)
+        beside = [AMPLITUDES[n] for n in (at - 1, at + 1) if 0 <= n < len(AMPLITUDES)]
+        closer = self._scores(columns, [replace(law, amplitude=1.0).variance(K, relative)], beside, sd)[:, 0]
+        n = int(np.argmin(closer))
+        return (float(closer[n]), replace(law, amplitude=beside[n])) if closer[n] < best else (best, law)
+
+    def _scores(self, columns: Array, variances: Sequence[Array], amplitudes: Sequence[float], sd: Array) -> Array:
+        """(amplitudes, variances) -2 ln evidence. variances : (K+1, q) each, for the amplitude 1."""
+        r = np.sqrt(variances)
         GG = r[..., None] * self.of_sources[:, columns[:, None], columns] * r[..., None, :]
         right = r[..., None] * self.between[:, columns]
         # (1 + a² GG)⁻¹ for all amplitudes a, by the eigenvectors of GG
@@ -125,9 +138,7 @@ class Normal:
         parts = np.sqrt(a2 / (1.0 + a2 * np.maximum(value, 0.0)))[..., None] * right
         parts = parts.reshape(*parts.shape[:2], -1, parts.shape[-1])
         parts = np.concatenate([parts.real, parts.imag], axis=-2)
-        scores = marginal(self._less(parts.swapaxes(-1, -2) @ parts), sd) + log_volume + self.log_volume
-        i, j = np.unravel_index(int(np.argmin(scores)), scores.shape)
-        return float(scores[i, j]), Law(float(amplitudes[int(i)]), *spectra[int(j)])
+        return marginal(self._less(parts.swapaxes(-1, -2) @ parts), sd) + log_volume + self.log_volume
 
     def amplitudes(self, columns: Array, variance: Array, x: Array, spread: Array | None = None) -> tuple[Array, Array]:
         """(K+1, q) the most probable harmonics of sources for unknowns x, and the standard deviations of their real and

@@ -186,9 +186,10 @@ class _Search:
         return point
 
     def settled(self, point: Point, error: float) -> Point:
-        """Step until the evidence is stationary."""
+        """Step until the evidence is stationary; in the end with new derivatives while more than noise is left."""
         for _ in range(_ADVANCES if error < LEVELS[1] else 1):
-            before, point = point.score, self.advanced(point, error, False)
+            fresh = error == 0.0 and not is_noise(self.model.chi2(point.D), normal_size(point))
+            before, point = point.score, self.advanced(point, error, fresh)
             if abs(before - point.score) < SETTLED:
                 break
         return point

@@ -13,6 +13,7 @@ import numpy as np
 
 from solver.errors import InputError
 from solver.network.files import parse_quantity
+from solver.quantities.units import INFLOW
 
 from .sensors import KINDS, TIME, Kind
 from .table import Column, Place, Table, refuse
@@ -118,6 +119,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         refuse(place, None, times[1][0].title, f'{titles} are both a time; leave one out: --map "{times[1][0].title}="')
     titles_ = [column.title for column in columns]
     _check_cells(times[0][0], place)
+    _check_names([column for column, target in wanted if _unknown(column, target)], place)
     found = [_chosen(column, target, titles_, place) for column, target in wanted if target[0] != "time"]
     if not found:
         raise InputError(
@@ -230,6 +232,41 @@ def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], plac
     return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale)
 
 
+def _unknown(column: Column, target: tuple[str, str]) -> bool:
+    """Whether a column is read by its title, which is no variable."""
+    return target[0] != "time" and _kind(target[0]) is None and target[0] == name_and_unit(column.title)[0]
+
+
+def _check_names(unknown: Sequence[Column], place: Place) -> None:
+    """Raise InputError with the options for all of them, if several columns have titles that are no variables."""
+    if len(unknown) < 2:
+        return
+    maps, flows, pressures = [], 0, 0
+    for column in unknown:
+        name, unit = name_and_unit(column.title)
+        unit = unit or column.unit
+        letter = _letter(name, unit)
+        flows, pressures = flows + (letter == "Q"), pressures + (letter == "P")
+        site = "Ao" if pressures < 2 else f"site{pressures}"
+        target = INFLOW if letter == "Q" and flows == 1 else f"{site}.{letter}" if letter else ""
+        target = target if unit or not letter else f"{target} [{KINDS[letter].example}]"
+        maps.append(f'--map "{column.title}={target}"')
+    titles = ", ".join(repr(column.title) for column in unknown)
+    raise InputError(
+        f"{place}: {titles} are no channels; allowed are {CHANNELS}, with any name of a site, and inlet.Q, the flow "
+        f"into the arteries; say which is which, such as {' '.join(maps)} (nothing behind = leaves a column out)."
+    )
+
+
+def _letter(name: str, unit: str) -> str:
+    """The kind that unit and title of a column suggest; "" of none."""
+    units = [letter for letter, kind in KINDS.items() if unit and factor(unit, kind) is not None]
+    words = [letter for letter, spelled in _WORDS.items() if spelled.search(name)]
+    if (unit and not units) or (not unit and _OTHER.search(name)):
+        return ""
+    return next((each for each in words if not unit or each in units), units[0] if units else "P")
+
+
 def _check_cells(column: Column, place: Place) -> None:
     """Raise InputError for a cell that is no number."""
     if column.fault is not None:
@@ -248,8 +285,9 @@ def _advice(name: str, unit: str, title: str) -> str:
         return f"{unit} is a unit of none of them; {drop}"
     if not unit and _OTHER.search(name):
         return f"if it is none of them, {drop}"
-    letter = next((each for each in words if not unit or each in units), units[0] if units else "P")
-    target = f"AA.{letter}" if unit else f"AA.{letter} [{KINDS[letter].example}]"
+    letter = _letter(name, unit)
+    target = INFLOW if letter == "Q" else f"AA.{letter}"
+    target = target if unit else f"{target} [{KINDS[letter].example}]"
     noun = KINDS[letter].noun
     which = "say which it is with" if words else f"if it is a {noun}, say so with"
     return f'rename it, {which} --map "{title}={target}", or {drop}'

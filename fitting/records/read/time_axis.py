@@ -21,6 +21,7 @@ Array = np.ndarray
 
 _DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
 _SEEN = 10  # stamps on either side of a wide step: their medians stand still where one stamp alone is late
+_REPEATED = 2.0  # of the resolution: how far off repeated stamps may be
 _ROUNDS = 5  # of counting lost samples by the interval and finding the interval by them
 
 
@@ -69,8 +70,10 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     off by half of one, cut off by a whole one, and a product such as 7 * 0.005 may lie on either side of a digit. Or by
     the rounding of single precision, if all are such numbers. Where one step is 1.5 times the usual one, by a quarter
     of an interval at most: a lost sample bends the line by half of one. But where q is half an interval or more and
-    wide steps are many, they are of the rounding: 700 Hz in milliseconds has steps of 1 and 2. Where most stamps repeat
-    the one before, as those of packets do, q is the time between those that differ.
+    wide steps are many, they are of the rounding: 700 Hz in milliseconds has steps of 1 and 2. So are they if a stamp
+    repeats the one before, as 1 kHz in milliseconds does by the rounding of i/1000 before it is cut off; such stamps,
+    which define no time of a sample, may be off by 2 q. Where most stamps repeat the one before, as those of packets
+    do, q is the time between those that differ.
     Raises ValueError, one sentence, for stamps that are missing, go back, or have no rate.
     """
     _check(given, factor, title, place)
@@ -81,8 +84,10 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     worst, usual = float(np.abs(off).max()), float(np.median(step))
     if usual == 0.0:
         q = max(q, float(np.median(step[step > 0.0])))  # a stamp for a packet of samples
-    coarse = q >= 0.5 * dt and (usual == 0.0 or np.mean(step >= limit.WIDE_STEP * usual) > limit.LOST)
-    if dt > 0.0 and worst <= (q if coarse or step.max() < limit.WIDE_STEP * dt else min(q, 0.25 * dt)):
+    repeated = bool((step == 0.0).any())
+    coarse = q >= 0.5 * dt and (repeated or np.mean(step >= limit.WIDE_STEP * usual) > limit.LOST)
+    most = _REPEATED * q if repeated and coarse else q
+    if dt > 0.0 and worst <= (most if coarse or step.max() < limit.WIDE_STEP * dt else min(q, 0.25 * dt)):
         said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
         return Axis((given[0] + t - off) * factor, given * factor, said=said)
     _check_order(given, np.flatnonzero(step <= 0.0), title, place)

@@ -1,0 +1,171 @@
+"""A first model fitted to the mean beats, as small waves about the mean pressure.
+
+With the harmonics X of the channels and their model Y(p) under the inflow, p logarithms of factors of the estimates,
+
+    min over p, lag    Σ |X - Y(p) exp(iω lag)|²/σ² + Σ (p/s)²,     σ² = noise² + (error of the model)²,
+
+once with and once without a lag of inlet.Q: a late meter would otherwise pass as a shorter tube and a larger
+compliance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from solver.linear import waveforms
+from solver.network.description import Network
+from solver.quantities.units import INFLOW
+
+from ..records.alignment.beats import Beats
+from ..records.channels.spectral import coefficients, resample
+from .waves import heard
+
+Array = np.ndarray
+
+# standard deviation of the logarithm, and the range of the factor: judgement. The length stands for a reflection time
+# that is known by its order only
+_PRIORS = {
+    "L": (2.0, 0.03, 10.0),
+    "E": (1.0, 0.1, 10.0),
+    "phi0": (2.5, 0.01, 10.0),
+    "R1": (1.0, 0.1, 10.0),
+    "C": (1.0, 0.1, 10.0),
+    "R2": (0.2, 0.5, 2.0),
+}
+_SHORTEST, _LONGEST = 5e-3, 0.6  # of a tube [m]
+# where searches may start, as factors of the estimates: the best of all combinations do
+_GRID = {"E": (0.6, 1.0, 1.7), "phi0": (0.15, 1.0), "C": (0.6, 1.0, 2.0)}
+_LENGTHS = (0.2, 0.5, 1.0, 2.0)  # the same of all lengths
+_LAGS = (-0.03, 0.0, 0.03)  # of inlet.Q [periods]
+_SEARCHES = 3  # that are begun
+_ERROR = 0.005  # of the pulsation: an error of the model in each harmonic
+_LATEST = 0.1  # of the period: the range of the lag; beyond it the clocks differ (doubts.py)
+_CLOSES = 0.7  # of the residual: a lag that leaves more is not told
+_MATTERS = 0.05  # of the pulsation: nor is one where the model leaves less without it
+_STEP = 1e-4  # of the finite differences
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """factor : by parameter of the network. late : of inlet.Q [s], 0 where no lag helps. rms : of the residual of the
+    channel at the root [SI] without and with that lag."""
+
+    factor: Mapping[str, float]
+    late: float
+    rms: tuple[float, float]
+
+
+def fitted(network: Network, beats: Beats, root: str, known: bool) -> Fitted:
+    """Fit lengths, walls and Windkessels. root : the channel of the pressure at the root. known : whether a distance
+    gives the lengths, which then stay."""
+    problem = _Problem(network, beats, root, known)
+    plain, moved = problem.search(lag=False), problem.search(lag=True)
+    before, after = problem.rms(plain, root), problem.rms(moved, root)
+    late = float(moved[-1])
+    within = beats.T / beats.N < abs(late) < 0.99 * _LATEST * beats.T
+    if not (within and before > _MATTERS * problem.size(root) and after < _CLOSES * before):
+        return Fitted(problem.factors(plain), 0.0, (before, before))
+    return Fitted(problem.factors(moved), late, (before, after))
+
+
+class _Problem:
+    """groups : the parameters that share a factor. x : (p,) their logarithms, and the lag [s]. root : the channel
+    whose mean counts. known : whether lengths stay."""
+
+    def __init__(self, network: Network, beats: Beats, root: str, known: bool) -> None:
+        nominal = network.parameters()
+        kinds = {name: name.rpartition(".")[2] for name in nominal}
+        own = [[name] for name, kind in kinds.items() if kind == "L" and not known]
+        common = [[n for n, k in kinds.items() if k == kind] for kind in _PRIORS if kind != "L"]
+        self.groups = [group for group in own + common if group]
+        self.network, self.nominal, self.beats = network, nominal, beats
+        self.known = known
+        spread, low, high = np.array([_PRIORS[kinds[group[0]]] for group in self.groups]).T
+        self.lengths = np.array([kinds[group[0]] == "L" for group in self.groups])
+        L = np.array([nominal[group[0]] for group in self.groups])
+        self.low = np.log(np.where(self.lengths, np.maximum(low, np.minimum(_SHORTEST / L, 1.0)), low))
+        self.high = np.log(np.where(self.lengths, np.minimum(high, np.maximum(_LONGEST / L, 1.0)), high))
+        self.spread = spread
+        most = max(int(heard(beats, name).max(initial=1)) for name in beats.values)
+        self.Q = resample(beats.mean(INFLOW), 2 * most + 2)
+        self.k = np.arange(most + 1)
+        there = waveforms(network, self.Q, beats.T)
+        self.names = [name for name in beats.values if name in there and name[-2:] in (".P", ".Q")]
+        self.X = {name: coefficients(beats.mean(name))[: most + 1] for name in self.names}
+        self.sigma = {name: self._sigma(name) for name in self.names}
+        for name in self.names:
+            if name != root:  # the zero of a sensor elsewhere may be off
+                self.sigma[name][0] = np.inf
+
+    def _sigma(self, name: str) -> Array:
+        noise = np.zeros(len(self.k))
+        if self.beats.n_beats > 1:
+            noise = np.sqrt(self.beats.covariance((name,))[: len(self.k), 0, 0].real)
+        size = self.size(name)
+        return np.asarray(np.hypot(noise, _ERROR * size) + 1e-12 * size)
+
+    def size(self, name: str) -> float:
+        """rms of the pulsation of a channel."""
+        return float(np.sqrt(2.0 * np.sum(np.abs(self.X[name][1:]) ** 2)))
+
+    def factors(self, x: Array) -> dict[str, float]:
+        pairs = zip(self.groups, np.exp(x), strict=False)
+        return {name: float(factor) for group, factor in pairs for name in group}
+
+    def model(self, X: Array) -> dict[str, Array]:
+        """Harmonics (B, K+1) of every channel for a batch of points X : (B, p)."""
+        changed = {name: self.nominal[name] * np.exp(X[:, i]) for i, group in enumerate(self.groups) for name in group}
+        wave = waveforms(self.network, self.Q, self.beats.T, changed)
+        turn = np.exp(1j * self.beats.omega * self.k * X[:, -1:])
+        return {name: np.fft.rfft(wave[name], norm="forward")[:, : len(self.k)] * turn for name in self.names}
+
+    def residual(self, X: Array) -> Array:
+        """(B, n) weighted residuals, priors included."""
+        Y = self.model(X)
+        z = [np.sqrt(2.0) * (Y[name] - self.X[name]) / self.sigma[name] for name in self.names]
+        parts = [np.concatenate([each.real, each.imag], axis=1) for each in z]
+        return np.concatenate([*parts, X[:, :-1] / self.spread], axis=1)
+
+    def rms(self, x: Array, name: str) -> float:
+        """Of the pulsation of a channel."""
+        difference = (self.model(x[None])[name][0] - self.X[name])[1:]
+        return float(np.sqrt(2.0 * np.sum(np.abs(difference) ** 2)))
+
+    def search(self, lag: bool) -> Array:
+        """The best point : (p,), from points about the estimates; without a lag this is 0."""
+        p = len(self.groups) + 1
+        free = np.arange(p if lag else p - 1)
+        unit = np.append(np.ones(p - 1), self.beats.T)  # of x: the lag in periods
+        low, high = np.append(self.low, -_LATEST), np.append(self.high, _LATEST)
+
+        def whole(x: Array) -> Array:
+            X = np.zeros((len(x), p))
+            X[:, free] = x
+            return X * unit
+
+        def at(x: Array) -> Array:
+            return np.asarray(self.residual(whole(x[None]))[0])
+
+        def slopes(x: Array) -> Array:
+            z = self.residual(whole(np.concatenate([x[None], x + _STEP * np.eye(len(x))])))
+            return np.asarray((z[1:] - z[0]).T / _STEP)
+
+        starts = np.clip(self._starts(lag)[:, free], low[free], high[free])
+        order = np.argsort(np.sum(self.residual(whole(starts)) ** 2, axis=1))[:_SEARCHES]
+        limits = low[free] - 1e-9, high[free] + 1e-9
+        found = [least_squares(at, start, slopes, bounds=limits, max_nfev=60) for start in starts[order]]
+        return np.asarray(whole(min(found, key=lambda each: each.cost).x[None])[0])
+
+    def _starts(self, lag: bool) -> Array:
+        """(n, p) points: all combinations of a few factors, and of lags in periods."""
+        grid = product((1.0,) if self.known else _LENGTHS, *_GRID.values(), _LAGS if lag else (0.0,))
+        kinds = ("L", *_GRID)
+        of = [group[0].rpartition(".")[2] for group in self.groups]
+        return np.array(
+            [[*(np.log(dict(zip(kinds, each, strict=False)).get(kind, 1.0)) for kind in of), each[-1]] for each in grid]
+        )
