@@ -72,11 +72,11 @@ def main(
     if as_json:
         put({"fmu": str(fmu), "variables": found, "written": [str(out)]})
     elif not quiet:
-        show(_table(fmu.name, found, end))
+        show(ranges_table(fmu.name, found, end))
         say_written(out)
 
 
-def _table(name: str, found: Mapping[str, Mapping[str, Any]], end: float) -> Table:
+def ranges_table(name: str, found: Mapping[str, Mapping[str, Any]], end: float) -> Table:
     """Range and time mean of the variables, in the units that people read; of a large network of the first ones."""
     rest = f", first {_ROWS} of {len(found)} variables" if len(found) > _ROWS else ""
     table = Table("variable", "unit", *map(right, ("min", "max", "mean")), title=f"{name}: {end:g} s{rest}")

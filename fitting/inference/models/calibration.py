@@ -50,9 +50,9 @@ Array = np.ndarray
 STEP = 3e-4
 DERIVATIVE_ERROR = 5e-4
 TOLERANCE = 1e-7  # of periodic beats, whose small differences give the derivatives
-# Of the pulsation (rms): largest error of the means of several recordings, 1 or 2 mmHg of a pressure. A zero that is off
-# by more is common to the recordings and can be freed. Without a limit the few means are given up for the harmonics, and
-# with them all that only other flows show
+# Of the pulsation (rms): largest error of the means of several recordings, 1 or 2 mmHg of a pressure. A zero that is
+# off by more is common to the recordings and can be freed. Without a limit the few means are given up for the
+# harmonics, and with them all that only other flows show
 MEANS = 0.1
 CHANCE = 4.0  # standard deviations of χ² above which more than noise remains
 _ALTERNATIONS = 12  # of search and error estimate, at most
