@@ -30,8 +30,7 @@ from .findings.shown_map import SourceMapShown, gap_shares, shown_map
 from .name.individual_walls import implausible, odd_ones, walls_of
 from .name.intervals import stated
 from .name.verdict import Naming
-from .report.map_text import acts_as, joined
-from .report.verdict_text import late_drive, separating_measurement
+from .report.verdict_text import acts_as, joined, late_drive, separating_measurement
 from .show.fmu_validation import Gap, Run, changed, left, met_only_with
 
 _SHOWN = 12  # candidates listed in the report
@@ -40,7 +39,6 @@ _BENT = (
     "The walls may have absorbed part of the missing physics, and the search did not end with a named effect: do not "
     "use them as the subject's walls."
 )
-_PARITY = 1e-3  # of the pulse: a larger difference between FMU and direct solver gives a warning
 
 
 @dataclass(frozen=True)
@@ -173,12 +171,12 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
 def fmu_warnings(shown: Shown) -> tuple[str, ...]:
     """Warnings about the FMUs that ran, and about the delivered one."""
     found, a = [], shown.agreement
-    if a is not None and not a.difference <= _PARITY:
+    if a is not None and not a.difference <= thresholds.AGREE:
         found.append(
             f"error of the program: with the same parameters and inflow, the FMU has a gap to held-out beats of "
             f"{a.fmu[1]:.3g} times the noise, and the model of the search one of {a.inferred[1]:.3g}: {a.channel} "
-            f"differs by {a.difference:.1g} of its pulse at harmonic {a.harmonic} (more than {_PARITY:g}); do not rely "
-            f"on this study, and report this error."
+            f"differs by {a.difference:.1g} of its pulse at harmonic {a.harmonic} (more than {thresholds.AGREE:g}); do "
+            f"not rely on this study, and report this error."
         )
     if shown.failure is not None:
         found.append(f"model.fmu does not run with its network's own inflow: {shown.failure}")
@@ -188,10 +186,10 @@ def fmu_warnings(shown: Shown) -> tuple[str, ...]:
             "drives it; the same wall was run as an FMU under the recorded pressure. To run model.fmu by itself, give "
             "the [inlet] of the --model file a Q_max above 0 or a curve."
         )
-    elif shown.parity is not None and not shown.parity <= _PARITY:
+    elif shown.parity is not None and not shown.parity <= thresholds.AGREE:
         found.append(
             f"model.fmu differs from the direct solver by {shown.parity:.1g} of a channel's pulse (more than "
-            f"{_PARITY:g}): do not rely on it, and report this error."
+            f"{thresholds.AGREE:g}): do not rely on it, and report this error."
         )
     return tuple(found)
 

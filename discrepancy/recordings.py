@@ -16,7 +16,7 @@ import numpy as np
 from discrepancy.name.joint_record import Several
 from fitting.calibrate.calibrated import labels_of
 from fitting.check.fmu_run import RunFailed
-from fitting.inference.fit import Fit, Member
+from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term, candidates, rewired
 from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
@@ -38,7 +38,6 @@ from .name.verdict import Naming
 from .options import Asked
 from .show.fmu_validation import Gap, Run, confirmed, fall, held_out
 
-Array = np.ndarray
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`

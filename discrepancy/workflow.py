@@ -17,13 +17,11 @@ from functools import partial
 from pathlib import Path
 from time import monotonic
 
-import numpy as np
-
 from fitting.calibrate.calibration_prior import Prior
 from fitting.check.fmu_run import RunFailed
 from fitting.first.spread import is_first, spread
 from fitting.inference.extended_network import extended
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Array, Fit
 from fitting.inference.runs import Meter, OutOfTime, Runs
 from fitting.parallel.threads import single_threaded
 from fitting.parallel.workers import Workers
@@ -55,13 +53,12 @@ from .name.verdict import Naming
 from .options import TIME_LIMIT, Asked
 from .plan.second_state import second_state
 from .recordings import drives, recordings_of
-from .report.learned_text import with_law
 from .report.page import check_folder, write_study
+from .report.verdict_text import with_law
 from .show.fmu_validation import Run, agreement, free_run, parity
 
 _LEARNING = 0.3  # of the time limit: further time for learning a law
 
-Array = np.ndarray
 Progress = Callable[[float, str], None]
 
 

@@ -38,7 +38,8 @@ discrepancy.name discrepancy animal>individual_walls at_places intervals law_sta
 discrepancy.name discrepancy nearest>model_selection rivals>at_places scoring together>joint_selection verdict
 discrepancy.name fitting.inference several>joint_record
 discrepancy.plan discrepancy second_state sensor_plan
-discrepancy.report discrepancy figures learned_text map_figure>figures map_text report>page tables wording>verdict_text
+discrepancy.report discrepancy figures learned_text>verdict_text map_figure>figures
+discrepancy.report discrepancy map_text>verdict_text report>page tables wording>verdict_text
 discrepancy.show discrepancy show>fmu_validation
 fitting.calibrate fitting calibrate>network_calibration calibrated first_search held_out network_indices
 fitting.calibrate fitting prior>calibration_prior starts>multistart

@@ -31,8 +31,8 @@ hypothesis.settings.register_profile("seeded", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("seeded")
 
 # the files that take longest: first, so that at the end no core waits for another
-LONGEST = ("install", "readme", "naming_off_centre", "naming_of_animals", "discrepancy_several", "hidden_bank",
-           "discrepancy_bench", "discrepancy_walls", "regression", "examples", "toy")  # fmt: skip
+LONGEST = ("install", "readme", "examples", "discrepancy_several", "toy", "hidden_bank", "notebooks",
+           "discrepancy_bench", "discrepancy_workflow", "closed_loop", "discrepancy_walls")  # fmt: skip
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -31,6 +31,7 @@ from solver.io.writing import write_folder
 
 Array = np.ndarray
 
+VERDICTS = (*ADDED, "none", "unknown", "unusable")
 T, N = 0.5, 200
 SITES = ("AA", "PD", "MD", "DD", "BT", "CA", "FA")
 SIZE = {"P": (13000.0, 3000.0), "Q": (2e-5, 2e-5), "R": (8e-3, 3e-4)}  # mean and amplitude, synthetic

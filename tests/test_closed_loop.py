@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -89,7 +92,7 @@ def test_order(human: Network, finest: Run) -> None:
     ("heart", "h"),
     [
         pytest.param(STIFF, 0.5 * MS, marks=pytest.mark.slow, id="stiff-0.5"),
-        pytest.param(STIFF, 1 * MS, id="stiff-1"),
+        pytest.param(STIFF, 1 * MS, marks=pytest.mark.slow, id="stiff-1"),
         pytest.param(STIFF, 2 * MS, marks=pytest.mark.slow, id="stiff-2"),
         pytest.param(STIFF, 5 * MS, id="stiff-5"),
         pytest.param(HUMAN_HEART, 1 * MS, marks=pytest.mark.slow, id="human-1"),
@@ -174,6 +177,20 @@ def test_sheep() -> None:
 
 
 @pytest.mark.slow
+def test_example_in_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two beats in steps of 5 ms, and the two longest steps of its study: both tables and the figure."""
+    example = import_module("examples.closed_loop")
+    short = {"BEATS": 2, "STEP": 5e-3, "STUDY": 0.24, "STEPS": (4e-3, 2e-3), "REFERENCE": 1e-3, "FINE": 1e-3}
+    for name, value in short.items():
+        monkeypatch.setattr(example, name, value)
+    monkeypatch.setattr(example, "run", partial(example.run, dt=5e-3), raising=True)
+    example.main(tmp_path, quiet=True)
+    said = capsys.readouterr().out
+    assert "Beat 2 of the closed loop" in said and "Error against the communication step" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["closed_loop.png"]
+
+
+@pytest.mark.endurance
 def test_example(tmp_path_factory: pytest.TempPathFactory) -> None:
     """120/80 mmHg, beats that repeat to 1e-5, no volume lost to 1e-9 of the stroke.
 

@@ -167,7 +167,8 @@ def _share(verdict: str, mu: np.ndarray, runs: int, seed: int, own: float | np.n
     return float(np.mean([claim.verdict == verdict for claim in claims]))
 
 
-@pytest.mark.parametrize("own", [pytest.param(1.0, marks=pytest.mark.slow), 2.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("own", [1.0, 2.0])
 def test_error_of_the_first_kind_at_the_margin(own: float) -> None:
     """One site off by exactly 25 %: called constant in at most 5 % of cohorts, varying in fewer; 300 runs, 2 sd.
 

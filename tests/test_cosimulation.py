@@ -128,7 +128,9 @@ def fine(sheep: Network, parameters: dict[str, float]) -> Array:
     return run(sheep, grid(FINE), smooth, settings=Settings(dt=FINE), parameters=parameters)
 
 
-@pytest.mark.parametrize("step", [0.3, 0.7, 1.0, 1.3, 1.35, 1.4])
+@pytest.mark.parametrize(
+    "step", [0.3, 1.0, 1.3, 1.4, *(pytest.param(step, marks=pytest.mark.slow) for step in (0.7, 1.35))]
+)
 def test_steps_off_the_grid(sheep: Network, parameters: dict[str, float], fine: Array, step: float) -> None:
     """The smooth inflow against an internal step of 0.05 ms, at all communication points of any length [ms].
 

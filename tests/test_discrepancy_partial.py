@@ -39,6 +39,7 @@ def named(K: float) -> Naming:
     return name(problem(K), terms(*KNOWN), walls="common")
 
 
+@pytest.mark.slow
 def test_a_stiff_wall_beside_what_is_in_no_catalogue() -> None:
     """K = 3: the stiff wall is named, and that more remains, most of it at the stenosis, which the free terms beside it
     find. The interval is eleven times as wide as by noise alone, and holds the truth: 1.248 ± 0.018 for 1.25. With

@@ -20,11 +20,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up import LAG, N, T, isolability, synthetic, write_report
+from made_up import LAG, VERDICTS, N, T, isolability, synthetic, write_report
 
 from discrepancy.findings.map_marks import entry, marks
 from discrepancy.findings.outcome import (
-    VERDICTS,
     Absorbed,
     Detectable,
     Isolability,
@@ -128,7 +127,6 @@ SAID = {
     ),
     "several": (
         "Several effects are missing",
-        "Rounds",
         "terminal reflection, at FA",
         "0.620",
         "does not rule out the other candidates of the class below",

@@ -34,7 +34,10 @@ def residual(z: np.ndarray, signals: int) -> Fit:
     return Fit((), (), empty, z, np.zeros((len(z), 0)), order, signal)
 
 
-@pytest.mark.parametrize(("signals", "K"), [(1, 5), (1, 20), (1, 40), (2, 15), (9, 20)])
+@pytest.mark.parametrize(
+    ("signals", "K"),
+    [(1, 5), (2, 15), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((1, 20), (1, 40), (9, 20)))],
+)
 def test_misfit_of_white_noise(signals: int, K: int) -> None:
     """P(misfit > x) = 1 - Φ(x), whatever the number of channels and harmonics: z² ~ χ² of one degree of freedom, known
     noise, 6000 residuals; at 1.3 to 30 % (chance: 4 %), at 2.3 to a half (12 %). At most 0.4 % reach the threshold.

@@ -160,6 +160,7 @@ def partial(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, dict[str
     return outcome, json.loads((folder / "out" / "verdict.json").read_text(encoding="utf-8")), folder / "out"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_a_partial_answer_is_added(partial: tuple[Outcome, dict[str, Any], Path]) -> None:
     """The effect in the network file and in the FMU; a part of the gap is closed, and what remains is said."""
@@ -240,7 +241,7 @@ def test_no_time_at_all(network_record: Path, monkeypatch: pytest.MonkeyPatch) -
 # --- whole studies ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.endurance  # a minute; examples/discover.py is a whole study of the sheep among the slow tests
 @pytest.mark.usefixtures("one_process")
 def test_a_stenosis_where_every_wall_differs(tmp_path: Path) -> None:
     """Sheep of the independent generator: every E off by 8 %, φ0 by 20 %, R0 by 2 %, R_t by 0.02; K = 20 at x/L = 0.3

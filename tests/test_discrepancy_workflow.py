@@ -29,7 +29,7 @@ from discrepancy.checkpoint import Journal
 from discrepancy.find.model_source import read_model
 from discrepancy.find.study import Study as Prepared
 from discrepancy.find.study import Unusable, prepare
-from discrepancy.findings.outcome import VERDICTS, Outcome, verdict_json
+from discrepancy.findings.outcome import Outcome, verdict_json
 from discrepancy.name.model_selection import name
 from discrepancy.name.scoring import Named
 from discrepancy.name.verdict import Naming
@@ -139,7 +139,7 @@ def test_stages_are_told(study: Study) -> None:
 def test_verdict_json(study: Study) -> None:
     """The schema: every key with its kind; the true effect with the truth in its interval; numbers only, no NaN."""
     v = study.verdict
-    assert v["verdict"] in VERDICTS and v["verdict"] == "effect"
+    assert v["verdict"] == "effect"
     (effect,) = v["effects"]
     assert (effect["name"], effect["where"]) == (HIDDEN.name, [SITE])
     assert 0.85 < effect["confidence"] <= 1.0
@@ -209,8 +209,13 @@ def coarse(case: Case, seed: int) -> Naming:
     return judge(Record("made", "", made.time, {**made.channels, f"{SITE}.R": R}, {}), made.base)[1]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [*range(6), 200, 201, 202, 203, 204, 205])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 5, 200, 203)),
+        *(pytest.param(seed, marks=pytest.mark.endurance) for seed in (1, 2, 3, 4, 201, 202, 204, 205)),
+    ],
+)
 def test_healthy_benches_of_few_steps(seed: int) -> None:
     """Nothing hidden, 3 to 9 steps of the converter in the pulse of CA.R: none."""
     assert coarse(Case("bench", SITE, 40.0), seed).verdict == "none"
@@ -263,7 +268,7 @@ def test_report_and_figures_are_there(study: Study) -> None:
     assert "nonlinear elasticity" in (study.folder / "out" / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("stage", ["report", "moving"])
+@pytest.mark.parametrize("stage", [pytest.param("report", marks=pytest.mark.slow), "moving"])
 def test_an_interrupt_while_files_are_written(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:

@@ -98,7 +98,9 @@ print(json.dumps(onwards(instance, 20, float(h))))
 """
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    "way", [pytest.param(way, marks=[pytest.mark.slow] * (way in ("hold", "linear"))) for way in WAYS]
+)
 def test_new_process(instantiate: Make, fmus: dict[str, Path], tmp_path: Path, way: str) -> None:
     """A new process reads the bytes and goes on with the same bits."""
     instance, h = prepared(instantiate, way)

@@ -160,7 +160,7 @@ def test_steps_of_any_length() -> None:
 
 
 @pytest.mark.parametrize("heart", [HUMAN_HEART, SHEEP_HEART], ids=lambda heart: heart.name)
-@pytest.mark.parametrize("h", [0.5 * MS, MS, 2 * MS, 5 * MS, 20 * MS])
+@pytest.mark.parametrize("h", [pytest.param(0.5 * MS, marks=pytest.mark.slow), MS, 2 * MS, 5 * MS, 20 * MS])
 def test_stable(heart: Heart, h: float) -> None:
     """At every step the beats repeat, flows stay below 1.2 L/s and pressures below 200 mmHg."""
     states = windkessel(heart, np.full(round(12 / h), h))

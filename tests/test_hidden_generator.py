@@ -332,6 +332,7 @@ def test_d_prime_of_a_null_and_of_a_gain() -> None:
     assert detect(made).d_prime[0] == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_d_prime_counts_noise_and_samples() -> None:
     """Twenty dB less noise is ten times d'; a flow sensor's gain is g √(N Σ x²)/σ where nothing else can move it."""
     effect = Effect("channel_lag", ("AA.R",), 2e-3)

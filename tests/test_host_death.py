@@ -169,7 +169,9 @@ def test_interrupted_run(fmus: dict[str, Path], tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="prctl")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow), signal.SIGKILL]
+)
 def test_ended_run(fmus: dict[str, Path], tmp_path: Path, number: signal.Signals) -> None:
     """A run that is ended, or whose terminal is closed, takes the FMU's process and its folder along."""
     line = [sys.executable, "-m", "arterial_fmu", "run", os.fspath(fmus["sheep"]), "--stop-time", "1000 s"]

@@ -59,7 +59,7 @@ COMMANDS = {
     "discover": ("discover sheep.csv --model sheep.fmu --out out --jobs 2", "running the file"),
     "study": ("study sheep --vary all.E=0.8..1.2x --jobs 2 --out out", "parameter sets"),
 }
-SLOW = ("isolability", "cohort", "calibrate", "discover", "study")
+SLOW = ("virtual", "check", "isolability", "cohort", "calibrate", "discover", "study")
 KEPT = {"discover": {".state"}, "study": {"plan.json", "parts"}}  # with which the same command goes on
 
 

@@ -29,7 +29,8 @@ from discrepancy.findings.outcome import LearnedLaw, Outcome, law_json, verdict_
 from discrepancy.findings.shown_map import beat_of
 from discrepancy.name.scoring import weighed
 from discrepancy.name.verdict import Naming
-from discrepancy.report.learned_text import DESCRIBED, MODEL, TABLE, law_text, learned_files, with_law
+from discrepancy.report.page import TABLE, learned_files
+from discrepancy.report.verdict_text import DESCRIBED, MODEL, law_text, with_law
 from discrepancy.show.fmu_validation import Run, compared
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network_record import network_problem
@@ -223,6 +224,7 @@ def test_files_of_a_law_or_of_the_map(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_process")
 def test_a_study_offers_the_law(tmp_path: Path) -> None:
     """From the record on disk: beside the partial name, a law in its place, its network and FMU, and its numbers."""
     made = make(Case("bench", SITE, 40.0, (Effect("cubic_rate", (SITE,), 2.0),)), 1)
@@ -240,6 +242,7 @@ def test_a_study_offers_the_law(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_process")
 def test_a_study_offers_tables_where_there_is_no_law(tmp_path: Path) -> None:
     """A flow of harmonics 3 to 6 that leaves at the outlet of C: unknown, there; the table's FMU leaves noise of the
     held-out beats, says that it explains nothing, and the network reads back."""
@@ -265,7 +268,7 @@ def test_a_study_offers_tables_where_there_is_no_law(tmp_path: Path) -> None:
 _UNITS = {"P": "mmHg", "Q": "mL/s", "R": "mm"}
 
 
-@pytest.mark.slow
+@pytest.mark.endurance  # the same stages as of a bench, above; laws of a network: test_learned_wall.py
 def test_a_study_of_a_network_offers_the_law(tmp_path: Path) -> None:
     """B with φ0 ε̇ + 4 φ0 ε̇³ by the generator's waves of a fork: unknown, in the wall of B, which has most of the gap;
     the law there leaves noise of the held-out beats in its FMU, which is the model that was inferred."""

@@ -62,7 +62,7 @@ def both(network: Network, *arguments: Any, **options: Any) -> float:
 
 
 @pytest.mark.parametrize("name", bundled_names())
-@pytest.mark.parametrize("walls", ["elastic", "as they are"])
+@pytest.mark.parametrize("walls", [pytest.param("elastic", marks=pytest.mark.slow), "as they are"])
 def test_bundled_networks(name: str, walls: str) -> None:
     network = load(name)
     assert both(network, parameters=elastic(network) if walls == "elastic" else None) < EQUAL
@@ -142,7 +142,7 @@ def test_tables_of_sources(sheep: Network) -> None:
     assert both(replace(sheep, sources=(TableSource("outlet", "CA", curve, {}),))) < EQUAL
 
 
-@settings(max_examples=25, phases=[Phase.explicit, Phase.generate])
+@settings(max_examples=15, phases=[Phase.explicit, Phase.generate])
 @given(networks())
 def test_drawn_networks(drawn: tuple[Network, dict[str, Any]]) -> None:
     """Any of these: equal, or no steady state with the same sentence, or no balance of the same members; or refused as

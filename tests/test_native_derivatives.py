@@ -113,7 +113,10 @@ ELSE: Mapping[str, tuple[Callable[[], Network], float, tuple[Mapping[str, float]
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ELSE)
+LONG = ("unsteady", "elastic", "relaxation", "off the grid")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in ELSE])
 def test_networks(stored: Store, tmp_path: Path, name: str) -> None:
     """Every outlet, effects with memory and without, damping, tables of sources, an inlet whose pressure is given."""
     make, h, directions = ELSE[name]

@@ -102,7 +102,7 @@ def test_sixty_recordings() -> None:
     assert sum(row.kind == "right" for row in rows) >= 51
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 def test_a_thousand_recordings() -> None:
     """None of a thousand others is wrong without a note; at least 88 % are right, at most 4 % of these with a note."""
     rows = measure(100_000, 1000, 1)

@@ -202,7 +202,7 @@ def test_what_beats_say_of_the_stamps(tmp_path: Path) -> None:
     assert beats.told["sampling"]["lost"] == 1 and not beats.told["sampling"]["resampled"]
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(8, 60),
@@ -231,7 +231,7 @@ def test_what_is_written_reads_back(seed: int, n: int, unit_P: str, unit_Q: str,
         np.testing.assert_allclose(record.channels[name], values, rtol=5e-16)  # NaN where NaN
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(st.one_of(st.binary(max_size=300), st.text(max_size=300).map(lambda s: s.encode("utf-8", "replace"))))
 @example(b"dB\x89\t")
 @example(b"\x00")
@@ -254,7 +254,7 @@ _CELL = st.one_of(
 )
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(st.lists(st.lists(_CELL, min_size=1, max_size=3), max_size=12))
 def test_any_cells_give_a_record_or_a_value_error(rows: list[list[str]]) -> None:
     """Any cells below a good header: a ValueError that begins with the file."""

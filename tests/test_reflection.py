@@ -41,7 +41,7 @@ def _peak(time: np.ndarray, P: np.ndarray, around: Callable[[np.ndarray], np.nda
     return float(P @ shape / (shape @ shape))
 
 
-@pytest.mark.parametrize(("R_1", "R_2"), [(5e-3, 4e-3), (9e-3, 3e-3), (2e-3, 2e-3)])
+@pytest.mark.parametrize(("R_1", "R_2"), [pytest.param(5e-3, 4e-3, marks=pytest.mark.slow), (9e-3, 3e-3), (2e-3, 2e-3)])
 def test_junction(R_1: float, R_2: float) -> None:
     """Γ = (Y0 - Y1 - Y2)/(Y0 + Y1 + Y2), transmission 1 + Γ into both: to 2e-3, elastic and inviscid."""
     parent = Segment("parent", LONG, 8e-3, 1e-3, 5e5)

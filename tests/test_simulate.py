@@ -41,7 +41,9 @@ def test_periodic_beat_repeats(sheep: Network) -> None:
     assert max(relative_error(name, beat[name], longer[name][last]) for name in beat) <= 2e-5
 
 
-@pytest.mark.parametrize(("viscous", "beats", "error"), [(True, 1.25, 5e-6), (False, 2.75, 8e-6)])
+@pytest.mark.parametrize(
+    ("viscous", "beats", "error"), [pytest.param(True, 1.25, 5e-6, marks=pytest.mark.slow), (False, 2.75, 8e-6)]
+)
 def test_repeating_beat_is_the_periodic_one(sheep: Network, viscous: bool, beats: float, error: float) -> None:
     """A batch of two moduli against beats that repeat to 1e-9: relative L2 error of every output <= the tolerance, 1e-5
     (measured 1e-6 with viscous walls, 2e-6 with elastic ones), in fewer beats than :func:`simulate_periodic`."""

@@ -47,7 +47,14 @@ OUTLETS = {
 }
 
 
-@pytest.mark.parametrize("kind", OUTLETS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "windkessel",
+        "closed end",
+        *(pytest.param(k, marks=pytest.mark.slow) for k in ("resistance", "prescribed pressure")),
+    ],
+)
 def test_outlets(sheep: Network, kind: str) -> None:
     """Every kind of outlet against its impedance: <= 3e-5 at the default step."""
     errors = _errors(

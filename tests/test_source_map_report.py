@@ -24,8 +24,8 @@ from discrepancy.findings.shown_map import Acting, SourceMapShown, band_of, beat
 from discrepancy.name.scoring import Named
 from discrepancy.name.verdict import Naming
 from discrepancy.report.figures import figures, mark
-from discrepancy.report.map_text import acts_as, map_sentences
 from discrepancy.report.page import page
+from discrepancy.report.verdict_text import acts_as, map_sentences
 from discrepancy.show.fmu_validation import Gap
 from fitting.inference.fit import Fit
 from fitting.inference.models.network_record import network_problem

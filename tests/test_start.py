@@ -76,9 +76,11 @@ def error(run: Waveforms, exact: Waveforms, beat: int) -> float:
         pytest.param(
             lambda: load("sheep_nonlinear"), 0.006, 1e-6, id="nonlinear viscosity", marks=pytest.mark.slow
         ),  # 0.0050, 2e-7; 0.0067; 5
-        pytest.param(mixed, 0.006, 1e-6, id="every outlet"),  # 0.0045, 3e-7; 0.057; 7
-        pytest.param(loop, 0.006, 5e-5, id="loop"),  # 0.0047, 1.3e-5; 1.15; 23
-        pytest.param(elastic, 0.03, 2e-4, id="elastic"),  # 0.018, 8e-5; 0.0017; 5: the kinks of the inflow travel on
+        pytest.param(mixed, 0.006, 1e-6, id="every outlet", marks=pytest.mark.slow),  # 0.0045, 3e-7; 0.057; 7
+        pytest.param(loop, 0.006, 5e-5, id="loop", marks=pytest.mark.slow),  # 0.0047, 1.3e-5; 1.15; 23
+        pytest.param(
+            elastic, 0.03, 2e-4, id="elastic", marks=pytest.mark.slow
+        ),  # 0.018, 8e-5; 0.0017; 5: the kinks of the inflow travel on
         pytest.param(
             lambda: load("sheep").with_terms(REMEMBERING), 0.006, 3e-5, id="memory"
         ),  # 0.0047, 1e-5; 0.0045; 11

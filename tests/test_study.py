@@ -290,6 +290,7 @@ def test_killed_and_gone_on(tmp_path: Path) -> None:
     assert not (killed / "parts").exists()
 
 
+@pytest.mark.slow
 def test_goes_on_and_is_the_same(tmp_path: Path) -> None:
     """Only what is missing is simulated; the results are those of one go, byte for byte; and then nothing is left."""
     plan = Plan(sheep(), varied("CA.phi0=10..120kPa*s", "all.E=0.8..1.2x"), 32, 1, ("CA",))

@@ -48,12 +48,12 @@ def both(network: Network) -> tuple[Array, Array, Array]:
 @pytest.mark.parametrize(
     ("end", "kind", "segment", "how"),
     [
-        ("reflection", "outlet", "CA", {}),
+        pytest.param("reflection", "outlet", "CA", {}, marks=pytest.mark.slow),
         ("Windkessel", "outlet", "CA", {}),
         ("reflection", "wall", "CA", {"degree": 1.0}),
         ("reflection", "drop", "DD", {"start": 0.2, "end": 0.6}),
-        ("reflection", "step", "CA", {"end": 0.0}),
-        ("reflection", "outflow", "AA", {}),
+        pytest.param("reflection", "step", "CA", {"end": 0.0}, marks=pytest.mark.slow),
+        pytest.param("reflection", "outflow", "AA", {}, marks=pytest.mark.slow),
     ],
 )
 def test_steps_and_balance_agree(end: str, kind: str, segment: str, how: Mapping[str, float]) -> None:

@@ -97,7 +97,7 @@ def discover_command(
     Exit codes: 0 verdict, 3 unusable record, 2 wrong input, 130 interrupted; the same command then continues the study.
     """
     from discrepancy.findings.outcome import verdict_json
-    from discrepancy.report.learned_text import FILES
+    from discrepancy.report.page import FILES
     from discrepancy.workflow import discover  # takes a second
     from fitting.parallel.workers import cores
     from fitting.results.result_files import json_text

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from fitting.check.fmu_run import RunFailed
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
@@ -27,7 +27,6 @@ from ..findings.outcome import LearnedLaw
 from ..name.verdict import Naming
 from ..show.fmu_validation import Run, fall, gap
 
-Array = np.ndarray
 Runner = Callable[[Study, Network, Fit], tuple[Run, bytes]]
 
 _NONE = np.zeros(0)

@@ -24,7 +24,7 @@ import numpy as np
 from fitting.check.fmu_run import RunFailed
 from fitting.inference import hierarchy
 from fitting.inference.extended_network import estimates, extended
-from fitting.inference.fit import Fit, misfit
+from fitting.inference.fit import Array, Fit, misfit
 from fitting.inference.forward import Forward
 from fitting.inference.hypothesis import Term, effect_of, searched
 from fitting.inference.models.bench import Bench
@@ -47,12 +47,9 @@ from ..name.verdict import Naming
 from ..show.fmu_validation import Run, agreement, fall, gap
 from .described import Runner, described, with_network
 
-Array = np.ndarray
-
 _TRIED = 2  # most promising terms, refitted at every step
 _ALONG = (0.0, 0.5, 1.0)  # x/L at which the strains of a segment are evaluated
 _SAMPLES = 4  # per beat for each harmonic
-_AGREE = 1e-3  # of a pulse: largest accepted difference between FMU and inferred model
 
 Stage = Callable[[str, Callable[[], Any]], Any]
 
@@ -216,7 +213,7 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
     left = gap(own, before.X).total
     fallen, sd = fall(own, before, after)
     alike = agreement(own, found.fit, own.problem.wave(own.fitted, found.fit), after)
-    if alike is not None and not alike.difference <= _AGREE:
+    if alike is not None and not alike.difference <= at.AGREE:
         return None
     explains = misfit(found.fit, own.problem.dof_of_noise) < at.MISFIT
     if fallen <= at.FALL * sd or not (explains or after.gap.total[1] <= (1.0 - at.PART_CLOSED) * left[1]):
@@ -273,13 +270,12 @@ def _states(effect: Effect, problem: Forward, fit: Fit, runs: Runs) -> dict[str,
     found = {}
     for place in dict.fromkeys(place for place, _ in names) if len(waves) else ():
         own = waves[[i for i, (of, _) in enumerate(names) if of == place]]
-        state = own / network.segment(place).R0 - 1.0 if effect.source == WALL else own - _venous(network, place)
+        if effect.source == WALL:
+            state = own / network.segment(place).R0 - 1.0
+        else:
+            state = own - next(o.P_venous for o in network.outlets if o.segment == place)
         found[place] = state, state @ derivative_matrix(own.shape[1], problem.simulator.T).T
     return found
-
-
-def _venous(network: Network, place: str) -> float:
-    return next(o.P_venous for o in network.outlets if o.segment == place)
 
 
 def _beats(problem: NetworkProblem, network: Network, names: Sequence[str], runs: Runs) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import false_discovery_control, norm
 
+from fitting.inference.fit import Array
 from fitting.inference.models.bench import bench
 from fitting.inference.models.bench_network import on_bench
 from fitting.records.alignment.beats import Beats
@@ -22,8 +23,6 @@ from solver.quantities.units import INFLOW
 
 from .. import thresholds
 from ..findings.outcome import Balance, Located
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fitting.inference.fit import Array
 from fitting.records.alignment.period import usual_period
 from fitting.records.read.record import Record
 from solver.errors import InputError
 
 from .study import Study, Unusable
-
-Array = np.ndarray
 
 _PERIODS = 0.02  # relative difference between the heart periods of two channels
 _LATE = 0.08  # of the period: largest accepted shift of a channel from its best correlation

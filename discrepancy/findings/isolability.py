@@ -13,12 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.inference.fit import Fit, projected
+from fitting.inference.fit import Array, Fit, projected
 from fitting.inference.hypothesis import Term
 from fitting.inference.unknown import Unknown, precision
 from solver.quantities.coordinate import SCALE
-
-Array = np.ndarray
 
 # limits of d'. Odds of 1 : 100 (-2 ln evidence of 9.2) are the least that rules out, with a scatter of 2 d': an effect
 # of d' 3 can be ruled out, one of 6 is in 99 of 100 records; 5 pays the price of a first effect

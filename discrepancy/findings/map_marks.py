@@ -33,18 +33,19 @@ class Mark:
 
 def marks(outcome: Outcome) -> list[Mark]:
     """Every place of the verdict's effects, and of the others in its class."""
+    kinds = {"fluid": "segment"}  # effects of the fluid act in segments
     found = [(effect.name, effect.where) for effect in outcome.effects]
     named = found if outcome.verdict in ("effect", "several", "partial") else []
     return [
-        Mark(_kind(entry(name).owner), site_of(place), (name, where) in named, effect_text(name, (place,)))
+        Mark(
+            kinds.get(owner := entry(name).owner, owner),
+            site_of(place),
+            (name, where) in named,
+            effect_text(name, (place,)),
+        )
         for name, where in dict.fromkeys((*named, *chain.from_iterable(outcome.members), *found))
         for place in where
     ]
-
-
-def _kind(owner: str) -> str:
-    """The kind of place of an effect; fluid effects act in segments."""
-    return "segment" if owner == "fluid" else owner
 
 
 def entry(name: str) -> Effect:

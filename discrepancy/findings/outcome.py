@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fitting.inference.fit import Array
 from fitting.results.estimate import Estimate
 from fitting.results.result_files import plain
 from solver.displays import Shown
@@ -20,12 +21,8 @@ from .isolability import Isolability as Isolability
 from .recorded import Pair, Recorded, pair_json
 from .shown_map import SourceMapShown, map_json
 
-Array = np.ndarray
-
-VERDICTS = ("none", "effect", "ambiguous", "several", "partial", "unknown", "unusable")
 ADDED = ("effect", "ambiguous", "several", "partial")  # verdicts that add effects to the model
-BEYOND = 2.0  # stated spreads from the common value, beyond which a parameter is reported as odd
-_OUTSIDE_PRIOR = 2.0  # prior standard deviations, beyond which a nuisance parameter deserves attention
+BEYOND = 2.0  # stated spreads from the common value, or prior standard deviations: what is farther is reported as odd
 
 Hypothesis = tuple[tuple[str, tuple[str, ...]], ...]  # effects that act together: name and places of each
 
@@ -101,7 +98,7 @@ class Absorbed:
     @property
     def far(self) -> bool:
         """True if its shift is so large against its prior that it deserves attention."""
-        return bool(self.prior_sd) and abs(self.x) > _OUTSIDE_PRIOR * self.prior_sd
+        return bool(self.prior_sd) and abs(self.x) > BEYOND * self.prior_sd
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.inference.fit import Member
+from fitting.inference.fit import Array, Member
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.places import Place
 from fitting.inference.source_maps.source_map import Rival, Signal, SourceMap
@@ -27,8 +27,6 @@ from solver.quantities.coordinate import SCALE
 from solver.quantities.units import INFLOW, SIGNAL_UNITS
 
 from .. import thresholds
-
-Array = np.ndarray
 
 _SHAPES = ("uniform", "linear", "parabolic")  # by the degree of a wall's pressure
 _SAMPLES = 400  # per beat: they resolve all harmonics of a record

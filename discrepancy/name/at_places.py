@@ -13,7 +13,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from fitting.inference.fit import Fit, Member, sizes_of
+from fitting.inference.fit import Array, Fit, Member, sizes_of
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.hypothesis import Term, effect_of, joins, placed
 from fitting.inference.models.network import NetworkProblem
@@ -29,8 +29,6 @@ from .. import thresholds as at
 from .individual_walls import implausible
 from .law_starts import TYPICAL, Base, Begun, along, fewest, nearest
 from .scoring import Compared, exact, names_of, promised, there
-
-Array = np.ndarray
 
 _ROUNDS = 3  # at most, of moves from the best hypothesis, while they find a better one
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.first.spread import is_first
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.hierarchy import Linear, with_widths
 from fitting.inference.hypothesis import Term, rewired
@@ -84,8 +84,6 @@ def _odd_text(name: str, own: OwnNumber, network: Network) -> str:
     )
 
 
-Array = np.ndarray
-
 # --- outliers ---------------------------------------------------------------------------------------------------------
 # With free deviations, one outlier widens the spread that its kind shares, and hides in it: with individual walls, an
 # artery of 2.2 times the modulus, nine stated spreads from the others, left only noise as "this animal's own". So if
@@ -143,7 +141,10 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
     # bounded to the range of their kind, all of it: otherwise another one would become the outlier
     unknowns = tuple(u.within(kinds[u.group]) if u.group in kinds else u for u in none.unknowns)
     held = replace(none, unknowns=unknowns, x=np.clip(none.x, *bounds(unknowns)))
-    kept = [n.fit for n in found.every if not (n.individual and _beyond(n.fit, kinds))]
+    kept = [
+        n.fit for n in found.every
+        if all(abs(x) <= kinds.get(u.group, np.inf) for u, x in zip(n.fit.unknowns, n.fit.x, strict=True))
+    ]  # fmt: skip
     yield found.of_fits([*kept, settled(held)])
     effects = [[each for _, each in instead[i][:_TRIED]] for i in odd if none.unknowns[i].group in kinds]
     hypotheses = [[one] for some in effects for one in some]
@@ -229,7 +230,3 @@ def _with(held: Fit, effects: Sequence[Instead]) -> list[Fit]:
 def _owner(unknown: Unknown) -> str:
     """The artery whose parameter, or whose outlet's, an unknown moves."""
     return unknown.variables[0].partition(".")[0]
-
-
-def _beyond(fit: Fit, kinds: Mapping[str, float]) -> bool:
-    return any(abs(x) > kinds.get(u.group, np.inf) for u, x in zip(fit.unknowns, fit.x, strict=True))

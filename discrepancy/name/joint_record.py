@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from fitting.inference.extended_network import allowed
-from fitting.inference.fit import Fit, Member, begun, taken_over
+from fitting.inference.fit import Array, Fit, Member, begun, taken_over
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Point, Search, Trial, promised, search
 from fitting.inference.hypothesis import Term
@@ -35,9 +35,7 @@ from fitting.records.alignment.beats import Beats
 from solver.errors import InputError
 from solver.network.description import Network
 
-Array = np.ndarray
-
-_FARTHEST = 4.0  # stated spreads: bound on a parameter that is unknown only as it varies; R2 and P_venous are aliases
+from .. import thresholds
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,8 @@ class Several(Forward):
                 where, _, key = name.partition(".")
                 found.setdefault(key, []).append(where)
         names = [f"{'+'.join(dict.fromkeys(where))}.{key}" for key, where in found.items()]
-        return tuple(parse_unknown(name, self.network).within(_FARTHEST) for name in names)
+        # bounded, because R2 and P_venous are aliases
+        return tuple(parse_unknown(name, self.network).within(thresholds.OUTLIER) for name in names)
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         mine = [u for t in terms for u in t.unknowns]

@@ -15,7 +15,7 @@ import numpy as np
 
 from discrepancy.name.joint_record import Several
 from fitting.calibrate.first_search import ENOUGH, FAR, OTHER_STARTS
-from fitting.inference.fit import Fit, Member
+from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term
 from fitting.inference.models.from_afar import left_of_pulsation
 from fitting.inference.models.network import NetworkProblem
@@ -31,7 +31,6 @@ from .model_selection import coupled
 from .scoring import Compared, exact, last_of, names_of, promised, there
 from .verdict import Naming, decided
 
-Array = np.ndarray
 Terms = tuple[Term, ...]
 
 _SEED = 1

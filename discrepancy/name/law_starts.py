@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.inference.fit import Member
+from fitting.inference.fit import Array, Member
 from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.hypothesis import Term, effect_of, placed
 from fitting.inference.models.network import NetworkProblem
@@ -25,8 +25,6 @@ from fitting.inference.unknown import bounds, penalty, precisions
 from solver.laws.effect import WALL
 
 from .. import thresholds as at
-
-Array = np.ndarray
 
 TYPICAL = (1.0,)  # sizes for screening many laws
 SIZES = (0.3, *TYPICAL, 3.0)  # starting sizes of a law, beside its own starts

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fitting.inference import hierarchy
-from fitting.inference.fit import Fit, misfit, projected
+from fitting.inference.fit import Array, Fit, misfit, projected
 from fitting.inference.forward import Forward
 from fitting.inference.hypothesis import Term, effect_of
 from fitting.inference.model_discrepancy import Beside, settled
@@ -25,8 +25,6 @@ from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import free, precision
 
 from .. import thresholds as at
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -256,8 +254,8 @@ def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
     """
     known = None
     try:
-        while (later := next(stages, None)) is not None:
-            known = later
+        for known in stages:  # noqa: B007, the last one stays
+            pass
     except OutOfTime:
         if known is None:
             raise

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.hypothesis import Term
 from fitting.inference.model_discrepancy import Beside, settled
@@ -21,7 +21,6 @@ from ..findings.map_marks import label_text
 from ..findings.outcome import ADDED
 from .scoring import Compared, Named, apart, ranked, shares, with_errors
 
-Array = np.ndarray
 Freed = Callable[[Named], Beside | None]
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from discrepancy.name.joint_record import Several
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.models.bench import Bench
@@ -27,8 +27,6 @@ from solver.errors import InputError
 from ..findings.isolability import INSEPARABLE
 from ..findings.map_marks import label_text
 from ..name.verdict import Naming
-
-Array = np.ndarray
 
 _MOST = 4  # members of a class that are simulated
 _NEWTON, _CLOSE = 30, 1e-9  # at most, Newton steps to the radius under a pressure, and their relative tolerance

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.inference.fit import Fit, Member
+from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term, candidates
 from fitting.inference.jackknife import subset
 from fitting.inference.models.network import NetworkProblem
@@ -30,8 +30,6 @@ from solver.quantities.units import INFLOW
 from .. import thresholds
 from ..findings.isolability import INSEPARABLE, isolability
 from ..findings.outcome import Isolability
-
-Array = np.ndarray
 
 Progress = Callable[[float, str], None]
 

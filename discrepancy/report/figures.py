@@ -15,6 +15,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
+from fitting.inference.fit import Array
 from fitting.inference.places import NUMBER, Place
 from fitting.pages.network_drawing import below, draw
 from fitting.pages.panels import DASHED, Curve, Drawing, drawing, loops, waveforms
@@ -29,10 +30,9 @@ from ..findings.isolability import INSEPARABLE
 from ..findings.map_marks import Mark, label_text, marks, site_of
 from ..findings.outcome import Isolability, Outcome
 from ..findings.shown_map import Acting, SourceMapShown
-from .map_text import axis_label, phrase
 from .tables import APART, Scale, Z, channel_z, harmonics_shown, loop_sites, period
+from .verdict_text import axis_label, phrase
 
-Array = np.ndarray
 Captioned = tuple[Picture, str]
 
 NAMES = ("map", "network", "z_map", "waveforms", "loops", "isolability")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -10,7 +12,10 @@ from math import exp
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fitting.pages.page import environment, words
+from fitting.records.channels.amounts import size_text
 from fitting.results.result_files import check_unmixed, json_text
 from solver.errors import InputError
 from solver.io.writing import check_destinations, make_folder, write_folder
@@ -20,16 +25,18 @@ from solver.quantities.units import printed
 
 from .. import thresholds
 from ..findings import isolability, map_marks, recorded
-from ..findings.outcome import Outcome, verdict_json
+from ..findings.outcome import LearnedLaw, Outcome, verdict_json
+from ..findings.shown_map import SourceMapShown
 from . import tables, verdict_text
-from .learned_text import FILES, learned_files
-from .map_text import map_sentences
+from .verdict_text import DESCRIBED, MODEL, law_text, map_sentences
 
 if TYPE_CHECKING:
     from fitting.pages.panels import Drawing
 
 Progress = Callable[[float, str], None]
 
+FMU, ITS_FMU, TABLE = "model_learned.fmu", "model_described.fmu", "source.csv"
+FILES = (MODEL, FMU, DESCRIBED, ITS_FMU, TABLE)  # of what was learned
 _STATE = ".state"  # the journal's folder
 _FILES = ("model.toml", "model.fmu", *FILES, "report.html", "verdict.json")  # of a study, as they are written
 _AS_READ = {"gap_as_given": "gap of the file as it is"}
@@ -59,8 +66,6 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         "gap": tables.gap_text,
         "label": map_marks.label_text,
         "number": number,
-        "odds": tables.odds_text,
-        "p": tables.p_text,
         "percent": tables.percent,
         "places": map_marks.places_text,
         "plain": map_marks.plain,
@@ -72,6 +77,7 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         "at": thresholds,
         "limits": isolability,
         "recorded": recorded,
+        "size": size_text,
         "tables": tables,
         "wording": verdict_text,
         "Z": tables.Z,
@@ -81,6 +87,8 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         drawings=drawings,
         acts=map_sentences(outcome.map) if outcome.map else [],
         beats=json.dumps(tables.beats(outcome), separators=(",", ":")).replace("<", "\\u003c"),
+        z_map=np.abs(outcome.z_map[: tables.harmonics_shown(outcome)]).T.tolist(),
+        phases={(f"{at.site}.{at.signal}", at.harmonic): at.phase for at in outcome.located},
         plus_minus=plus_minus,
         exp=exp,
         provenance={
@@ -136,3 +144,29 @@ def _holds_study(folder: Path) -> bool:
         return bool(json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["verdict"] != "unusable")
     except (OSError, ValueError, LookupError, TypeError):
         return (folder / "model.toml").exists()
+
+
+def learned_files(law: LearnedLaw | None, shown: SourceMapShown | None) -> dict[str, str | bytes]:
+    """The network with the law or the tables, with its origin in a comment, and its FMU. Without a law also the terms
+    of the source map as a table with its band, which describes the record and is not an explanation."""
+    files: dict[str, str | bytes] = {}
+    if law is not None:
+        model, fmu = (MODEL, FMU) if law.explains else (DESCRIBED, ITS_FMU)
+        source = f"# From {law.record[0]} (sha256 {law.record[1]}).\n"
+        files = {model: f"# {law_text(law)}\n{source}\n{dumps(law.network)}", fmu: law.archive}
+    signals = shown is not None and shown.signals and not (law and law.explains)
+    return files | {TABLE: _table(shown)} if shown is not None and signals else files
+
+
+def _table(shown: SourceMapShown) -> str:
+    """g(t) of every place with its standard deviation, in SI, over one beat."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    head = ["time [s]"]
+    for a in shown.signals:
+        name = a.place.label + (f" ({a.part})" if a.part else "")
+        head += [f"{name} [{a.unit}]", f"sd of {name} [{a.unit}]"]
+    writer.writerow(head)
+    columns = [shown.time, *(c for a in shown.signals for c in (a.mean, a.band))]
+    writer.writerows([f"{x:.9g}" for x in row] for row in zip(*columns, strict=True))
+    return text.getvalue()

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from fitting.records.channels.amounts import size_text
+from fitting.inference.fit import Array
 from fitting.results.estimate import Estimate
 from solver.laws import effects
 from solver.quantities.legible import DASH, number, rounded
@@ -20,12 +20,9 @@ from solver.quantities.units import of_signal, readable
 from ..findings.map_marks import effect_text
 from ..findings.outcome import ChannelBeats, Outcome
 
-Array = np.ndarray
-
 _LOUD = 3.0  # smallest |z| for which the z map has a column
 _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
-_LONG_ODDS = 1000.0  # -2 ln of odds; larger values are printed as "> 1000"
 _OF_A_SPREAD = 0.1  # resolution of a printed deviation, in spreads
 
 
@@ -130,11 +127,6 @@ def percent(value: float | None) -> str:
     return "> 99 %" if value >= 0.995 else f"{100 * value:.0f} %"
 
 
-def p_text(value: float) -> str:
-    """A p-value, with a lower limit of 1e-16."""
-    return "p < 10⁻¹⁶" if value < 1e-16 else f"p = {number(value, 2)}"
-
-
 def gap_unit(outcome: Outcome) -> str:
     """The unit of a gap, and the reason why fitted and held-out beats have different gaps."""
     said = "A gap is the RMS of model minus mean beat, over channels and harmonics, in units of the noise of that mean."
@@ -171,37 +163,7 @@ def pulse_text(channel: ChannelBeats) -> str:
     return f"{number(factor * float(np.ptp(channel.measured)))} {unit}"
 
 
-def rms_text(channel: str, pair: tuple[float, float] | None) -> str:
-    """The residual of a channel over the held-out beats, in its display unit."""
-    return DASH if pair is None else size_text(channel, pair[1])
-
-
-def odds_text(behind: float) -> str:
-    """-2 ln of odds, with an upper limit."""
-    return f"> {_LONG_ODDS:g}" if behind > _LONG_ODDS else number(behind)
-
-
 # --- rows ---------------------------------------------------------------------------------------------------------
-
-
-def z_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """The z map by channel: the text and colour of every cell; none without a map."""
-    located = {(f"{at.site}.{at.signal}", at.harmonic): at.phase for at in outcome.located}
-    size = np.abs(outcome.z_map[: harmonics_shown(outcome)])
-    return [
-        {"name": channel.name, "cells": [_z_cell(channel.name, k, float(z), located) for k, z in enumerate(column)]}
-        for channel, column in zip(outcome.channels, size.T, strict=False)
-    ]
-
-
-def _z_cell(name: str, harmonic: int, z: float, located: Mapping[tuple[str, int], float]) -> dict[str, Any]:
-    what = "mean" if harmonic == 0 else f"harmonic {harmonic}"
-    if not math.isfinite(z):
-        return {"text": "", "kind": "none", "found": False, "title": f"{name}, {what}: not compared"}
-    phase = located.get((name, harmonic))
-    angle = f", phase {number(phase)}°" if phase is not None and harmonic else ""
-    title = f"{name}, {what}: |z| = {number(z)}{angle}"
-    return {"text": f"{z:.0f}", "kind": f"z{Z.index(z)}", "found": phase is not None, "title": title}
 
 
 def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:

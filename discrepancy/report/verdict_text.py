@@ -1,17 +1,23 @@
-"""Sentences about an outcome, for page and terminal: options of the study, visible effects, effects not compared."""
+"""Sentences about an outcome, for page and terminal: options, visible effects, the source map, a learned law."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
-from solver.laws.effect import Effect
+import numpy as np
+
+from fitting.inference.fit import Array
+from fitting.inference.places import Place
+from solver.laws.effect import CHANNEL, JUNCTION, OUTLET, WALL, Effect
 from solver.laws.sensors import Sensor
 from solver.quantities.legible import number
-from solver.quantities.units import INFLOW, readable
+from solver.quantities.units import INFLOW, MMHG, printed, readable
 
-from ..findings.map_marks import entry, of_sensor, plain
-from ..findings.outcome import Detectable, NamedEffect, Outcome
+from ..findings.map_marks import entry, label_text, of_sensor, places_text, plain
+from ..findings.outcome import Detectable, LearnedLaw, NamedEffect, Outcome
+from ..findings.shown_map import Acting, SourceMapShown
 from ..name.verdict import Naming
 
 _NOT_DETECTABLE = "not detectable in its allowed range"
@@ -19,6 +25,15 @@ _OUTLET = "another kind of outlet, refitted only if no other effect explains the
 _ANIMAL = "a property of this subject, because every artery has its own walls: see the table of walls"
 _TIME = "not simulated within the time limit"
 _BREAKS = "the simulation fails with it"
+_MOST = 3  # rival places that a sentence names
+# what acts at a place whose label only names it
+_AS = {
+    WALL: "a pressure in",
+    JUNCTION: "a drop of pressure at",
+    OUTLET: "an additional flow through",
+    CHANNEL: "an additional signal of",
+}
+MODEL, DESCRIBED = "model_learned.toml", "model_described.toml"  # networks with a learned law, and with tables
 
 
 def of_sensors(outcome: Outcome) -> bool:
@@ -56,11 +71,6 @@ def why_walls(outcome: Outcome) -> str:
     if walls == "individual":
         return "the record is more probable with individual walls"
     return "the record gives no evidence for individual walls"
-
-
-def names(labels: tuple[str, ...]) -> str:
-    """Names of effects in words, without repetition and without places."""
-    return ", ".join(dict.fromkeys(plain(label.partition(" at ")[0]) for label in labels))
 
 
 def separating_measurement(naming: Naming) -> str | None:
@@ -172,3 +182,129 @@ def _delay(effect: NamedEffect) -> tuple[float, float, float] | None:
     value = sensor.delay({key: e.value for key, e in each.items()})
     low, high = (sensor.delay({key: e.ci95[i] for key, e in each.items()}) for i in (0, 1))
     return None if value is None or low is None or high is None else (value, low, high)
+
+
+# --- the source map ---------------------------------------------------------------------------------------------------
+
+
+def acts_as(shown: SourceMapShown, it: str = "It") -> str:
+    """What acts at which place, how large, when in the beat and with which share of the gap; then the places that the
+    record cannot distinguish from it. Several signals make a list with a line each. "" if nothing acts.
+
+    it : the subject of the sentence.
+    """
+    signals = [_signal(a, shown.time) for a in shown.signals]
+    numbers = [f"{_odd(a)}." for a in shown.acting if a.number is not None]
+    rivals = [_alike(a, len(shown.acting) > 1) for a in shown.acting if a.rivals]
+    if len(signals) > 1:
+        return "\n".join([f"{it} acts as:", *(f"- {text}" for text in signals), *numbers, *rivals])
+    return " ".join([*(f"{it} acts as {text}." for text in signals), *numbers, *rivals])
+
+
+def joined(text: str, more: str) -> str:
+    """Two texts as one: on a new line if either of them is a list, with one signal a line."""
+    gap = "\n" if "\n" in text else " "
+    return f"{text}{gap}{more}" if more else text
+
+
+def map_sentences(shown: SourceMapShown) -> list[str]:
+    """The source map in sentences, and the χ² that remains with it."""
+    left = f"χ² is {number(shown.chi2_per_datum)} per datum"
+    if not shown.acting and shown.explains:
+        return [f"No place shows a residual beyond noise: {left} with the subject’s own numbers alone."]
+    if not shown.acting:
+        return [f"The residual exceeds the noise, but no place explains it: {left}."]
+    return [
+        acts_as(shown, "The missing physics"),
+        f"With these terms, {'only noise' if shown.explains else 'more than noise'} remains: {left}.",
+    ]
+
+
+def phrase(place: Place) -> str:
+    """The quantity that acts, with its place."""
+    return f"{_AS[place.kind]} {place.label}" if place.kind in _AS else place.label
+
+
+def _signal(a: Acting, time: Array) -> str:
+    """One signal: place, size, time in the beat, share of the gap."""
+    unit, factor = readable(a.unit)
+    pulse = f" ({number(100.0 * a.rms / a.pulse, 2)} % of the pulse of {a.channel})" if a.pulse else ""
+    part = f", {a.part} (the strongest of {a.sources} such terms)" if a.part else ""
+    size = f"{phrase(a.place)}: {number(factor * a.rms, 2)} {unit} rms{pulse}{part}"
+    share = "" if a.share is None else f"; {number(100.0 * a.share, 2)} % of the gap (χ²)"
+    if a.steady:
+        return f"{size}, nearly constant over the beat{share}"
+    peak = f"{size}, largest at {number(float(time[np.argmax(np.abs(a.mean))]), 2)} s"
+    phase = f", {number(100.0 * a.phase[1], 2)} % of its energy in {a.phase[0]}" if a.phase else ""
+    return f"{peak}{phase}{share}"
+
+
+def _odd(a: Acting) -> str:
+    """A parameter whose value differs from the others of its kind."""
+    odd = a.number
+    assert odd is not None
+    unit, factor = readable(a.unit, odd.display)
+    value, file, shift = (f"{number(factor * x)} {unit}".rstrip() for x in (odd.value, odd.file, abs(odd.beyond)))
+    off = f"{number(odd.beyond, 2)} times" if odd.factor else f"{shift} {'above' if odd.beyond > 0.0 else 'below'}"
+    if odd.only:
+        return f"{a.place.name} is {value}; the file has {file}"
+    return f"{a.place.name} is an outlier: {value}, {off} the value expected from the others (the file has {file})"
+
+
+def _alike(a: Acting, several: bool) -> str:
+    """The places that the record cannot distinguish from the place of a signal."""
+    it = phrase(a.place) if several else "it"
+    others = [" with ".join(map(phrase, rival.places)) for rival in a.rivals if rival.places]
+    if len(others) > _MOST:
+        others = [*others[:_MOST], f"{len(others) - _MOST} other places"]
+    *first, last = others or [""]
+    named = f"{', '.join(first)} or {last}" if first else last
+    sentences = [f"This record cannot distinguish {it} from {named}."] if others else []
+    if any(not rival.places for rival in a.rivals):
+        sentences.append(f"The record is nearly as probable without {it}.")
+    return " ".join(sentences)
+
+
+def axis_label(a: Acting) -> str:
+    """The label of the axis of a signal."""
+    return f"g [{readable(a.unit)[0] or printed(a.unit)}]"
+
+
+# --- a learned law ----------------------------------------------------------------------------------------------------
+
+
+def law_text(law: LearnedLaw) -> str:
+    """A law in two sentences: its formula with the parameters and the gap that it closes, and its range of validity.
+    Tables over the beat take one sentence."""
+    if not law.explains:
+        return (
+            f"No law was found for it. Tables over the beat ({law.formula}) close {number(100.0 * law.closed, 2)} % of "
+            f"the gap to held-out beats (from {number(law.before[1])} to {number(law.after[1])} times the noise): "
+            f"{DESCRIBED} describes this record and is not an explanation."
+        )
+    numbers = ", ".join(f"{name} = {each}" for name, each in law.parameters.items())
+    before, after = number(law.before[1]), number(law.after[1])
+    beside = f", beside {' and '.join(map(label_text, law.beside))}," if law.beside else ""
+    beside = f" in place of {' and '.join(map(label_text, law.instead))}" if law.instead else beside
+    return (
+        f"A law learned from this record for the {'outlet' if law.of_outlet else 'wall'} of {places_text(law.where)}"
+        f"{beside} closes "
+        f"{number(100.0 * law.closed, 2)} % of the gap to held-out beats (from {before} to {after} times the noise): "
+        f"{law.formula}, {numbers}. The record covers {_seen(law)}; no other record has confirmed the law."
+    )
+
+
+def with_law(outcome: Outcome, law: LearnedLaw | None) -> Outcome:
+    """An outcome with the law, if there is one, and with the law's sentences."""
+    if law is None:
+        return outcome
+    return replace(outcome, learned=law, sentence=joined(outcome.sentence, law_text(law)))
+
+
+def _seen(law: LearnedLaw) -> str:
+    """The range of states from which the law was learned."""
+    lows, highs, rates = zip(*law.seen.values(), strict=True)
+    low, high, rate = min(lows), max(highs), max(rates)
+    if law.of_outlet:
+        return f"pressures of {number(low / MMHG, 2)} to {number(high / MMHG, 2)} mmHg above P_venous"
+    return f"strains from {number(low, 2)} to {number(high, 2)} and rates up to {number(rate, 2)}/s"

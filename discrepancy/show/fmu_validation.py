@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fitting.check.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Array, Fit
 from fitting.inference.models.bench_observation import mean_wander, sense
 from fitting.inference.models.simulator import as_shown
 from fitting.records.alignment.beats import Beats
@@ -34,8 +34,6 @@ from ..findings.outcome import Agreement
 from ..findings.recorded import Recorded
 from ..name.individual_walls import implausible
 from ..name.verdict import Naming
-
-Array = np.ndarray
 
 _OWN_BEATS = 2
 _AT_REST = 1e-4  # of a pressure: if all vary by less, there are no waves to compare
@@ -81,8 +79,9 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
 
 def compared(study: Study, fit: Fit, X: Array) -> Run:
     """The run with coefficients X : (n, m) as the FMU gives them."""
-    names = study.problem.signals
-    X = sensed(study, fit, X[: min(study.problem.K, len(X) - 1) + 1])
+    names, T = study.problem.signals, study.fitted.T
+    X = X[: min(study.problem.K, len(X) - 1) + 1]
+    X = sense(fit.member, names, as_shown(study.problem.network, names, T, X), T)  # after sensors and known filters
     beats = {name: np.fft.irfft(x, study.fitted.N, norm="forward") for name, x in zip(names, X.T, strict=True)}
     return Run(X, beats, gap(study, X))
 
@@ -142,12 +141,6 @@ def _noise(study: Study, part: Beats, K: int) -> Array:
 def _weights(K: int) -> Array:
     """(K+1, 1) 1 for the real mean, 2 for complex coefficients."""
     return np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
-
-
-def sensed(study: Study, fit: Fit, X: Array) -> Array:
-    """The coefficients after the measurement chain of a hypothesis and the known filters."""
-    names, T = study.problem.signals, study.fitted.T
-    return sense(fit.member, names, as_shown(study.problem.network, names, T, X), T)
 
 
 def parity(fmu: Path, network: Network) -> float | None:

@@ -45,7 +45,7 @@ def allowed(network: Network, fit: Fit) -> Fit | None:
 
 def frequency(fit: Fit) -> float:
     """The highest frequency [Hz] of the sensor faults of a hypothesis; 0 without one."""
-    chains = [(_sensor(t), _searched(t, fit.x[_places(fit, t)])) for t in fit.terms if t.is_sensor]
+    chains = [_searched(t, fit.x[_places(fit, t)]) for t in fit.terms if t.is_sensor]
     return max((sensor.frequency(numbers) for sensor, numbers in chains), default=0.0)
 
 
@@ -62,18 +62,15 @@ def _places(fit: Fit, term: Term) -> list[int]:
 
 def _as_terms(term: Term, x: Array) -> dict[str, float]:
     """The catalogue's parameters of a channel's effect at x : (q,)."""
-    return _sensor(term).as_terms(_searched(term, x))
+    sensor, numbers = _searched(term, x)
+    return sensor.as_terms(numbers)
 
 
-def _searched(term: Term, x: Array) -> dict[str, float]:
-    """The numbers of a search for a channel's effect at x : (q,)."""
-    return {name.rpartition(".")[2]: float(value) for name, value in values(term.unknowns, x, {}).items()}
-
-
-def _sensor(term: Term) -> Sensor:
+def _searched(term: Term, x: Array) -> tuple[Sensor, dict[str, float]]:
+    """A channel's effect, and the numbers of a search for it at x : (q,)."""
     effect = effect_of(term)
     assert isinstance(effect, Sensor)
-    return effect
+    return effect, {name.rpartition(".")[2]: float(value) for name, value in values(term.unknowns, x, {}).items()}
 
 
 def estimates(
@@ -130,7 +127,7 @@ def _of_sensor(fit: Fit, term: Term, reaches: Mapping[str, Reach]) -> dict[str, 
         return [_as_terms(term, np.clip(x + step, low, high)) for step in steps]
 
     sides, found = [ends(side) for side in np.diag(sd)], {}
-    units = {k: q.unit for k, q in _sensor(term).terms.items()}
+    units = {k: q.unit for k, q in effect_of(term).terms.items()}
     units |= {u.name.rpartition(".")[2]: u.unit for u in term.unknowns}
     for key, value in _as_terms(term, x).items():
         slope = np.array([b[key] - a[key] for a, b in sides]) / np.maximum(sd, 1e-300)

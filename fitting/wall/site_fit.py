@@ -24,6 +24,7 @@ from solver.quantities.quantity import quantities
 from ..inference.models.loop import Loop, NoFit, mean_loop, paired
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
+from ..records.alignment.variable_beats import mean
 from ..records.channels import spectral
 from .errors_in_variables import Solution, plain, solve
 from .fit_diagnostics import doubts
@@ -138,12 +139,12 @@ def bootstrap(
     rng = np.random.default_rng(seed)
     beats, lag = paired(without_lag(beats, fitted), fitted.site), 0.0 if np.isfinite(fitted.lag[1]) else None
     names = (f"{fitted.site}.P", f"{fitted.site}.R")
-    whole = {name: beats.mean(name) for name in names}
     means = np.empty((replicates, len(fitted.model.free)))
     n = beats.n_beats
     for i in range(replicates):
-        drawn = rng.integers(0, n, n)
-        P, R = (spectral.resample(_mean(beats.values[name][drawn], whole[name]), fitted.loop.N) for name in names)
+        which = rng.integers(0, n, n)
+        drawn = ((mean(beats.values[name][which].T), beats.mean(name)) for name in names)
+        P, R = (spectral.resample(np.where(np.isnan(x), usual, x), fitted.loop.N) for x, usual in drawn)
         loop = replace(fitted.loop, P=P, R=R)
         values = solve(loop, fitted.model, fitted.values, lag=lag, rounds=3).values
         means[i] = [values[name] for name in fitted.model.free]
@@ -153,13 +154,6 @@ def bootstrap(
     wide = centre + (means - centre) * np.sqrt(n / (n - 1))
     low, high = np.quantile(wide, [0.025, 0.975], axis=0)
     return {name: (float(low[i]), float(high[i])) for i, name in enumerate(fitted.model.free)}
-
-
-def _mean(beats: Array, instead: Array) -> Array:
-    """The mean of drawn beats, and ``instead`` at phases where all drawn beats have a gap."""
-    there = ~np.isnan(beats)
-    counts = there.sum(axis=0)
-    return np.where(counts > 0, np.where(there, beats, 0.0).sum(axis=0) / np.maximum(counts, 1), instead)
 
 
 # --- start and result ---------------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ between an effect and its rivals, all taken on one standard beat (linear in the 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,7 +58,10 @@ def detect(made: Made, least: float = 0.0) -> Detection:
         return Detection((wander(made),))
     problem = BenchProblem(made) if made.case.kind == "bench" else NetworkProblem(made)
     effects = made.case.effects
-    seen = tuple(d_prime(problem, [e for j, e in enumerate(effects) if j != i]) for i in range(len(effects)))
+    seen = tuple(
+        min(d_prime(problem, [e for j, e in enumerate(effects) if j != i]), distance(effect, problem.free))
+        for i, effect in enumerate(effects)
+    )
     if min(seen, default=0.0) < least:
         return Detection(seen)
     if len(effects) == 2 and isinstance(problem, BenchProblem) and min(seen) >= _BOTH:
@@ -71,6 +75,19 @@ def detect(made: Made, least: float = 0.0) -> Detection:
     found = {name: problem.left_with(name) for name in bench_rivals(made)}
     name = min(found, key=found.__getitem__)
     return Detection(seen, min(found[name], seen[0]), name)
+
+
+def distance(effect: Effect, free: Mapping[str, float]) -> float:
+    """How far the animal's own number must be off to be this effect, in its standard deviations: its d' is no more. ∞
+    if none can be. A refit may end short of it.
+
+    free : standard deviations of what the animal has of its own.
+    """
+    key = {"wall_stiffness": "E", "wall_radius": "R0", "terminal_reflection": "R_t"}.get(effect.name)
+    sd = free.get(f"{effect.where[0]}.{key}", 0.0)
+    if sd == 0.0 or effect.length:
+        return float("inf")
+    return float(abs(effect.size if key == "R_t" else np.log1p(effect.size)) / sd)
 
 
 def wander(made: Made) -> float:

@@ -184,18 +184,27 @@ class NetworkProblem(Forward):
     # --- derivatives --------------------------------------------------------------------------------------------------
 
     def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
-        """By finite differences; all in one batch."""
+        found = list[Point | None]()
+        for each in self.linearised(trials, runs):
+            found.append(None)
+            if each is not None:
+                white = self.target.whiten(np.concatenate([(each[0] - self.target.X)[..., None], each[1]], axis=-1))
+                found[-1] = Point(white[:, 0], white[:, 1:])
+        return found
+
+    def linearised(self, trials: Sequence[Trial], runs: Runs) -> list[tuple[Array, Array] | None]:
+        """X : (K+1, m) of every trial and its derivatives (K+1, m, q), by finite differences; all in one batch."""
         steps = [finite_steps(t.member.unknowns, t.member.x, _STEP)[t.by] for t in trials]
         moved = [
             replace(t.member, x=x)
             for t, s in zip(trials, steps, strict=True)
             for x in np.concatenate([t.member.x[None], t.member.x + s[:, None] * np.eye(len(t.member.x))[t.by]])
         ]
-        X, found = self.observe(moved, runs), list[Point | None]()
+        X, found = self.observe(moved, runs), list[tuple[Array, Array] | None]()
         for step in steps:
-            own, X = [x for x in X[: 1 + len(step)] if x is not None], X[1 + len(step) :]
-            z = self.target.residual(np.stack(own)) if len(own) > len(step) else None
-            found.append(None if z is None else Point(z[0], (z[1:] - z[0]).T / step))
+            there, X = [x for x in X[: 1 + len(step)] if x is not None], X[1 + len(step) :]
+            whole = np.stack(there, axis=-1) if len(there) > len(step) else None
+            found.append(None if whole is None else (whole[..., 0], (whole[..., 1:] - whole[..., :1]) / step))
         return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:

@@ -19,13 +19,14 @@ from solver.periodic.small_waves import source_responses
 
 from ...records.channels.noise import pulses
 from ..fit import Member
+from ..gauss_newton import Trial
 from ..hierarchy import APART, Linear, beforehand
 from ..hypothesis import Term, rewired
 from ..models.network import NetworkProblem
 from ..models.simulator import Forced, filters
 from ..places import Place, places
 from ..runs import Runs
-from ..unknown import Unknown, bounds, finite_steps, parameter_values, precisions
+from ..unknown import Unknown, bounds, parameter_values, precisions
 from .source_evidence import FIRST_LOOK, PRICE, Law, Normal, marginal
 
 Array = np.ndarray
@@ -34,7 +35,6 @@ Move = tuple[float, tuple["Active", ...]]  # -2 ln evidence, and the active plac
 MOST = 3  # active places at once
 CLOSELY = 14  # places of the first screening that are inferred in full
 SETTLED = 0.3  # of -2 ln evidence: a smaller change counts as none
-_STEP = 0.02  # finite difference step of x
 _UNIT = 0.01  # of a pulse: the unit of the sources
 _SWEEPS = 3  # of alternating estimates of amplitudes and widths
 _FARTHEST = 20.0  # stated spreads: bound on the deviation of a parameter
@@ -110,13 +110,9 @@ class PlaceModel:
 
     def jacobian(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
         """J : (K+1, m, p); None if a perturbed simulation has no periodic beat."""
-        steps = finite_steps(self.unknowns, x, _STEP)
-        at = np.concatenate([x[None], x + np.diag(steps)])
-        found = self._forced(active, g).observe([Member(self.terms, self.unknowns, each) for each in at], self.runs)
-        if any(X is None for X in found):
-            return None
-        X = np.stack([each for each in found if each is not None])
-        return np.moveaxis((X[1:] - X[0]) / steps[:, None, None], 0, -1)
+        trial = Trial(Member(self.terms, self.unknowns, x), np.arange(len(x)), None, 0.0 * x)
+        (found,) = self._forced(active, g).linearised([trial], self.runs)
+        return found and found[1]
 
     def responses(self, x: Array) -> Array:
         """G : (K+1, m, S) small-wave responses to the sources of all places, in their units."""

@@ -118,16 +118,16 @@ class Beats:
 
     def mean(self, name: str) -> Array:
         """The ensemble mean beat : (N,). Raises ValueError where no beat was measured at a phase."""
-        return self._moments(name).mean
+        return self._moments(name)[0]
 
     def scatter(self, name: str) -> Array:
         """Standard deviation between beats at each phase : (N,); the channel's noise where one beat alone was measured.
 
         Needs two beats, as noise and covariance do.
         """
-        moments = self._moments(name)
-        spread = np.sqrt(moments.squares / np.maximum(moments.counts - 1, 1))
-        return np.where(moments.counts > 1, spread, self.noise(name))
+        counts = self._moments(name)[1]
+        spread = np.sqrt((self._deviations(name) ** 2).sum(axis=0) / np.maximum(counts - 1, 1))
+        return np.where(counts > 1, spread, self.noise(name))
 
     def noise(self, name: str) -> float:
         """Standard deviation of one sample's noise, from the scatter about each beat's own mean."""
@@ -175,29 +175,25 @@ class Beats:
         return replace(self, values=values, shifts=self.shifts[index], whole=whole)
 
     @cached_property
-    def _cache(self) -> dict[str, _Moments]:
+    def _cache(self) -> dict[str, tuple[Array, Array]]:
         return {}
 
-    def _moments(self, name: str) -> _Moments:
+    def _moments(self, name: str) -> tuple[Array, Array]:
+        """The mean beat, and how many beats were measured at each phase : (N,)."""
         if name not in self._cache:
             self.require((name,))
-            values, there = self.values[name], ~np.isnan(self.values[name])
-            counts = there.sum(axis=0)
+            counts = (~np.isnan(self.values[name])).sum(axis=0)
             require_phases(counts, name, self.source)
-            whole = bool(there.all())
-            mean = values.mean(axis=0) if whole else np.where(there, values, 0.0).sum(axis=0) / counts
-            deviations = values - mean if whole else np.where(there, values - mean, 0.0)
-            self._cache[name] = _Moments(mean, (deviations * deviations).sum(axis=0), counts, whole)
+            self._cache[name] = np.nansum(self.values[name], axis=0) / counts, counts
         return self._cache[name]
 
     def _deviations(self, name: str) -> Array:
         """Beats less the mean beat, 0 in gaps : (n_beats, N)."""
-        deviations = self.values[name] - self.mean(name)
-        return deviations if self._moments(name).whole else np.nan_to_num(deviations, nan=0.0)
+        return np.nan_to_num(self.values[name] - self.mean(name), nan=0.0)
 
     def _ones(self, names: Sequence[str]) -> Array:
         """Σ_j 1/n_j of each channel: N² times the variance of a coefficient of the mean under unit white noise."""
-        return np.array([(1.0 / self._moments(name).counts).sum() for name in names])
+        return np.array([(1.0 / self._moments(name)[1]).sum() for name in names])
 
     def _scatter_matrices(self, names: tuple[str, ...]) -> Array:
         """C_k of each harmonic by itself : (K + 1, m, m)."""
@@ -207,19 +203,9 @@ class Beats:
             raise InputError(f"{self.source}: one beat has no scatter; give at least two beats.")
         X = np.stack([np.fft.rfft(self._deviations(name), axis=1) / self.N for name in names])
         C = np.einsum("abk,cbk->kac", X, X.conj(), optimize=True) / (n * (n - 1))
-        lost = np.array([((self._moments(name).counts - 1) / (n * (n - 1))).sum() for name in names])
+        lost = np.array([((self._moments(name)[1] - 1) / (n * (n - 1))).sum() for name in names])
         scale = np.sqrt(self._ones(names) / np.maximum(lost, 1.0 / n))
         return np.asarray(C * np.outer(scale, scale))
-
-
-@dataclass(frozen=True)
-class _Moments:
-    """Of one channel, at each phase : (N,): the mean, the squares about it summed over beats, the beats measured."""
-
-    mean: Array
-    squares: Array
-    counts: Array
-    whole: bool
 
 
 def require_phases(counts: Array, name: str, source: str) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NoReturn
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from solver.errors import InputError
 from solver.quantities.units import INFLOW, SIGNAL_UNITS, display_factor
 
 from .. import thresholds as limit
-from .table import Place, said
+from . import table
+from .table import Place
 
 Array = np.ndarray
 
@@ -45,9 +46,7 @@ class UnusableRecord(InputError):
     """A file that can be read, and a recording that no fit can use."""
 
 
-def refuse(place: Place, sample: int | None, title: str, reason: str) -> NoReturn:
-    """Raises the UnusableRecord of a sample, or of a column: sample None."""
-    raise UnusableRecord(said(place, sample, title, reason))
+refuse = partial(table.refuse, error=UnusableRecord)  # a sample, or a column
 
 
 def check_numbers(values: Array, title: str, place: Place) -> None:

@@ -72,12 +72,7 @@ class Table:
     titled: bool = True
 
 
-def said(place: Place, sample: int | None, title: str, reason: str) -> str:
-    """The sentence about a cell, or about a column whose ``sample`` is None."""
+def refuse(place: Place, sample: int | None, title: str, reason: str, error: type[InputError] = InputError) -> NoReturn:
+    """Raises the ValueError of a cell that cannot be read, or of a column: sample None."""
     where = ", ".join(part for part in (place.of(sample), f"column {title!r}") if part)
-    return f"{place}: {where}: {reason}."
-
-
-def refuse(place: Place, sample: int | None, title: str, reason: str) -> NoReturn:
-    """Raises the ValueError of a cell that cannot be read."""
-    raise InputError(said(place, sample, title, reason))
+    raise error(f"{place}: {where}: {reason}.")
