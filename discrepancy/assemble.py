@@ -182,8 +182,9 @@ def fmu_warnings(shown: Shown) -> tuple[str, ...]:
         found.append(f"model.fmu does not run with its network's own inflow: {shown.failure}")
     elif shown.archive is not None and shown.parity is None:
         found.append(
-            "model.fmu was not compared with the direct solver, because its network's own inflow is 0, as on a bench; "
-            "give the [inlet] of the --model file a Q_max above 0 or a curve."
+            "model.fmu has no inflow of its own, as of an artery on a bench, so that nothing moves in it until a host "
+            "drives it; the same wall was run as an FMU under the recorded pressure. To run model.fmu by itself, give "
+            "the [inlet] of the --model file a Q_max above 0 or a curve."
         )
     elif shown.parity is not None and not shown.parity <= thresholds.AGREE:
         found.append(

@@ -18,7 +18,7 @@ from commands import in_process, without_progress
 from compare import relative_error
 from scipy.integrate import solve_ivp
 
-from arterial_fmu.cli.run import main
+from arterial_fmu.cli.run import main, ranges_table
 from build_fmu import build
 from fmu_src.importer.run import run_fmu
 from solver import Inlet, Network, Pressure, Settings, Site, load
@@ -249,3 +249,11 @@ def test_command_describes_itself() -> None:
     assert done.returncode == 0
     assert all(option in done.stdout for option in ("--inputs", "--start-values", "--stop-time", "--step", "--out"))
     assert "not an FMU; build one with arterial-fmu build." in command(__file__).stderr
+
+
+def test_a_table_of_ranges() -> None:
+    """In the units that people read; of many variables the first ones, and how many there are."""
+    found = {f"S{i}.P": {"unit": "Pa", "min": 80.0 * MMHG, "max": 120.0 * MMHG, "mean": 1e4} for i in range(30)}
+    table = ranges_table("some.fmu", found, 2.5)
+    assert table.row_count == 24 and table.title == "some.fmu: 2.5 s, first 24 of 30 variables"
+    assert [next(iter(column.cells)) for column in table.columns] == ["S0.P", "mmHg", "80.00", "120.0", "75.01"]

@@ -7,20 +7,26 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.table import Table
 
-from arterial_fmu.cli.terminal.console import faults, put, ranges, say_written, sentences
+from arterial_fmu.cli.terminal.console import faults, put, ranges, right, say_written, sentences, show
 from arterial_fmu.cli.terminal.options import Json, Quiet, files_for, one_command
 from arterial_fmu.cli.terminal.progress import bar
 from fmu_src.importer.run import Array, FMUError, Input, check_inputs, drive_of, read_description, run_fmu
 from solver.errors import InputError
 from solver.io.writing import check_destinations, write_whole
 from solver.network.files import parse_quantity, read_text
+from solver.quantities.legible import significant
 from solver.quantities.text import assignments
+from solver.quantities.units import readable
+
+_ROWS = 24  # of the table: a network of many sites has hundreds of variables
 
 
 def main(
@@ -61,12 +67,23 @@ def main(
                 progress=lambda fraction: progress(fraction, fmu.name),
             )
         _write_result(out, result, variables)
+    columns = {name: values for name, values in result.items() if name != "time"}
+    found = ranges(result["time"], columns, {name: variables[name].unit for name in columns})
     if as_json:
-        columns = {name: values for name, values in result.items() if name != "time"}
-        units = {name: variables[name].unit for name in columns}
-        put({"fmu": str(fmu), "variables": ranges(result["time"], columns, units), "written": [str(out)]})
+        put({"fmu": str(fmu), "variables": found, "written": [str(out)]})
     elif not quiet:
+        show(ranges_table(fmu.name, found, end))
         say_written(out)
+
+
+def ranges_table(name: str, found: Mapping[str, Mapping[str, Any]], end: float) -> Table:
+    """Range and time mean of the variables, in the units that people read; of a large network of the first ones."""
+    rest = f", first {_ROWS} of {len(found)} variables" if len(found) > _ROWS else ""
+    table = Table("variable", "unit", *map(right, ("min", "max", "mean")), title=f"{name}: {end:g} s{rest}")
+    for variable, each in islice(found.items(), _ROWS):
+        unit, factor = readable(each["unit"] or "")
+        table.add_row(variable, unit, *(significant(factor * each[key], 4) for key in ("min", "max", "mean")))
+    return table
 
 
 def _read_inputs(path: Path, variables: Mapping[str, Any], fmu: Path, stop_time: float) -> dict[str, Input]:

@@ -31,10 +31,10 @@ Array = np.ndarray
 # that is known by its order only
 _PRIORS = {
     "L": (2.0, 0.03, 10.0),
-    "E": (1.0, 0.1, 10.0),
-    "phi0": (2.5, 0.01, 10.0),
-    "R1": (1.0, 0.1, 10.0),
-    "C": (1.0, 0.1, 10.0),
+    "E": (0.7, 0.2, 5.0),
+    "phi0": (1.0, 0.1, 5.0),
+    "R1": (0.7, 0.2, 5.0),
+    "C": (0.7, 0.2, 5.0),
     "R2": (0.2, 0.5, 2.0),
 }
 _SHORTEST, _LONGEST = 5e-3, 0.6  # of a tube [m]
@@ -43,6 +43,7 @@ _GRID = {"E": (0.6, 1.0, 1.7), "phi0": (0.15, 1.0), "C": (0.6, 1.0, 2.0)}
 _LENGTHS = (0.2, 0.5, 1.0, 2.0)  # the same of all lengths
 _LAGS = (-0.03, 0.0, 0.03)  # of inlet.Q [periods]
 _SEARCHES = 3  # that are begun
+_HARMONICS = 16  # at most: they hold the pulse
 _ERROR = 0.005  # of the pulsation: an error of the model in each harmonic
 _LATEST = 0.1  # of the period: the range of the lag; beyond it the clocks differ (doubts.py)
 _CLOSES = 0.7  # of the residual: a lag that leaves more is not told
@@ -91,7 +92,7 @@ class _Problem:
         self.low = np.log(np.where(self.lengths, np.maximum(low, np.minimum(_SHORTEST / L, 1.0)), low))
         self.high = np.log(np.where(self.lengths, np.minimum(high, np.maximum(_LONGEST / L, 1.0)), high))
         self.spread = spread
-        most = max(int(heard(beats, name).max(initial=1)) for name in beats.values)
+        most = min(_HARMONICS, max(int(heard(beats, name).max(initial=1)) for name in beats.values))
         self.Q = resample(beats.mean(INFLOW), 2 * most + 2)
         self.k = np.arange(most + 1)
         there = waveforms(network, self.Q, beats.T)
@@ -106,6 +107,7 @@ class _Problem:
         noise = np.zeros(len(self.k))
         if self.beats.n_beats > 1:
             noise = np.sqrt(self.beats.covariance((name,))[: len(self.k), 0, 0].real)
+        noise[0] = 0.0  # breathing moves the mean of single beats
         size = self.size(name)
         return np.asarray(np.hypot(noise, _ERROR * size) + 1e-12 * size)
 
@@ -158,7 +160,8 @@ class _Problem:
         starts = np.clip(self._starts(lag)[:, free], low[free], high[free])
         order = np.argsort(np.sum(self.residual(whole(starts)) ** 2, axis=1))[:_SEARCHES]
         limits = low[free] - 1e-9, high[free] + 1e-9
-        found = [least_squares(at, start, slopes, bounds=limits, max_nfev=60) for start in starts[order]]
+        accuracy = {"ftol": 1e-4, "xtol": 1e-4, "max_nfev": 40}
+        found = [least_squares(at, start, slopes, bounds=limits, **accuracy) for start in starts[order]]
         return np.asarray(whole(min(found, key=lambda each: each.cost).x[None])[0])
 
     def _starts(self, lag: bool) -> Array:

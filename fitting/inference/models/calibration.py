@@ -50,6 +50,10 @@ Array = np.ndarray
 STEP = 3e-4
 DERIVATIVE_ERROR = 5e-4
 TOLERANCE = 1e-7  # of periodic beats, whose small differences give the derivatives
+# Of the pulsation (rms): largest error of the means of several recordings, 1 or 2 mmHg of a pressure. A zero that is
+# off by more is common to the recordings and can be freed. Without a limit the few means are given up for the
+# harmonics, and with them all that only other flows show
+MEANS = 0.1
 CHANCE = 4.0  # standard deviations of χ² above which more than noise remains
 _ALTERNATIONS = 12  # of search and error estimate, at most
 _SAME = 0.1  # relative change of an error that is negligible
@@ -238,6 +242,8 @@ def model_errors(problem: Problem, x: Array, batches: Sequence[Array]) -> Array:
     lone = len(problem.parts) == 1 and len(problem.parts[0].simulator.names) == 1  # one mean gives no error of means
     each = zip(problem.parts, problem.rows(), strict=True)
     means, rest = estimated(fit, [block for part, rows in each for block in _blocks(part, rows.start, int(lone))], 2)
+    if len(problem.parts) > 1:
+        means = min(means, MEANS)
     return np.array([max(means, rest), rest])  # few means determine it poorly: at least that of the harmonics
 
 
