@@ -118,7 +118,7 @@ def test_in_a_study(fault: type[Exception], breaks: Breaks, tmp_path: Path) -> N
 def test_in_a_balance_of_a_study(fault: type[Exception], breaks: Breaks) -> None:
     """A wall that no law carries has no balance; a fault is none of these."""
     beats = record({f"B.{kind}": clean()[f"B.{kind}"] for kind in "PR"}, 15, 0.01)
-    breaks("discrepancy.find.balances.fit")
+    breaks("discrepancy.find.balances.bench")
     with pytest.raises(fault, match="broadcast"):
         discrepancy.find.balances.wall_balances(beats, NETWORK)
 
