@@ -85,13 +85,16 @@ def read(page: Path) -> Tags:
 
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory: pytest.TempPathFactory, sheep: Network) -> Callable[[str], Path]:
-    """The folder of the report of a verdict, written once."""
+    """The folder of the report of a verdict, written once; those of which only the words are read have no figures."""
     written: dict[str, Path] = {}
 
     def report(verdict: str) -> Path:
         if verdict not in written:
-            written[verdict] = tmp_path_factory.mktemp(verdict)
-            write_report(synthetic(verdict, sheep), written[verdict])
+            written[verdict], outcome = tmp_path_factory.mktemp(verdict), synthetic(verdict, sheep)
+            if verdict in ("effect", "none", "unusable"):
+                write_report(outcome, written[verdict])
+            else:
+                (written[verdict] / "report.html").write_text(page(outcome, {}), encoding="utf-8")
         return written[verdict]
 
     return report

@@ -165,7 +165,7 @@ def test_networks_and_effects(stored: Store, tmp_path: Path, name: str) -> None:
     same(*pair(stored, network, tmp_path), {"inlet.drive": "network"}, steps)
 
 
-@pytest.mark.parametrize("way", ["hold", "smooth"])
+@pytest.mark.parametrize("way", [pytest.param("hold", marks=pytest.mark.slow), "smooth"])
 def test_tables_of_sources(stored: Store, tmp_path: Path, way: str) -> None:
     """They act at every stage, in outputs and in ports; they move the pressures by much more."""
     T, plain = load("sheep").inlet.T, load("sheep")

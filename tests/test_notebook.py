@@ -184,5 +184,5 @@ def test_outcome_shown(outcome: Outcome) -> None:
     (panel,) = outcome.plot("waveforms").axes
     assert (panel.get_xlabel(), panel.get_ylabel()) == ("time [s]", "mmHg")
     assert {text.get_text() for text in outcome.plot().axes[0].texts} >= {"AA", "CA"}
-    with pytest.raises(ValueError, match="^loops: no such figure of this study; it has network, waveforms, gap.$"):
+    with pytest.raises(ValueError, match="^loops: no such figure of this study; it has network, waveforms.$"):
         outcome.plot("loops")

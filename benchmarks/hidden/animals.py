@@ -96,9 +96,9 @@ def outside_walls(lines: Sequence[Line]) -> str:
 
 
 def own(lines: Sequence[Line]) -> str:
-    """A parameter of one wall or outlet that is far off."""
+    """A parameter of one wall or outlet that is far off. Its d' is at most its distance in the spread of the animal."""
     t = Targets()
-    for least in (0.0, 30.0):
+    for least in (0.0, 12.0):
         named, radius = (w.of(lines, what, least) for what in ("single", "outside"))
         t.at_least(f"E or R_t of one, d′ ≥ {least:g}: named in its place", 0.95, share(named, w.right_place))
         t.add("– on the map in its place", "–", share(named, w.acts_right))

@@ -254,8 +254,8 @@ def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
     """
     known = None
     try:
-        for known in stages:  # noqa: B007, the last one stays
-            pass
+        for later in stages:
+            known = later
     except OutOfTime:
         if known is None:
             raise
