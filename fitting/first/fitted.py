@@ -23,23 +23,24 @@ from solver.quantities.units import INFLOW
 
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
+from .tubes import keyed
 from .waves import heard
 
 Array = np.ndarray
 
 # standard deviation of the logarithm, and the range of the factor: judgement. The length stands for a reflection time
 # that is known by its order only
-_PRIORS = {
-    "L": (2.0, 0.03, 10.0),
-    "E": (0.7, 0.2, 5.0),
-    "phi0": (1.0, 0.1, 5.0),
-    "R1": (0.7, 0.2, 5.0),
-    "C": (0.7, 0.2, 5.0),
-    "R2": (0.2, 0.5, 2.0),
-}
+_PRIORS = keyed(
+    L=(2.0, 0.03, 10.0),
+    E=(0.7, 0.2, 5.0),
+    phi0=(1.0, 0.1, 5.0),
+    R1=(0.7, 0.2, 5.0),
+    C=(0.7, 0.2, 5.0),
+    R2=(0.2, 0.5, 2.0),
+)
 _SHORTEST, _LONGEST = 5e-3, 0.6  # of a tube [m]
 # where searches may start, as factors of the estimates: the best of all combinations do
-_GRID = {"E": (0.6, 1.0, 1.7), "phi0": (0.15, 1.0), "C": (0.6, 1.0, 2.0)}
+_GRID = keyed(E=(0.6, 1.0, 1.7), phi0=(0.15, 1.0), C=(0.6, 1.0, 2.0))
 _LENGTHS = (0.2, 0.5, 1.0, 2.0)  # the same of all lengths
 _LAGS = (-0.03, 0.0, 0.03)  # of inlet.Q [periods]
 _SEARCHES = 3  # that are begun
@@ -72,6 +73,11 @@ def fitted(network: Network, beats: Beats, root: str, known: bool) -> Fitted:
     if not (within and before > _MATTERS * problem.size(root) and after < _CLOSES * before):
         return Fitted(problem.factors(plain), 0.0, (before, before))
     return Fitted(problem.factors(moved), late, (before, after))
+
+
+def of_owner(factor: Mapping[str, float], owner: str) -> dict[str, float]:
+    """The factors of one segment or outlet, by key."""
+    return {name.rpartition(".")[2]: x for name, x in factor.items() if name.rpartition(".")[0] == owner}
 
 
 class _Problem:

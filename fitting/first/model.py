@@ -28,10 +28,10 @@ from ..records.channels.spectral import coefficients, resample
 from . import text
 from .doubts import doubts, late_flow
 from .estimates import Found, compliances, delay, impedance, reflection_time, resistance, root_pressure, sites
-from .fitted import Fitted, fitted
+from .fitted import Fitted, fitted, of_owner
 from .species import Typical, typical
 from .stretches import parents, stretches
-from .tubes import Tube, made, windkessel
+from .tubes import KEYS, Tube, made, windkessel
 from .waves import heard
 
 Array = np.ndarray
@@ -130,7 +130,7 @@ class _Parts:
     source: text.Source
     found: tuple[Found, ...]
     tubes: Sequence[Tube]
-    windkessels: Mapping[str, tuple[float, float, float]]
+    windkessels: Mapping[str, tuple[float, ...]]
     notes: Sequence[str]
     factor: Mapping[str, float] = field(default_factory=dict)
     late: float = 0.0
@@ -139,12 +139,12 @@ class _Parts:
         """The same with the fitted values, and a note if inlet.Q is late."""
         f = fit.factor
         tubes = [
-            replace(t, **{key: getattr(t, key) * f.get(f"{t.stretch.name}.{key}", 1.0) for key in ("L", "E", "phi0")})
+            replace(t, **{key: getattr(t, key) * x for key, x in of_owner(f, t.stretch.name).items()})
             for t in self.tubes
         ]
         ends = {
-            name: (R1 * f[f"{name}.outlet.R1"], C * f[f"{name}.outlet.C"], R2 * f[f"{name}.outlet.R2"])
-            for name, (R1, C, R2) in self.windkessels.items()
+            name: tuple(x * of_owner(f, f"{name}.outlet").get(key, 1.0) for key, x in zip(KEYS, values, strict=True))
+            for name, values in self.windkessels.items()
         }
         notes = [*self.notes, *([late_flow(fit.late, fit.rms, root)] if fit.late else [])]
         return replace(self, tubes=tubes, windkessels=ends, notes=notes, factor=f, late=fit.late)

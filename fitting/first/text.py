@@ -15,6 +15,7 @@ from solver.quantities.text import quoted, typed_unit
 from solver.quantities.units import INFLOW, display_factor, display_units, readable
 
 from .estimates import Found
+from .fitted import of_owner
 from .tubes import Tube
 
 Array = np.ndarray
@@ -55,16 +56,13 @@ def network_file(
     source: Source,
     found: Iterable[Found],
     tubes: Sequence[Tube],
-    windkessels: Mapping[str, tuple[float, float, float]],
+    windkessels: Mapping[str, tuple[float, ...]],
     notes: Iterable[str],
     factor: Mapping[str, float],
     late: float,
 ) -> str:
     """TOML with all of it. windkessels : R1, C, R2 by stretch [SI]. factor : of the fit, by parameter. late : of the
     inflow [s], as a comment."""
-
-    def origin(parameter: str, estimated: str) -> str:
-        return f"{estimated}, × {factor[parameter]:.2g} by the fit" if parameter in factor else estimated
 
     lines = [
         f"# A first model of {source.record}, for editing: the start of a calibration, not its result.",
@@ -81,6 +79,7 @@ def network_file(
         "[network]",
         *_lines(
             Network,
+            {},
             P_ref=(source.P, "mean pressure at the root: R0 and E are those of that pressure"),
             P_0=(source.P, "start there"),
         ),
@@ -99,11 +98,12 @@ def network_file(
             f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long",
             *_lines(
                 Segment,
-                L=(tube.L, origin(f"{s.name}.L", "wave speed times that time")),
+                of_owner(factor, s.name),
+                L=(tube.L, "wave speed times that time"),
                 R0=(tube.R0, "from c and Z_c over its share of the flow"),
                 h=(tube.h, "a typical fraction of R0"),
-                E=(tube.E, origin(f"{s.name}.E", "from c, R0 and h; the recording determines only E h")),
-                phi0=(tube.phi0, origin(f"{s.name}.phi0", "a typical fraction of E")),
+                E=(tube.E, "from c, R0 and h; the recording determines only E h"),
+                phi0=(tube.phi0, "a typical fraction of E"),
             ),
         ]
     heads: dict[str, list[str]] = {}
@@ -118,9 +118,10 @@ def network_file(
             f"[outlets.{name}]",
             *_lines(
                 Windkessel,
-                R1=(R1, origin(f"{name}.outlet.R1", "the impedance of the tube: no reflection of steep waves")),
-                C=(C, origin(f"{name}.outlet.C", "its share of the compliance outside the tubes")),
-                R2=(R2, origin(f"{name}.outlet.R2", "the rest of its share of the resistance")),
+                of_owner(factor, f"{name}.outlet"),
+                R1=(R1, "the impedance of the tube: no reflection of steep waves"),
+                C=(C, "its share of the compliance outside the tubes"),
+                R2=(R2, "the rest of its share of the resistance"),
                 P_venous=(source.P_venous, "given, not estimated"),
             ),
         ]
@@ -134,10 +135,12 @@ def network_file(
     return "\n".join(lines) + "\n"
 
 
-def _lines(kind: Any, **rows: tuple[float, str]) -> list[str]:
-    """Lines of a section of the file by key: a number [SI] in the unit that people read it in, and a comment."""
+def _lines(kind: Any, factor: Mapping[str, float], **rows: tuple[float, str]) -> list[str]:
+    """Lines of a section of the file by key: a number [SI] in the unit that people read it in, and a comment with the
+    factor of the fit."""
     known, lines = quantities(kind), []
-    for key, (x, comment) in rows.items():
+    for key, (x, estimated) in rows.items():
+        comment = f"{estimated}, × {factor[key]:.2g} by the fit" if key in factor else estimated
         display = known[key].display or display_units(known[key].unit)[0]
         lines.append(f'{key} = "{display_factor(display) * x:.4g} {typed_unit(display)}"  # {comment}')
     return lines

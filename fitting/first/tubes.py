@@ -4,17 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from solver.laws.outlets import Windkessel
 from solver.network.description import Fluid
 
 from .species import Typical
 from .stretches import Stretch
 
+KEYS = tuple(Windkessel.__annotations__)[:3]  # of what windkessel() gives
 _ETA = 0.5  # of a network file without eta
 _PROXIMAL = 0.5  # of the resistance of an end: upper limit of R1
 _LEAST = 0.1  # of the same: lower limit of R2
+
+
+def keyed(**values: Any) -> dict[str, Any]:
+    """Values by the keys of walls and Windkessels."""
+    return values
 
 
 @dataclass(frozen=True)
