@@ -46,8 +46,6 @@ OWN = {
     "solver/network/coefficients.py": {"k"},  # of every junction: a coefficient of the scheme
     "solver/quantities/units.py": {"k"},  # kilo
     "solver/network/importers/openbf.py": {"P_ext"},  # its reference pressures, where vessels differ
-    # of the tubes and three-element Windkessels that a first model consists of
-    **{f"fitting/first/{name}.py": {"phi0", "R1", "C", "R2"} for name in ("model", "fitted", "spread", "text")},
     "fmu_src/contents/system.py": {"C", "R2"},  # of the outlets of one network, made for one heart
 }
 
