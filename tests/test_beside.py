@@ -78,7 +78,7 @@ def test_nothing_acts_beside_what_has_no_state() -> None:
     (law,) = problem(3.0).refit([(term("external_pressure", "C"),)])
     assert law is not None
     ends = {u.name: u for u in law.unknowns}
-    there = {"C.P_ext": ends["C.P_ext"].high, "all.E": np.log(0.4) / ends["all.E"].moves[0][1]}  # 100 kPa on 90 kPa
+    there = {"C.P_ext": ends["C.P_ext"].high, "all.E": np.log(0.15) / ends["all.E"].moves[0][1]}  # 40 kPa on 34 kPa
     x = np.array([there.get(u.name, x) for u, x in zip(law.unknowns, law.x, strict=True)])
     with pytest.raises(InputError, match="cannot carry the start pressure"):
         PlaceModel(problem(3.0), Runs(), law.terms, law.unknowns).responses(x)

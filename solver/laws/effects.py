@@ -154,7 +154,7 @@ class ExternalPressure(Effect):
     equation = "P = P_ext + P_ref + …"
     owner = "segment"
     places = ("all", "segment")
-    terms = {"P_ext": Quantity("Pa", "external pressure P_ext", -1e5, 1e5, nominal=1e3, display="mmHg")}
+    terms = {"P_ext": Quantity("Pa", "external pressure P_ext", -2e4, 4e4, nominal=1e3, display="mmHg")}
     neutral = {"P_ext": 0.0}
     at_rest = True
     search = SearchSpec(typical={"P_ext": 1333.0}, local=True)
