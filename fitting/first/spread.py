@@ -13,7 +13,7 @@ from .tubes import keyed
 
 # standard deviations of the logarithms, whatever fits the mean beat best: judgement. They are wider than those between
 # the walls of one species, since lengths and viscosities are not measured at all
-_SPREAD = keyed(L=0.5, E=0.3, phi0=1.0, R1=0.3, C=0.3, R2=0.1)
+_SPREAD = keyed(L=0.5, R0=0.25, E=0.3, phi0=1.0, R1=0.3, C=0.3, R2=0.1)
 
 
 def is_first(network: Network) -> bool:
