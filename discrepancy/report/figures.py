@@ -94,7 +94,8 @@ def _network(outcome: Outcome, network: Network) -> Captioned:
     for named, colour, label in ((True, VERMILION, "missing effect"), (False, ORANGE, "possible place")):
         if any(mark.named == named for mark in marked):
             handles.append(Line2D([], [], color=colour, lw=6, label=label))
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    columns = min(len(handles), int(figure.get_figwidth() / 1.3))  # a network of one tube has a narrow figure
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns)
     places = ", ".join(dict.fromkeys(mark.text for mark in marked))
     return (
         figure,
