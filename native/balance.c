@@ -178,7 +178,7 @@ static void amplitudes(const arterial_period *period, double *v, int32_t n, doub
 /* --- the balance ------------------------------------------------------------------------------------------------------ */
 
 typedef struct {
-    double *waves, *v, *out, *left, *filled, *before, *corrected; /* see arterial_scratch */
+    double *waves, *v, *out, *left, *filled, *before, *corrected, *past; /* see arterial_scratch */
 } scratch_parts;
 
 static int32_t widest(const arterial_balance *b)
@@ -199,7 +199,8 @@ static scratch_parts parted(const arterial_balance *b, const arterial_period *pe
     s.filled = s.left + harmonics * widest(b);
     s.before = s.filled + X;
     s.corrected = s.before + X;
-    if (size) *size = s.corrected + X - scratch;
+    s.past = s.corrected + X;
+    if (size) *size = s.past + harmonics * b->n_past - scratch;
     return s;
 }
 
@@ -211,24 +212,61 @@ int64_t arterial_scratch(const arterial_balance *b, const arterial_period *perio
     return size;
 }
 
-/* Amplitudes s->left of what a phase leaves of n numbers at every moment of waves X : (K + 1, 2, n_y + n_H) under drive. */
+/* What phases are given of a moment, where each part begins: A, Q, P_C and the past at the start of the stage that ends
+   there; drive, H, A, Q and P_C, dA/dt, stress and history at its end. A phase takes a range of them. */
+typedef struct {
+    int32_t start, past, drive, H, fluid, A_t, memories, all;
+} moment_parts;
+
+static moment_parts parts_of(const arterial_balance *b)
+{
+    moment_parts at = {0};
+    at.past = b->at_memories;
+    at.drive = at.past + b->n_past;
+    at.H = at.drive + b->p.n_inlets;
+    at.fluid = at.H + b->p.n_H;
+    at.A_t = at.fluid + b->at_memories;
+    at.memories = at.A_t + b->p.n_A;
+    at.all = at.memories + b->n_memories;
+    return at;
+}
+
+static void range_of(const moment_parts *at, int phase, int32_t *from, int32_t *to)
+{
+    *from = phase == REMEMBER ? at->fluid : phase == OBSERVE ? at->H : at->start;
+    *to = phase == MOMENT ? at->A_t : phase == OBSERVE ? at->all : at->memories;
+}
+
+/* The n numbers s->out that a phase leaves at every moment of waves X : (K + 1, 2, n_y + n_H) under drive. */
 static void moments(const arterial_balance *b, const arterial_period *period, const memory *m, const double *X,
                     const double *drive, int phase, int out, int32_t n, const scratch_parts *s)
 {
-    const int32_t n_y = b->p.n_y, n_H = b->p.n_H, n_in = b->p.n_inlets, N = b->n_now;
+    const int32_t n_y = b->p.n_y, n_H = b->p.n_H, n_in = b->p.n_inlets, n_fluid = b->at_memories, n_past = b->n_past;
+    const moment_parts at = parts_of(b);
+    int32_t from, to;
+    range_of(&at, phase, &from, &to);
+    const int32_t N = to - from;
     for (int32_t k = 0; k <= period->K; k++)
         for (int32_t part = 0; part < 2; part++) {
-            const int64_t row = 2 * (int64_t)k + part;
-            const double *const x = X + row * (n_y + n_H), *const other = X + (row + 1 - 2 * part) * (n_y + n_H);
-            const double w = part ? period->omega[k] : -period->omega[k];
-            double *const to = s->waves + row * N;
-            copy(to, x, n_y + n_H);
-            for (int32_t i = 0; i < n_y; i++) to[n_y + n_H + i] = w * other[i];
-            for (int32_t i = 0; i < n_in; i++) to[2 * n_y + n_H + i] = drive ? drive[row * n_in + i] : 0.0;
+            const int64_t row = 2 * (int64_t)k + part, twin = row + 1 - 2 * part;
+            const double *const x = X + row * (n_y + n_H), *const other = X + twin * (n_y + n_H);
+            const double *const p = s->past + row * n_past, *const other_p = s->past + twin * n_past;
+            const double w = part ? period->omega[k] : -period->omega[k], back = -period->tau * w;
+            double *const of = s->waves + row * N - from;
+            if (from <= at.start) {
+                for (int32_t i = 0; i < n_fluid; i++) of[at.start + i] = x[i] + back * other[i];
+                for (int32_t i = 0; i < n_past; i++) of[at.past + i] = p[i] + back * other_p[i];
+                for (int32_t i = 0; i < n_in; i++) of[at.drive + i] = drive[row * n_in + i];
+            }
+            if (from <= at.H) copy(of + at.H, x + n_y, n_H);
+            copy(of + at.fluid, x, n_fluid);
+            if (to > at.A_t)
+                for (int32_t i = 0; i < b->p.n_A; i++) of[at.A_t + i] = w * other[i];
+            if (to > at.memories) copy(of + at.memories, x + n_fluid, b->n_memories);
         }
     values(period, s->waves, N, s->v);
     for (int32_t j = 0; j < 4 * period->K; j++) {
-        copy(more(b, m, IN_NOW), s->v + (int64_t)j * N, N);
+        copy(more(b, m, IN_NOW) + from, s->v + (int64_t)j * N, N);
         run(&b->p, m, phase);
         copy(s->out + (int64_t)j * n, more(b, m, out), n);
     }
@@ -264,6 +302,7 @@ static void remember(const arterial_balance *b, const arterial_period *period, m
         for (int32_t part = 0; part < 2; part++)
             copy(X + (2 * (int64_t)k + part) * size + b->at_memories, more(b, m, OUT_MEMORIES) + part * b->n_memories,
                  b->n_memories);
+        copy(s->past + 2 * (int64_t)k * b->n_past, more(b, m, OUT_PAST), 2 * b->n_past);
     }
 }
 
@@ -317,6 +356,7 @@ int32_t arterial_balanced(const arterial_balance *b, const arterial_period *peri
             add(X + (2 * (int64_t)k + part) * size + b->at_stored, more(b, &m, OUT_CHARGED) + part * b->n_stored,
                 b->n_stored);
     }
+    if (b->n_unremembered) remember(b, period, &m, held, X, &s);
     copy(s.before, X, all);
     while (made < most) {
         double *from = X;

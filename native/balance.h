@@ -10,10 +10,10 @@ enum { ABOUT = PHASES, LINEARISE, MOMENT, FILL, REMEMBER, OBSERVE, RESPOND, RESP
 enum {
     IN_TAU, OUT_GUESS,                       /* START: length of the step; flows to begin with */
     IN_ABOUT_Y, IN_ABOUT_H, IN_TAU_WAVE,     /* ABOUT, LINEARISE */
-    IN_NOW, OUT_LEFT, OUT_UNFILLED, OUT_UNREMEMBERED, OUT_OBSERVED, /* MOMENT to OBSERVE: y, H, dy/dt, drive */
+    IN_NOW, OUT_LEFT, OUT_UNFILLED, OUT_UNREMEMBERED, OUT_OBSERVED, /* MOMENT to OBSERVE: see moment_parts */
     IN_DRIVEN, OUT_ANSWER, OUT_ANSWER_MEAN,  /* RESPOND, RESPOND_MEAN: changes of y and H */
     IN_FLOW_IN, OUT_CHANGE,                  /* FILLED: changes of A */
-    IN_FORGOTTEN, OUT_MEMORIES,              /* RECALL: stress and history */
+    IN_FORGOTTEN, OUT_MEMORIES, OUT_PAST,    /* RECALL: stress and history; what a stage needs of them */
     IN_LET_OUT, OUT_CHARGED,                 /* STORED: stored pressures */
     IN_ENTERS, OUT_SCALED,                   /* SCALED: what sources add to the equations of the nodes */
     BALANCE_PLACES
@@ -21,15 +21,16 @@ enum {
 
 typedef struct {
     arterial_program p;
-    int32_t n_held, n_now, n_left, n_unfilled, n_unremembered, n_memories, n_observed, n_stored; /* 0: no such phase */
+    int32_t n_held, n_now, n_left, n_unfilled, n_unremembered, n_memories, n_past, n_observed, n_stored; /* 0: none */
     int32_t at_stored, at_memories; /* where stored pressures, and stress and history, begin in a state */
     int32_t more[BALANCE_PLACES];
 } arterial_balance;
 
 /* What a period is made of: K harmonics beside the mean, their omega : (K + 1), cosines and sines : (K + 1, 2, K + 1) of
-   2 pi j k / (4 K). Amplitudes are (K + 1, 2, n), real parts and imaginary ones. */
+   2 pi j k / (4 K); tau : the length of the stages. Amplitudes are (K + 1, 2, n), real parts and imaginary ones. */
 typedef struct {
     const double *omega, *turn;
+    double tau;
     int32_t K;
 } arterial_period;
 

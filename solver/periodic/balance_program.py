@@ -14,12 +14,14 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from ..laws.wall import Wall
 from ..scheme import terms
 from ..scheme.guards import margins
 from ..scheme.model import Model
 from ..scheme.outputs import reporter
 from ..scheme.sdirk import GAMMA
-from ..scheme.stage import Operators, Stage, loads_of, memory_of, operators_about
+from ..scheme.optional import Force
+from ..scheme.stage import Loads, Memory, Operators, Stage, loads_of, memory_of, operators_about
 from ..scheme.step import State
 from ..tracing.complex import Complex
 from ..tracing.steps import PHASES as STEP
@@ -33,7 +35,7 @@ PHASES = (*STEP, "about", "linearise", "moment", "fill", "remember", "observe", 
           "recall", "stored", "scaled")  # fmt: skip
 PLACES = (
     "tau_step", "guess", "about_y", "about_H", "tau_wave", "now", "left", "unfilled", "unremembered", "observed",
-    "driven", "answer", "answer_mean", "flow_in", "change", "forgotten", "memories", "let_out", "charged",
+    "driven", "answer", "answer_mean", "flow_in", "change", "forgotten", "memories", "past", "let_out", "charged",
     "enters", "scaled",
 )  # fmt: skip
 CORE = 8  # nodes that are inverted as a whole: with complex numbers a round costs less
@@ -42,28 +44,30 @@ _programs = Programs()
 
 
 class Sizes(NamedTuple):
-    """Sizes of a moment: its state, rates and drive; its residuals of flow, storage and memory; its memories; its
-    outputs with the margin of the guards; stored pressures. 0: the model has none."""
+    """Sizes of a moment: all that its phases are given; its residuals of flow, storage and memory; its memories, and
+    what a stage needs of them; its outputs with the margin of the guards; stored pressures. 0: the model has none."""
 
     now: int
     left: int
     unfilled: int
     unremembered: int
     memories: int
+    past: int
     observed: int
     outlets: int
 
     @staticmethod
     def of(model: Model) -> Sizes:
         shapes, n_H = model.layout.shapes, model.mesh.n_nodes
-        A, Q, stress, history = (int(np.prod(shapes[name])) for name in ("A", "Q", "stress", "history"))
-        remembers = stress + history > 0
+        A, Q, P_C, stress, history = (int(np.prod(shapes[name])) for name in ("A", "Q", "P_C", "stress", "history"))
+        past = (A if stress else 0) + (Q if history else 0)
         return Sizes(
-            now=2 * model.layout.size + n_H + len(model.inlets.by_flow),
+            now=2 * (A + Q + P_C) + A + past + stress + history + n_H + len(model.inlets.by_flow),
             left=Q + n_H,
             unfilled=0 if model.storage.proportional else A,
-            unremembered=stress + Q if remembers else 0,
+            unremembered=min(stress, 2 * A) + Q if past else 0,
             memories=stress + history,
+            past=past,
             observed=len(model.network.output_units()) + 1,
             outlets=shapes["P_C"][0],
         )
@@ -74,6 +78,54 @@ def recorded(model: Model) -> tuple[Recorded, list[Array]]:
     (own, walls), tau = numbers(model), GAMMA * model.settings.dt
     own = replace(own, mesh=replace(own.mesh, core=CORE))
     return _programs.of((own, walls), tau, lambda r, x, leaves: _Recording(r, x[0], tau).balance(leaves, x[1]))
+
+
+def past_of(model: Model, stress: Any, history: Any, tau: float) -> list[Any]:
+    """What a stage of length tau needs of the memories at its start, linear in these: the faded stress of walls with
+    memory (B, n_e, N) [Pa], and the constant of a force with history, like mass."""
+    found = []
+    if model.wall.remembers:
+        moment = model.wall.remembering(stress.swapaxes(0, 1), tau).moment
+        found.append(moment.faded)  # type: ignore[union-attr]
+    if model.force.memories:
+        found.append(model.force.since(history, tau).constant)  # type: ignore[union-attr]
+    return found
+
+
+class _Past(Memory):
+    """The memories by what a stage needs of them : (B, …) of :func:`past_of`."""
+
+    def __init__(self, past: Any) -> None:
+        self.past = past
+
+    def recall(self, model: Model, y: Array, tau: float, loads: Loads, P_venous: Array) -> tuple[Wall, Force, Array]:
+        wall, force, behind = super().recall(model, y, tau, loads, P_venous)
+        _, n_e, N = model.layout.shapes["stress"]
+        n = n_e * N if model.wall.remembers else 0
+        if model.wall.remembers:
+            wall = replace(wall, moment=replace(wall.moment, faded=self.past[:, :n].reshape(1, n_e, N)))
+        if model.force.memories:
+            force = replace(force, constant=self.past[:, n:].reshape(1, n_e, N + 1))
+        return wall, force, behind
+
+
+class _Moment(NamedTuple):
+    """A moment: A, Q, P_C and the past (:func:`past_of`) at the start of a stage that ends there; drive, H, state vector
+    y and ∂A/∂t at its end. The engine gives a phase only those that it needs."""
+
+    start: Any
+    past: Any
+    drive: Any
+    H: Any
+    y: Any
+    A_t: Any
+
+    def stage(self, of: Recording) -> Stage:
+        m, o, n = of.m, of.o, of.m.layout.size - self.start.shape[1]
+        if n:
+            o = replace(o, memory=_Past(self.past))
+        y = np.concatenate([self.start, np.zeros((1, n))], axis=1)
+        return Stage.of(m, o, y, m.inlets.gain * self.drive, m.coefficients.P_venous, 0.0)
 
 
 class _Recording(Recording):
@@ -110,34 +162,33 @@ class _Recording(Recording):
 
     def moments(self, walls: Any) -> None:
         """Residuals and outputs at a moment."""
-        m, size = self.m, Sizes.of(self.m)
-
-        def now(phase: str) -> tuple[Any, ...]:
-            n, x = m.layout.size, self.take("now", phase, size.now)
-            return x[:, :n], x[:, n : n + self.n_H], x[:, n + self.n_H : 2 * n + self.n_H], x[:, 2 * n + self.n_H :]
-
-        def stage_of(y: Any, rate: Any, drive: Any) -> Stage:
-            return Stage.of(m, self.o, y - self.tau * rate, m.inlets.gain * drive, m.coefficients.P_venous, 0.0)
-
-        y, H, rate, drive = now("moment")
-        stage, Q = stage_of(y, rate, drive), m.layout.part(y, "Q")
-        R, net = terms.residual(stage.start, Q, H), stage.node_residual(Q, H)
+        m, size, part = self.m, Sizes.of(self.m), self.m.layout.part
+        now = self._moment("moment")
+        Q, stage = part(now.y, "Q"), now.stage(self)
+        R, net = terms.residual(stage.start, Q, now.H), stage.node_residual(Q, now.H)
         self.out["left"] = np.concatenate([R.reshape(1, -1), net], axis=1)
         if size.unfilled:
-            y, H, rate, drive = now("fill")
-            start = stage_of(y, rate, drive).start
-            supply = start.supply(m.layout.part(y, "Q"))
-            self.out["unfilled"] = start.storage.left_over(supply, m.layout.part(y, "A"), m.layout.part(rate, "A"))
+            now = self._moment("fill")
+            start = now.stage(self).start
+            supply = start.supply(part(now.y, "Q"))
+            self.out["unfilled"] = start.storage.left_over(supply, part(now.y, "A"), now.A_t)
         if size.unremembered:
-            y, H, rate, drive = now("remember")
-            found = unremembered(m, y, rate)
+            now = self._moment("remember")
+            found = unremembered(m, now.y, now.A_t)
             self.out["unremembered"] = np.concatenate([x.reshape(1, -1) for x in found], axis=1)
-        y, H, rate, drive = now("observe")
-        A_t = m.layout.part(rate, "A")
+        y, H, A_t = (now := self._moment("observe")).y, now.H, now.A_t
         state = State(0.0, y, A_t, H, y, y, m.layout, m.layout)
         least = [np.min(margin) for margin, _, _ in margins(m, m.layout.part(y, "A"), A_t, m.layout.part(y, "Q"))]
         found = (reporter(m, walls).report(state), np.min(np.stack(least)).reshape(1, 1))
         self.out["observed"] = np.concatenate(found, axis=1)
+
+    def _moment(self, phase: str) -> _Moment:
+        size, shapes = Sizes.of(self.m), self.shapes
+        A, Q, P_C = (int(np.prod(shapes[name])) for name in ("A", "Q", "P_C"))
+        parts = (A + Q + P_C, size.past, len(self.m.inlets.by_flow), self.n_H, A + Q + P_C, A, size.memories)
+        x, ends = self.take("now", phase, size.now), np.cumsum(parts)
+        start, past, drive, H, fluid, A_t, memories = (x[:, e - n : e] for n, e in zip(parts, ends, strict=True))
+        return _Moment(start, past, drive, H, np.concatenate([fluid, memories], axis=1), A_t.reshape(1, *shapes["A"]))
 
     def frequencies(self) -> None:
         """The Jacobian of waves of one frequency, and the responses by it."""
@@ -154,11 +205,11 @@ class _Recording(Recording):
             flow_in = self.given_complex("flow_in", "filled", size.unfilled).reshape(1, *self.shapes["A"])
             self.leave("change", tau * response.storage * flow_in)
         if size.unremembered:
-            forgotten, n = self.given_complex("forgotten", "recall", size.unremembered), self.shapes["stress"]
-            at_once = forgotten[:, : int(np.prod(n))].reshape(1, *n)
-            U = forgotten[:, int(np.prod(n)) :].reshape(1, *self.shapes["Q"])
-            found = remembered(m, tau, at_once, U)
-            self.leave("memories", np.concatenate([x.reshape(1, -1) for x in found], axis=1))
+            forgotten, n = self.given_complex("forgotten", "recall", size.unremembered), int(np.prod(self.shapes["Q"]))
+            at_once = forgotten[:, :-n].reshape(1, -1, *self.shapes["A"])
+            stress, history = remembered(m, tau, at_once, forgotten[:, -n:].reshape(1, *self.shapes["Q"]))
+            self.leave("memories", np.concatenate([stress.reshape(1, -1), history.reshape(1, -1)], axis=1))
+            self.leave("past", np.concatenate([x.reshape(1, -1) for x in past_of(m, stress, history, self.tau)], axis=1))
         if size.outlets:
             let_out = self.given_complex("let_out", "stored", size.outlets)
             self.leave("charged", response.charge * let_out)

@@ -201,7 +201,8 @@ def balanced(
     omega = 2.0 * np.pi / T * np.arange(len(drive))
     response, moments = Response.about(model, taus_of(omega), rest), moments_of(model, len(omega))
     drive, forced = drive + forcing.inlets, forcing.nodes * operators(model, model.settings.dt).loads.scale
-    waves = before = response.stored(Waves(omega, constant(rest.y, len(omega)), constant(rest.H, len(omega))), forcing)
+    waves = response.stored(Waves(omega, constant(rest.y, len(omega)), constant(rest.H, len(omega))), forcing)
+    waves = before = _remembering(model, waves, taus_of(omega))
     last = np.full(model.coefficients.B, np.inf)
     active = last > 0.0
     for _ in range(most):
@@ -363,21 +364,21 @@ def _remembering(model: Model, waves: Waves, taus: Sequence[Any]) -> Waves:
         return waves
     y, rates = samples(waves.y), samples(waves.rates)
     n = len(y) * len(y[0])
-    at_once, U = (amplitudes(x.reshape(n, *x.shape[2:]), waves.y) for x in unremembered(model, y, rates))
+    at_once, U = (amplitudes(x.reshape(n, *x.shape[2:]), waves.y) for x in unremembered(model, y, part(rates, "A")))
     for k, tau in enumerate(taus):
         stress[k], history[k] = remembered(model, tau, at_once[k], U[k])
     return waves
 
 
-def unremembered(model: Model, y: Array, rates: Array) -> tuple[Array, Array]:
-    """At moments y : (…, B, n), the stress of every wall element without memory, (…, B, m, n_e, N) [Pa], and the
-    velocity, (…, B, n_e, N+1) [m/s]."""
+def unremembered(model: Model, y: Array, A_t: Array) -> tuple[Array, Array]:
+    """At moments y : (…, B, n) with ∂A/∂t : (…, B, n_e, N), the stress of the first wall elements without memory,
+    (…, B, ≤ 2, n_e, N) [Pa] (all but the first have the same), and the velocity, (…, B, n_e, N+1) [m/s]."""
     part = model.layout.part
     A = part(y, "A")
     U = part(y, "Q") / (A @ model.mesh.element.at_lobatto)
     if not model.wall.remembers:
         return A[..., None, :, :][..., :0, :, :], U
-    return np.moveaxis(model.wall.stresses(A, part(rates, "A")), 0, -3), U
+    return np.moveaxis(model.wall.stresses(A, A_t)[:2], 0, -3), U
 
 
 def remembered(model: Model, tau: Any, at_once: Array, U: Array) -> tuple[Array, Array]:
@@ -386,7 +387,9 @@ def remembered(model: Model, tau: Any, at_once: Array, U: Array) -> tuple[Array,
     force, unit = model.force, np.ones((1, model.mesh.n_elements, model.mesh.element.N))
     stress = at_once
     if model.wall.remembers:
-        stress = weights(np.moveaxis(model.wall.elements[0], 0, 1), tau) * at_once
+        weight = weights(np.moveaxis(model.wall.elements[0], 0, 1), tau)
+        others = [at_once[:, 1:]] * (weight.shape[1] - 1)
+        stress = weight * np.concatenate([at_once[:, :1], *others], axis=1)
     if not force.memories:
         return stress, U[:, None][:, :0]
     nothing = 0.0 * np.stack([U] * force.memories, axis=1)

@@ -37,7 +37,7 @@ class _Balance(ctypes.Structure):
     _fields_ = [
         ("p", Program),
         *((name, ctypes.c_int32) for name in ("n_held", "n_now", "n_left", "n_unfilled", "n_unremembered", "n_memories",
-                                              "n_observed", "n_stored", "at_stored", "at_memories")),
+                                              "n_past", "n_observed", "n_stored", "at_stored", "at_memories")),
         ("more", ctypes.c_int32 * len(PLACES)),
     ]  # fmt: skip
 
@@ -45,7 +45,8 @@ class _Balance(ctypes.Structure):
 class _Period(ctypes.Structure):
     """As arterial_period there."""
 
-    _fields_ = [("omega", ctypes.c_void_p), ("turn", ctypes.c_void_p), ("harmonics", ctypes.c_int32)]
+    _fields_ = [("omega", ctypes.c_void_p), ("turn", ctypes.c_void_p), ("tau", ctypes.c_double),
+                ("harmonics", ctypes.c_int32)]  # fmt: skip
 
 
 class Beat(NamedTuple):
@@ -147,7 +148,7 @@ class BalanceEngine:
         """
         B, K = self.model.coefficients.B, len(drive) - 1
         omega, turns, last = 2.0 * np.pi / T * np.arange(K + 1), _turns(K), ctypes.c_double()
-        period = ctypes.byref(_Period(omega.ctypes.data, turns.ctypes.data, K))
+        period = ctypes.byref(_Period(omega.ctypes.data, turns.ctypes.data, GAMMA * self.model.settings.dt, K))
         scratch, taus = np.empty(self._run("arterial_scratch", period)), np.array(taus_of(omega), complex)
         means, drives = np.broadcast_to(drive[0].real, (B, drive.shape[2])), _planes(drive + forcing.inlets, B)
         forced, let_out = self._forced(forcing, K + 1)
