@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +27,8 @@ from solver.laws.effect import WALL
 
 from .. import thresholds as at
 
-TYPICAL = (1.0,)  # sizes for screening many laws
-SIZES = (0.3, *TYPICAL, 3.0)  # starting sizes of a law, beside its own starts
+TYPICAL = (1.0,)  # starting sizes of a law, beside its own starts, where there are many laws
+SIZES = (0.3, *TYPICAL, 3.0)  # and where there are few
 _FARTHER = 5.0  # limits the linear estimate of a size to this factor of the simulated size
 
 
@@ -83,13 +84,15 @@ def along(problem: NetworkProblem, term: Term, place: Place | None = None) -> li
 
 
 def nearest(
-    problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, sizes: Sequence[float] = SIZES
-) -> list[Begun]:
+    problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, sizes: Sequence[float] = SIZES,
+    screening: bool = False,
+) -> list[Begun]:  # fmt: skip
     """Laws at the size of lowest predicted cost, linear in the size and in the unknowns of the base; lowest first.
 
-    problem : with the sources that act beside them. sizes : to simulate.
+    problem : with the sources that act beside them. sizes : to simulate. screening : simulate one size only, since the
+    prediction is linear in it.
     """
-    trials = [(t, x) for t in laws for x in _sizes(t, sizes)]
+    trials = [(t, x) for t in laws for x in (_one_size(t, sizes) if screening else _sizes(t, sizes))]
     (none,) = problem.observe([base.with_laws(problem, [])], runs)
     if none is None:
         return []
@@ -142,6 +145,15 @@ def _sizes(term: Term, sizes: Sequence[float]) -> list[Array]:
                 found.append(x)
     inside = [x for x in found if np.all((x >= low) & (x <= high))]
     return inside or [np.clip(found[0], low, high)]
+
+
+def _one_size(term: Term, sizes: Sequence[float]) -> list[Array]:
+    """One of the starting values for each set of other parameters: that of the most typical size, positive if
+    possible."""
+    size, found = np.array([u.of_size for u in term.unknowns]), dict[tuple[Any, ...], Array]()
+    for x in sorted(_sizes(term, sizes), key=lambda x: (np.abs(np.abs(x[size]) - 1.0).sum(), *(x[size] < 0.0))):
+        found.setdefault((*x[~size], *(x[size] != 0.0)), x)
+    return list(found.values())
 
 
 def _which(term: Term) -> list[list[int]]:

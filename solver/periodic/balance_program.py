@@ -18,9 +18,9 @@ from ..laws.wall import Wall
 from ..scheme import terms
 from ..scheme.guards import margins
 from ..scheme.model import Model
+from ..scheme.optional import DragForce, Force
 from ..scheme.outputs import reporter
 from ..scheme.sdirk import GAMMA
-from ..scheme.optional import Force
 from ..scheme.stage import Loads, Memory, Operators, Stage, loads_of, memory_of, operators_about
 from ..scheme.step import State
 from ..tracing.complex import Complex
@@ -83,13 +83,9 @@ def recorded(model: Model) -> tuple[Recorded, list[Array]]:
 def past_of(model: Model, stress: Any, history: Any, tau: float) -> list[Any]:
     """What a stage of length tau needs of the memories at its start, linear in these: the faded stress of walls with
     memory (B, n_e, N) [Pa], and the constant of a force with history, like mass."""
-    found = []
-    if model.wall.remembers:
-        moment = model.wall.remembering(stress.swapaxes(0, 1), tau).moment
-        found.append(moment.faded)  # type: ignore[union-attr]
-    if model.force.memories:
-        found.append(model.force.since(history, tau).constant)  # type: ignore[union-attr]
-    return found
+    moment, force = model.wall.remembering(stress.swapaxes(0, 1), tau).moment, model.force.since(history, tau)
+    found = [] if moment is None else [moment.faded]
+    return [*found, force.constant] if isinstance(force, DragForce) and force.memories else found
 
 
 class _Past(Memory):
@@ -100,18 +96,18 @@ class _Past(Memory):
 
     def recall(self, model: Model, y: Array, tau: float, loads: Loads, P_venous: Array) -> tuple[Wall, Force, Array]:
         wall, force, behind = super().recall(model, y, tau, loads, P_venous)
-        _, n_e, N = model.layout.shapes["stress"]
-        n = n_e * N if model.wall.remembers else 0
-        if model.wall.remembers:
+        (_, n_e, N), n = model.layout.shapes["stress"], 0
+        if wall.moment is not None:
+            n = n_e * N
             wall = replace(wall, moment=replace(wall.moment, faded=self.past[:, :n].reshape(1, n_e, N)))
-        if model.force.memories:
+        if isinstance(force, DragForce) and force.memories:
             force = replace(force, constant=self.past[:, n:].reshape(1, n_e, N + 1))
         return wall, force, behind
 
 
 class _Moment(NamedTuple):
-    """A moment: A, Q, P_C and the past (:func:`past_of`) at the start of a stage that ends there; drive, H, state vector
-    y and ∂A/∂t at its end. The engine gives a phase only those that it needs."""
+    """A moment: A, Q, P_C and the past (:func:`past_of`) at the start of a stage that ends there; drive, H, state
+    vector y and ∂A/∂t at its end. The engine gives a phase only those that it needs."""
 
     start: Any
     past: Any
@@ -209,7 +205,9 @@ class _Recording(Recording):
             at_once = forgotten[:, :-n].reshape(1, -1, *self.shapes["A"])
             stress, history = remembered(m, tau, at_once, forgotten[:, -n:].reshape(1, *self.shapes["Q"]))
             self.leave("memories", np.concatenate([stress.reshape(1, -1), history.reshape(1, -1)], axis=1))
-            self.leave("past", np.concatenate([x.reshape(1, -1) for x in past_of(m, stress, history, self.tau)], axis=1))
+            self.leave(
+                "past", np.concatenate([x.reshape(1, -1) for x in past_of(m, stress, history, self.tau)], axis=1)
+            )
         if size.outlets:
             let_out = self.given_complex("let_out", "stored", size.outlets)
             self.leave("charged", response.charge * let_out)
