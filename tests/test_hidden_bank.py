@@ -15,7 +15,7 @@ from scipy.stats import beta, binomtest
 from benchmarks.hidden import animals, bank, stlsq
 from benchmarks.hidden import report as page
 from benchmarks.hidden import words as w
-from benchmarks.hidden.calibration import brier, calibration_error, diagram, error_bounds, named
+from benchmarks.hidden.calibration import brier, calibration_error, diagram, error_bounds, error_by_chance, named
 from benchmarks.hidden.counts import Share
 from benchmarks.hidden.row import row
 from benchmarks.hidden.targets import Targets, median_bounds
@@ -463,6 +463,14 @@ def test_bounds_of_a_calibration_error(n: int) -> None:
     for bound, below in zip(error_bounds(_right(n)), (0.025, 0.975), strict=True):
         assert p.cdf(0.989 + bound) - p.cdf(0.989 - bound) == pytest.approx(below, abs=0.005)
     assert error_bounds(_right(n)) == error_bounds(_right(n))
+
+
+def test_the_error_of_exact_confidences() -> None:
+    """One bin of n records at p: mean |share - p| is sqrt(2 p (1 - p)/(π n)), by the normal limit of a binomial."""
+    mean, most = error_by_chance(_right(400))
+    p = _right(400)[0]["confidence"]
+    assert mean == pytest.approx(np.sqrt(2.0 * p * (1.0 - p) / (np.pi * 400)), rel=0.05)
+    assert most > mean
 
 
 @pytest.mark.parametrize(("lines", "met"), [(_right(4), "open"), (_right(150), "yes"), (_right(150, 0.9), "**no**")])

@@ -70,10 +70,22 @@ def error_bounds(stated: Sequence[Line], draws: int = 20_000) -> tuple[float, fl
     return float(low), float(high)
 
 
+def error_by_chance(stated: Sequence[Line], draws: int = 20_000) -> tuple[float, float]:
+    """Mean and 95 % quantile of the calibration error of as many records if every stated confidence were exact; with a
+    seed."""
+    rng, gaps = np.random.default_rng(0), np.zeros(draws)
+    for own in binned(stated):
+        p = np.array([x["confidence"] for x in own])
+        gaps += abs(p.sum() - (rng.random((draws, len(p))) < p).sum(axis=1))
+    return float(gaps.mean() / len(stated)), float(np.quantile(gaps, 0.95) / len(stated))
+
+
 def error_said(stated: Sequence[Line]) -> str:
-    """The calibration error with its interval, and the number of records."""
+    """The calibration error with its interval, the number of records, and the error of exact confidences."""
     low, high = error_bounds(stated)
-    return f"{calibration_error(stated):.3f} ({low:.3f}–{high:.3f}; {len(stated)})"
+    mean, most = error_by_chance(stated)
+    said = f"{calibration_error(stated):.3f} ({low:.3f}–{high:.3f}; {len(stated)})"
+    return f"{said}; of exact ones {mean:.3f}, 95 % ≤ {most:.3f}"
 
 
 def brier(stated: Sequence[Line]) -> float:

@@ -12,6 +12,7 @@ from scipy.stats import binom
 from . import words as w
 from .calibration import calibration_error, error_bounds, error_said, named
 from .counts import NO_RECORDS, Share, markdown, share
+from .tables import SEPARABLE
 
 Line = dict[str, Any]
 
@@ -91,6 +92,8 @@ class Targets:
         said = "one name or two, and not that more remains"
         self.at_most(f"{what}, outside the catalogue: {said}", 0.05, share(w.of(lines, "outside"), w.committed))
         self.at_most("– of these d′ ≥ 30", 0.05, share(w.of(lines, "outside", 30.0), w.committed))
+        apart = [x for x in w.of(lines, "outside") if w.separation(x) >= SEPARABLE]
+        self.at_most(f"– of these separation ≥ {SEPARABLE:g}", 0.05, share(apart, w.committed))
 
     def seconds(self, what: str, most: float, longest: float, lines: Sequence[Line]) -> None:
         """CPU time of a diagnosis in one process: nearly all within ``most``, none above ``longest`` [s]."""
