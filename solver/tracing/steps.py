@@ -40,7 +40,7 @@ PLACES = (
 )  # fmt: skip
 _PHASE = {name: number for number, name in enumerate(PHASES)}
 CORE = 32  # nodes that are inverted as a whole: in compiled code a round costs less than in NumPy
-_KEPT = 16  # programs in the cache
+_KEPT = 64  # programs in the cache, 1 MB each: a search of names tries some 40 kinds of one network
 _MESH = ("segment", "parts", "left", "piece", "ends")
 
 
