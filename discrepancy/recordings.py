@@ -13,11 +13,11 @@ from functools import partial
 
 import numpy as np
 
-from discrepancy.name.joint_record import Several
 from fitting.calibrate.calibrated import labels_of
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term, candidates, rewired
+from fitting.inference.joint.joint_record import Several
 from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import parameter_values

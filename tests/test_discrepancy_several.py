@@ -31,7 +31,6 @@ from discrepancy.find.study import Study, prepare
 from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.recorded import rows as rows_of
 from discrepancy.name import joint_selection
-from discrepancy.name.joint_record import Several
 from discrepancy.name.joint_selection import name_together
 from discrepancy.name.model_selection import name as name_one
 from discrepancy.name.verdict import Naming
@@ -40,6 +39,7 @@ from discrepancy.recordings import Recordings, _named
 from discrepancy.show.fmu_validation import Gap, Run, confirmed
 from fitting.inference.fit import Member
 from fitting.inference.gauss_newton import Trial
+from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.records.read.record import write_record

@@ -1,8 +1,8 @@
 """Name the missing effect from several recordings of one subject: candidates of each, compared on all together.
 
 Each recording is searched by itself first, and gives candidates. These, and effects that the derivatives of all
-recordings together support, are refitted to all (:class:`discrepancy.name.joint_record.Several`) and compared by one
-evidence. A second heart rate separates viscosity and relaxation, which one rate cannot distinguish.
+recordings together support, are refitted to all (:class:`~fitting.inference.joint.joint_record.Several`) and compared by
+one evidence. A second heart rate separates viscosity and relaxation, which one rate cannot distinguish.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy.name.joint_record import Several
 from fitting.calibrate.first_search import ENOUGH, FAR, OTHER_STARTS
 from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term
-from fitting.inference.models.from_afar import left_of_pulsation
+from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.source_maps.source_map import is_noise
@@ -122,7 +121,7 @@ def _far(problem: Several, fit: Fit) -> bool:
     left = []
     for part, rows in zip(problem.parts, problem.rows, strict=True):
         assert isinstance(part, NetworkProblem)
-        left.append(left_of_pulsation(part, fit.z[rows]))
+        left.append(part.left_of_pulsation(fit.z[rows]))
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2))) > FAR
 
 

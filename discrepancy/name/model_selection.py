@@ -29,7 +29,7 @@ from fitting.inference.forward import Forward
 from fitting.inference.hypothesis import Term, followers, joins
 from fitting.inference.model_discrepancy import Beside
 from fitting.inference.models.bench import Bench
-from fitting.inference.models.from_afar import from_afar, left_of_pulsation
+from fitting.inference.models.from_afar import from_afar
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import Runs
 from fitting.inference.source_maps.beside import found_beside, map_beside, without_errors
@@ -112,7 +112,7 @@ def nearest(found: Compared, runs: Runs) -> Fit | None:
     if none.explains or not isinstance(problem, NetworkProblem):
         return None
     (X,) = problem.observe([none.fit.member], runs)
-    if X is not None and np.sqrt(np.mean(left_of_pulsation(problem, problem.residual(X)) ** 2)) <= FAR:
+    if X is not None and np.sqrt(np.mean(problem.left_of_pulsation(problem.residual(X)) ** 2)) <= FAR:
         return None
     fits = there([*problem.refine([none.fit], runs), from_afar(problem, none.fit.unknowns, runs)])
     return min(fits, key=lambda f: f.cost, default=None)

@@ -4,8 +4,9 @@
 
 with the whitened residual z_i of each recording, the common unknowns x_c (walls, geometry, sensors, effects) and the
 unknowns x_i that vary. Each recording has its own period, drive and noise. The Jacobian has a block of rows for each
-recording; a block is 0 in the columns of the unknowns of other recordings. Code that reads a joint fit as one of the
-network reads the first recording: the unknowns of the others move variables "CA.E of B", which no network has.
+recording; a block is 0 in the columns of the unknowns of other recordings. An unknown of one recording has the name of
+that in its name: "CA.E of B". Code that reads a joint fit as one of the network reads the first recording: the unknowns
+of the others move variables "CA.E of B", which no network has.
 """
 
 from __future__ import annotations
@@ -18,24 +19,23 @@ from typing import Any
 
 import numpy as np
 
-from fitting.inference.extended_network import allowed
-from fitting.inference.fit import Array, Fit, Member, begun, taken_over
-from fitting.inference.forward import Forward
-from fitting.inference.gauss_newton import Point, Search, Trial, promised, search
-from fitting.inference.hypothesis import Term
-from fitting.inference.jackknife import Rest
-from fitting.inference.model_discrepancy import Beside, settled
-from fitting.inference.models.bench import Bench
-from fitting.inference.models.network import NetworkProblem
-from fitting.inference.runs import Runs
-from fitting.inference.source_maps.beside import found_beside
-from fitting.inference.unknown import Unknown
-from fitting.inference.unknown_text import named, parse_unknown
-from fitting.records.alignment.beats import Beats
 from solver.errors import InputError
 from solver.network.description import Network
 
-from .. import thresholds
+from ...records.alignment.beats import Beats
+from ..extended_network import allowed
+from ..fit import Array, Fit, Member, begun, taken_over
+from ..forward import Forward
+from ..gauss_newton import Point, Search, Trial, promised, search
+from ..hypothesis import Term
+from ..jackknife import Rest
+from ..model_discrepancy import Beside, settled
+from ..models.bench import Bench
+from ..models.network import NetworkProblem
+from ..runs import Runs
+from ..source_maps.beside import found_beside
+from ..unknown import OUTLIER, Unknown
+from ..unknown_text import named, parse_unknown
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class Several(Forward):
                 found.setdefault(key, []).append(where)
         names = [f"{'+'.join(dict.fromkeys(where))}.{key}" for key, where in found.items()]
         # bounded, because R2 and P_venous are aliases
-        return tuple(parse_unknown(name, self.network).within(thresholds.OUTLIER) for name in names)
+        return tuple(parse_unknown(name, self.network).within(OUTLIER) for name in names)
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         mine = [u for t in terms for u in t.unknowns]
@@ -176,11 +176,16 @@ class Several(Forward):
         found = [part.points(mine, runs) for part, mine in zip(self.parts, owns, strict=True)]
         return [self._joined(t, each) for t, *each in zip(trials, *found, strict=True)]
 
+    def member(self, member: Member, i: int) -> Member:
+        """A point of a hypothesis as one of recording i."""
+        unknowns, which = self.own(member.unknowns, i)
+        return Member(member.terms, unknowns, member.x[which])
+
     def _trial(self, trial: Trial, i: int) -> Trial:
-        unknowns, which = self.own(trial.member.unknowns, i)
-        member = Member(trial.member.terms, unknowns, trial.member.x[which])
+        which = self.own(trial.member.unknowns, i)[1]
         by = np.flatnonzero(np.isin(which, trial.by))
-        return Trial(member, by, None if trial.before is None else trial.before.memory[i], trial.step[which])
+        before = None if trial.before is None else trial.before.memory and trial.before.memory[i]
+        return Trial(self.member(trial.member, i), by, before, trial.step[which])
 
     def _joined(self, trial: Trial, found: Sequence[Point | None]) -> Point | None:
         known = [point for point in found if point is not None]
@@ -304,9 +309,9 @@ class Several(Forward):
         return replace(self, parts=kept)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
-        own = [[self.own(f.unknowns, i) for f in fits] for i in range(len(self.parts))]
+        own = [[self.member(f.member, i) for f in fits] for i in range(len(self.parts))]
         found = [
-            part.predict([replace(f, unknowns=u, x=f.x[w]) for f, (u, w) in zip(fits, mine, strict=True)])
+            part.predict([replace(f, unknowns=m.unknowns, x=m.x) for f, m in zip(fits, mine, strict=True)])
             for part, mine in zip(self.parts, own, strict=True)
         ]
         return [(sum(chi2 for chi2, _ in each), sum(n for _, n in each)) for each in zip(*found, strict=True)]
