@@ -75,7 +75,7 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
 def with_network(problem: Forward, network: Network) -> Forward:
     """The same problem with another network of the same topology."""
     if isinstance(problem, NetworkProblem):
-        return replace(problem, network=network, simulator=replace(problem.simulator, network=network))
+        return replace(problem, simulator=replace(problem.simulator, network=network))
     assert isinstance(problem, Bench)
     return replace(problem, network=network)
 

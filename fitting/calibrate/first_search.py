@@ -73,20 +73,14 @@ def first_error(beats: Beats, simulator: Simulator) -> Array:
     return np.full((simulator.K + 1, len(names)), _FIRST_ERROR) * pulses(beats, names)
 
 
-def left(problem: Problem, found: Ended) -> float:
-    """RMS of the residual over that of the pulsation, over all channels of all recordings."""
-    pairs = zip(problem.parts, problem.whole.rows, strict=True)
-    parts = [part.left_of_pulsation(found.fit.z[rows]) for part, rows in pairs]
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-
-
 def far(problem: Problem, found: Ended) -> bool:
     """True if a search ended so far from the record that it may be in a wrong minimum."""
-    return left(problem, found) > FAR and bool(found.errors.any())
+    return problem.whole.left_of_pulsation(found.fit) > FAR and bool(found.errors.any())
 
 
 def _said(problem: Problem, ended: Mapping[int, Ended], best: int) -> str:
-    leaves = {i: f"{100.0 * left(problem, each):.2g} % of the pulsation (rms)" for i, each in ended.items()}
+    left = {i: problem.whole.left_of_pulsation(each.fit) for i, each in ended.items()}
+    leaves = {i: f"{100.0 * each:.2g} % of the pulsation (rms)" for i, each in left.items()}
     why = f"the search leaves {leaves[0]}" if 0 in ended else "there is no periodic beat"
     then = (
         f"from other start {best} it leaves {leaves[best]}"

@@ -282,6 +282,12 @@ class Several(Forward):
         ]
         return {n: np.concatenate([own[n] for own in found]) for n in columns}
 
+    def left_of_pulsation(self, fit: Fit) -> float:
+        """RMS over all channels of their residuals, each over the RMS of its pulsation, in networks."""
+        pairs = zip(self.parts, self.rows, strict=True)
+        each = [part.left_of_pulsation(fit.z[rows]) for part, rows in pairs if isinstance(part, NetworkProblem)]
+        return float(np.sqrt(np.mean(np.concatenate(each) ** 2)))
+
     def beside(self, fit: Fit) -> Beside | None:
         """The fit with model discrepancy, estimated for each recording separately; None if no recording has any."""
         each = [_beside(part, self.of(fit, i)) for i, part in enumerate(self.parts)]

@@ -67,10 +67,7 @@ class NetworkProblem(Forward):
     kind = "network"
     site = None
 
-    network: Network
     beats: Beats
-    signals: tuple[str, ...]
-    K: int
     simulator: Simulator
     target: Target
     error: Array
@@ -91,9 +88,19 @@ class NetworkProblem(Forward):
     ) -> NetworkProblem:  # fmt: skip
         """The problem of a record weighted at a member. error : (K+1, m) standard deviation of the solver's errors."""
         own, response, felt = _weights(beats, simulator, member, error)
-        names, K = simulator.names, simulator.K
-        return cls(simulator.network, beats, names, K, simulator, own, error, response, felt, possible=possible,
-                   step=step)  # fmt: skip
+        return cls(beats, simulator, own, error, response, felt, possible=possible, step=step)
+
+    @property
+    def network(self) -> Network:  # type: ignore[override]
+        return self.simulator.network
+
+    @property
+    def signals(self) -> tuple[str, ...]:  # type: ignore[override]
+        return self.simulator.names
+
+    @property
+    def K(self) -> int:  # type: ignore[override]
+        return self.simulator.K
 
     @property
     def dof_of_noise(self) -> float:
