@@ -98,17 +98,17 @@ class Recordings:
         """Name each fitted recording by itself, in its share of the time, then all together. name : names one."""
         if len(self.studies) == 1:
             (study,) = self.studies
-            return journal.naming(study.problem, lambda: name(study.problem, study.terms, runs, asked.chosen))
+            return journal.stage("naming", lambda: name(study.problem, study.terms, runs, asked.chosen))
         alone, whole, n = list[Naming](), self.whole, len(self.studies)
         for i, study in enumerate(self.studies):
             search = partial(_named, name, study, runs.part(1.0 / (n - i + 1.0)), asked.chosen)
-            alone.append(journal.naming(study.problem, search, f"naming_{i}"))
+            alone.append(journal.stage(f"naming_{i}", search))
 
         def together() -> Naming:
             problem = whole if asked.chosen == COMMON else whole.individual()
             return name_together(problem, alone, self.terms, runs)
 
-        return replace(journal.naming(whole, together), map=alone[0].map)
+        return replace(journal.stage("naming", together), map=alone[0].map)
 
     # --- through the FMUs ---------------------------------------------------------------------------------------------
 

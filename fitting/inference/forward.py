@@ -117,15 +117,6 @@ class Forward(Protocol):
         """Fits with the weights of another model of this record, at the same points, with the present weights."""
         return list(fits)
 
-    @property
-    def weights(self) -> Any:
-        """The present weights as plain data, the argument of :meth:`restored`."""
-        return ()
-
-    def restored(self, weights: Any) -> Forward:
-        """The problem with given weights."""
-        return self
-
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> Mapping[str, Array]:
         """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
 

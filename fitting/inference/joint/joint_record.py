@@ -264,13 +264,6 @@ class Several(Forward):
             found.append(replace(fit, z=z, J=J, log_volume=sum(f.log_volume for f in own)))
         return found
 
-    @property
-    def weights(self) -> tuple[Any, ...]:
-        return tuple(part.weights for part in self.parts)
-
-    def restored(self, weights: Sequence[Any]) -> Several:
-        return replace(self, parts=tuple(p.restored(w) for p, w in zip(self.parts, weights, strict=True)))
-
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         found = [part.columns(self.of(at, i), terms, runs) for i, part in enumerate(self.parts)]
         return {n: np.concatenate([own[n] for own in found]) for n in found[0] if all(n in own for own in found)}

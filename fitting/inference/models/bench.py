@@ -220,14 +220,6 @@ class Bench(Forward):
         ]
 
     @property
-    def weights(self) -> tuple[Array, Array]:
-        """Data for :meth:`restored`: the covariance of the loop's noise, and the law errors included in it."""
-        return self.loop.noise, self.error
-
-    def restored(self, weights: tuple[Array, Array]) -> Bench:
-        return replace(self, loop=replace(self.loop, noise=weights[0]), error=weights[1])
-
-    @property
     def _law_error(self) -> Array:
         """(N//2 + 1,) [Pa] standard deviations of harmonics of an error as large as the pulse."""
         return sizes(spectral.coefficients(self.loop.P)[:, None])[:, 0]

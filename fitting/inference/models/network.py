@@ -350,21 +350,6 @@ class NetworkProblem(Forward):
         """(m,) RMS residual of each channel over the RMS of its pulsation. z : (n,) whitened."""
         return self.rms(z) / pulses(self.beats, self.signals)
 
-    @property
-    def weights(self) -> tuple[float, Array, Array | float | None, Array, Array]:
-        """Data for :meth:`restored`: element length [m], solver errors, model errors if any, covariance without these,
-        response."""
-        length, exact = self.simulator.settings.element_length, self.exact or self.target
-        errors = None if self.exact is None else self.model_error
-        return length, self.error, errors, exact.covariance, self.response
-
-    def restored(self, weights: tuple[float, Array, Array | float | None, Array, Array]) -> NetworkProblem:
-        length, error, errors, covariance, response = weights
-        simulator = replace(self.simulator, settings=replace(self.simulator.settings, element_length=length))
-        own = Target.of(self.signals, self.target.X, covariance)
-        found = replace(self, simulator=simulator, target=own, exact=None, error=error, response=response)
-        return found if errors is None else found.widened(errors)
-
     def at(self, terms: Sequence[Term], unknowns: tuple[Unknown, ...], x: Array) -> NetworkProblem:
         """The same problem weighted for these parameters."""
         return self._weighted(Member(tuple(terms), unknowns, x), self.error)
