@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from forked import NETWORK, N, T, inflow, record
+from judged import value_of
 from small_network import NAMES, term, terms
 
 from discrepancy.checkpoint import Journal
@@ -86,7 +87,7 @@ def test_place_and_size_of_a_stiff_segment(stiff: Naming) -> None:
     fit = stiff.best.fit
     (unknown,) = stiff.best.fit.terms[0].unknowns
     x, sd = fit.x[-1], np.sqrt(fit.covariance[-1, -1])
-    told = unknown.estimate(x, sd, quantile(stiff.problem.dof_of_noise))
+    told = value_of(unknown, float(x), float(sd), quantile(stiff.problem.dof_of_noise))
     assert told.value == pytest.approx(1.25, rel=0.004)
     assert told.ci95[0] <= 1.25 <= told.ci95[1]
     assert np.all(np.abs(fit.x[:-1]) <= 4.0 * np.sqrt(np.diag(fit.covariance))[:-1])  # nuisances stay where they were

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forked import NETWORK, exact, record
+from judged import value_of
 from refused import refused
 from rich.console import Console
 from states import OTHER, REST, State, recorded
@@ -159,7 +160,7 @@ def _tau(naming: Naming) -> tuple[float, float]:
     """tau [s] and its standard deviation."""
     fit = next(n.fit for n in naming.members if n.fit.terms[0].effect == "stress_relaxation")
     i, u = next((i, u) for i, u in enumerate(fit.unknowns) if u.name.endswith(".tau"))
-    value = u.estimate(float(fit.x[i]), float(np.sqrt(fit.covariance[i, i])), 1.0)
+    value = value_of(u, float(fit.x[i]), float(np.sqrt(fit.covariance[i, i])))
     return value.value, 0.5 * (value.ci95[1] - value.ci95[0])
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from checked import bench_set
 from fmpy import read_model_description
-from judged import judge
+from judged import judge, value_of
 from scipy.stats import kstest
 from truth.hide import Effect
 from truth.records import Case, Made, make, write
@@ -118,7 +118,7 @@ def test_the_same_answer_as_in_one_go(study: Study) -> None:
     (told,) = study.verdict["effects"]
     assert naming.confidence == pytest.approx(told["confidence"], rel=1e-9)
     (unknown,) = naming.best.fit.terms[0].unknowns
-    value = unknown.estimate(float(naming.best.fit.x[-1]), 0.0, 1.0).value
+    value = value_of(unknown, float(naming.best.fit.x[-1])).value
     # the file holds samples in mm and mmHg, which read back to round-off
     assert told["parameters"][f"{SITE}.ENL"]["value"] == pytest.approx(value, rel=1e-6)
 

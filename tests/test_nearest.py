@@ -10,13 +10,12 @@ import pytest
 from forked import CHANNELS, NETWORK, exact, record
 
 from discrepancy.find.study import prepare
-from discrepancy.name.model_selection import compared_with, nearest
+from discrepancy.name.model_selection import compared_with, from_afar, nearest
 from discrepancy.name.scoring import Compared
 from fitting.calibrate.network_calibration import calibrate
 from fitting.first.model import first_model
 from fitting.inference.fit import Fit, Member
 from fitting.inference.gauss_newton import Trial
-from fitting.inference.models.from_afar import from_afar
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import Runs

@@ -70,13 +70,6 @@ class Unknown(Coordinate):
         """The names of the variables that it moves."""
         return tuple(variable for variable, _ in self.moves)
 
-    def estimate(self, x: float, sd: float, quantile: float) -> Estimate:
-        """The value with its interval in the unit that is reported, within its range."""
-        ends = self.size * np.clip([x - quantile * sd, x, x + quantile * sd], self.low, self.high)
-        values = self.nominal * np.exp(ends) if self.kind == SCALE else self.nominal + ends
-        low, value, high = (float(v) for v in values)
-        return Estimate(value, self.unit, (low, high))
-
 
 def with_prior(coordinate: Coordinate, prior_sd: float | None, of_size: bool = False) -> Unknown:
     """A coordinate with its prior."""
