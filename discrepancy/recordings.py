@@ -159,13 +159,11 @@ class Recordings:
         first = before(f"before{stage}", without, drive, moved(study.network, without), study)
         if not fitted:
             check_waves(study, first.beats)
+        own, own_before = ({} if self.alone else _own(self.whole, study, fit) for fit in (best or without, without))
         recorded = Recorded(
             self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats,
-            study.fitted.T, fitted, first.gap.total, held_out(first.gap.rms),
+            study.fitted.T, fitted, first.gap.total, held_out(first.gap.rms), own=own, own_before=own_before,
         )  # fmt: skip
-        if not self.alone:
-            own, own_before = (_own(self.whole, study, fit) for fit in (best or without, without))
-            recorded = replace(recorded, own=own, own_before=own_before)
         if best is None:
             return recorded, first, None
         # the FMU with the effects has the values of the first recording

@@ -44,8 +44,8 @@ from ..find.study import Study
 from ..findings.outcome import LearnedLaw
 from ..name.scoring import there, weighed
 from ..name.verdict import Naming
-from ..show.fmu_validation import Run, agreement, fall, gap
-from .described import Runner, described, with_network
+from ..show.fmu_validation import Run, agreement
+from .described import Runner, described, gap_that_falls, with_network
 
 _TRIED = 2  # most promising terms, refitted at every step
 _ALONG = (0.0, 0.5, 1.0)  # x/L at which the strains of a segment are evaluated
@@ -210,13 +210,11 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
     own = replace(study, problem=in_range(study.problem, found.ranges))
     network = extended(own.problem.network, found.fit)
     after, archive = run(own, network, found.fit)
-    left = gap(own, before.X).total
-    fallen, sd = fall(own, before, after)
     alike = agreement(own, found.fit, own.problem.wave(own.fitted, found.fit), after)
     if alike is not None and not alike.difference <= at.AGREE:
         return None
     explains = misfit(found.fit, own.problem.dof_of_noise) < at.MISFIT
-    if fallen <= at.FALL * sd or not (explains or after.gap.total[1] <= (1.0 - at.PART_CLOSED) * left[1]):
+    if (left := gap_that_falls(own, before, after, explains)) is None:
         return None
     fit, term = hierarchy.with_widths(found.fit), found.term
     return LearnedLaw(
