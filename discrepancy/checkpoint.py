@@ -45,6 +45,8 @@ from .show.fmu_validation import Gap, Run
 
 Result = TypeVar("Result")
 
+_FORMAT = 2  # of the stages: another one makes those of an earlier program invalid
+
 # classes that stages contain
 _KINDS = dataclasses(
     Naming, Named, Fit, Term, Unknown, Run, Gap,
@@ -59,7 +61,7 @@ class Journal:
 
     def __init__(self, folder: Path, inputs: Any) -> None:
         self.folder = folder / ".state"
-        self.key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+        self.key = hashlib.sha256(json.dumps([_FORMAT, inputs], sort_keys=True).encode()).hexdigest()
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def stage(self, name: str, compute: Callable[[], Result]) -> Result:
