@@ -22,6 +22,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NoReturn
 
 import numpy as np
 
@@ -107,10 +108,9 @@ class Problem:
         (point,) = self.whole.points([Trial(member, np.arange(len(x)), None, 0.0 * x)], self.runs)
         if point is None:
             self._fail(member)
-        assert point is not None
         return Fit((), self.unknowns, x, point.z, point.J, *self.whole.entries)
 
-    def _fail(self, member: Member) -> None:
+    def _fail(self, member: Member) -> NoReturn:
         """Simulate each recording by itself, which raises the error of the one that fails."""
         for i, part in enumerate(self.parts):
             own = self.whole.member(member, i)

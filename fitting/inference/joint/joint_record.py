@@ -184,8 +184,8 @@ class Several(Forward):
     def _trial(self, trial: Trial, i: int) -> Trial:
         which = self.own(trial.member.unknowns, i)[1]
         by = np.flatnonzero(np.isin(which, trial.by))
-        before = None if trial.before is None else trial.before.memory and trial.before.memory[i]
-        return Trial(self.member(trial.member, i), by, before, trial.step[which])
+        memory = None if trial.before is None else trial.before.memory  # None also of a point known beforehand
+        return Trial(self.member(trial.member, i), by, None if memory is None else memory[i], trial.step[which])
 
     def _joined(self, trial: Trial, found: Sequence[Point | None]) -> Point | None:
         known = [point for point in found if point is not None]
