@@ -152,7 +152,7 @@ class Recordings:
             return _refitted(self.whole, study, fit) if not fitted else whole.of(fit, i) if whole else fit
 
         if fitted:
-            study = replace(study, problem=whole.parts[i] if whole else naming.problem)
+            study = replace(study, problem=whole.parts[i] if whole else naming.problem.first)
         without, best = there(base), there(naming.best.fit) if naming.adds else None
         drive, wave = drives(study, without, best)
         stage = f"_{i}" if i else ""

@@ -9,7 +9,7 @@ import numpy as np
 
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit
-from fitting.inference.forward import Forward
+from fitting.inference.forward import Single
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.source_maps.source_map import SourceMap
@@ -76,7 +76,7 @@ def gap_that_falls(study: Study, before: Run, after: Run, explains: bool = False
     return left if fallen > at.FALL * sd and closes else None
 
 
-def with_network(problem: Forward, network: Network) -> Forward:
+def with_network(problem: Single, network: Network) -> Single:
     """The same problem with another network of the same topology."""
     if isinstance(problem, NetworkProblem):
         return replace(problem, simulator=replace(problem.simulator, network=network))

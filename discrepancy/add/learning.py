@@ -25,7 +25,7 @@ from fitting.check.fmu_run import RunFailed
 from fitting.inference import hierarchy
 from fitting.inference.extended_network import estimates, extended
 from fitting.inference.fit import Array, Fit, misfit
-from fitting.inference.forward import Forward
+from fitting.inference.forward import Single
 from fitting.inference.hypothesis import Term, effect_of, searched
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
@@ -133,12 +133,12 @@ def _range(
     return {variables[s][key][0]: x for s in own for key, x in effect.valid(state, rate).items()}, seen
 
 
-def in_range(problem: Forward, ranges: Mapping[str, float]) -> Forward:
+def in_range(problem: Single, ranges: Mapping[str, float]) -> Single:
     """The same problem with a network that contains the ranges of a learned law, but not yet the law."""
     return with_network(problem, problem.network.with_terms(ranges))
 
 
-def _again(problem: Forward, fit: Fit, runs: Runs) -> list[Fit]:
+def _again(problem: Single, fit: Fit, runs: Runs) -> list[Fit]:
     """A fit continued under the weights of this problem."""
     return there(problem.refit([fit.terms], fit, runs) if problem.site else problem.refine([fit], runs))
 
@@ -147,7 +147,7 @@ def _again(problem: Forward, fit: Fit, runs: Runs) -> list[Fit]:
 class _Path:
     """A forward selection at one place. choice : -2 ln of the prior of the place."""
 
-    problem: Forward
+    problem: Single
     effect: Effect
     place: str
     choice: float
@@ -236,7 +236,7 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
 # --- where, and in which range ----------------------------------------------------------------------------------------
 
 
-def _places(naming: Naming, effect: Effect, problem: Forward) -> list[str]:
+def _places(naming: Naming, effect: Effect, problem: Single) -> list[str]:
     """The wall of a bench. In a network the places of the map and their rivals, and all together; an outlet also if its
     segment has an outflow source."""
     if problem.site is not None:
@@ -249,7 +249,7 @@ def _places(naming: Naming, effect: Effect, problem: Forward) -> list[str]:
     return list(dict.fromkeys([*found, ALL_PLACES])) if found else []
 
 
-def _states(effect: Effect, problem: Forward, fit: Fit, runs: Runs) -> dict[str, tuple[Array, Array]]:
+def _states(effect: Effect, problem: Single, fit: Fit, runs: Runs) -> dict[str, tuple[Array, Array]]:
     """The state variables of an effect's laws over a beat, with their rates: strains ε of every segment, or P -
     P_venous [Pa] of every outlet at which it acts. Empty if the simulation breaks down."""
     network = extended(problem.network, fit)

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from solver.network.description import Network
 from ...records.alignment.beats import Beats
 from ..extended_network import allowed
 from ..fit import Array, Fit, Member, begun, taken_over
-from ..forward import Forward
+from ..forward import Forward, Single
 from ..gauss_newton import Point, Search, Trial, promised, search
 from ..hypothesis import Term
 from ..jackknife import Rest
@@ -46,7 +46,7 @@ class Several(Forward):
     own. beats : of each recording, the fitted and the held-out ones.
     """
 
-    parts: tuple[Forward, ...]
+    parts: tuple[Single, ...]
     labels: tuple[str, ...]
     varies: tuple[str, ...] = ()
     beats: tuple[tuple[Beats, Beats], ...] = ()
@@ -54,7 +54,7 @@ class Several(Forward):
     # --- common unknowns and those of one recording ------------------------------------------------------------------
 
     @property
-    def first(self) -> Forward:
+    def first(self) -> Single:
         return self.parts[0]
 
     @property
@@ -64,10 +64,6 @@ class Several(Forward):
     @property
     def site(self) -> str | None:  # type: ignore[override]
         return self.first.site
-
-    @property
-    def K(self) -> int:  # type: ignore[override]
-        return max(part.K for part in self.parts)
 
     @property
     def signals(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -83,7 +79,7 @@ class Several(Forward):
     def deviations(self) -> tuple[Unknown, ...]:
         return self.first.deviations
 
-    def individual(self) -> Several:
+    def individual(self) -> Self:
         return replace(self, parts=tuple(part.individual() for part in self.parts))
 
     @cached_property
@@ -251,7 +247,7 @@ class Several(Forward):
 
     # --- weights ------------------------------------------------------------------------------------------------------
 
-    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Several:
+    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Self:
         parts = tuple(part.sharpened(self.of(fit, i), runs) for i, part in enumerate(self.parts))
         return self if all(a is b for a, b in zip(parts, self.parts, strict=True)) else replace(self, parts=parts)
 
@@ -295,7 +291,7 @@ class Several(Forward):
         places = tuple({p.key: p for b in found for p in b.places}.values())
         return Beside(settled(whole), errors, sum(b.cost for b in found), places)
 
-    def widened(self, errors: Any) -> Several:
+    def widened(self, errors: Any) -> Self:
         pairs = zip(self.parts, errors, strict=True)
         return replace(self, parts=tuple(part if e is None else part.widened(e) for part, e in pairs))
 
@@ -325,23 +321,11 @@ class Several(Forward):
                 found.append((np.concatenate([fit.J[others], mine]), np.concatenate([fit.z[others], z])))
         return found
 
-    # --- the FMU: of the first ----------------------------------------------------------------------------------------
-
-    def part(self, network: Network) -> Network:
-        return self.first.part(network)
-
-    def wave(self, beats: Beats, fit: Fit) -> Array:
-        return self.first.wave(beats, self.of(fit, 0))
-
-    @property
-    def highest(self) -> float:
-        return min(part.highest for part in self.parts)
-
     def shows(self, fit: Fit) -> bool:
         return all(part.shows(self.of(fit, i)) for i, part in enumerate(self.parts))
 
 
-def _beside(part: Forward, fit: Fit) -> Beside | None:
+def _beside(part: Single, fit: Fit) -> Beside | None:
     """The discrepancy model of a fit to one recording."""
     if isinstance(part, Bench):
         return part.beside(fit)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Self
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from ...records.channels.noise import (
 )
 from ..extended_network import allowed
 from ..fit import Fit, Member, begun, sizes_of, taken_over
-from ..forward import Drive, Forward
+from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, promised, search
 from ..hypothesis import EVERY, Term, about_common, refined, rewired
 from ..jackknife import Rest, leave_one_site_out, without_each_site
@@ -55,7 +56,7 @@ _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller solver erro
 
 
 @dataclass(frozen=True)
-class NetworkProblem(Forward):
+class NetworkProblem(Single):
     """A network record with the network for comparison.
 
     error : (K+1, m) standard deviation of the solver's errors. exact : target without model error, if there is any, and
@@ -187,7 +188,7 @@ class NetworkProblem(Forward):
         nuisance = [u for u in of_animal(rewired(self.network, terms), self.deviations) if not set(u.variables) <= mine]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
 
-    def individual(self) -> NetworkProblem:
+    def individual(self) -> Self:
         return replace(self, deviations=self.possible)
 
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
@@ -290,7 +291,7 @@ class NetworkProblem(Forward):
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         return self._searched([Search(f.member, _RULES, known=f.columns) for f in fits], runs or Runs())
 
-    def sharpened(self, fit: Fit, runs: Runs | None = None) -> NetworkProblem:
+    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Self:
         """The same problem weighted for a fit: with the solver's error there, and the response to the inflow.
 
         If the error is not negligible against the noise, the elements become shorter. If these break down, as with a
@@ -322,7 +323,7 @@ class NetworkProblem(Forward):
         variance = np.broadcast_to((np.reshape(part, (-1, 1)) * size) ** 2, self.target.X.shape)
         return self.widened(variance[..., None] * np.eye(len(self.signals))) if np.any(part) else self
 
-    def widened(self, errors: Array | float) -> NetworkProblem:
+    def widened(self, errors: Array | float) -> Self:
         """The problem with model errors of covariance (K+1, m, m) added to the covariance of the channels."""
         exact = self.exact or self.target
         errors = errors if self.exact is None else self.model_error + errors
@@ -354,7 +355,7 @@ class NetworkProblem(Forward):
         """The same problem weighted for these parameters."""
         return self._weighted(Member(tuple(terms), unknowns, x), self.error)
 
-    def _weighted(self, member: Member, error: Array) -> NetworkProblem:
+    def _weighted(self, member: Member, error: Array) -> Self:
         """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a member."""
         own, response, _ = _weights(self.beats, self.simulator, member, error, self.felt)
         return replace(self, target=own, exact=None, error=error, response=response)
