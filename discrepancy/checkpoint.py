@@ -12,20 +12,30 @@ import json
 import shutil
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from fitting.inference.fit import Fit
-from fitting.inference.forward import Forward
 from fitting.inference.hypothesis import Term
+from fitting.inference.joint.joint_record import Several
+from fitting.inference.models.bench import Bench
+from fitting.inference.models.loop import Loop
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.simulator import Forced, Simulator
 from fitting.inference.places import Place
 from fitting.inference.source_maps.source_evidence import Law
 from fitting.inference.source_maps.source_map import Rival, Signal, SourceMap
 from fitting.inference.unknown import Unknown
+from fitting.records.alignment.beats import Beats
+from fitting.records.alignment.variable_beats import Whole
+from fitting.records.channels.inflow import Inflow
+from fitting.records.channels.inflow_variability import Felt
+from fitting.records.channels.noise import Target
+from solver import Settings
 from solver.errors import InputError
-from solver.io.saved import dataclasses, from_bytes, to_bytes
+from solver.io.saved import Kind, dataclasses, from_bytes, to_bytes
 from solver.mesh import sources
+from solver.network.description import Network, from_dict, to_dict
 from solver.network.files import write_whole
 
 from .add.learning import Learnt
@@ -35,11 +45,15 @@ from .show.fmu_validation import Gap, Run
 
 Result = TypeVar("Result")
 
+_FORMAT = 2  # of the stages: another one makes those of an earlier program invalid
+
 # classes that stages contain
 _KINDS = dataclasses(
     Naming, Named, Fit, Term, Unknown, Run, Gap,
     SourceMap, Signal, Law, Rival, Place, Learnt, *sources.ALL,
+    NetworkProblem, Bench, Several, Simulator, Forced, Settings, Inflow, Loop, Beats, Whole, Target, Felt,
 )  # fmt: skip
+_KINDS[Network] = Kind(lambda it: {"text": json.dumps(to_dict(it))}, lambda text: from_dict(json.loads(text)))
 
 
 class Journal:
@@ -47,7 +61,7 @@ class Journal:
 
     def __init__(self, folder: Path, inputs: Any) -> None:
         self.folder = folder / ".state"
-        self.key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+        self.key = hashlib.sha256(json.dumps([_FORMAT, inputs], sort_keys=True).encode()).hexdigest()
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def stage(self, name: str, compute: Callable[[], Result]) -> Result:
@@ -60,18 +74,6 @@ class Journal:
         write_whole(path, to_bytes(self.key, result, _KINDS))
         return result
 
-    def naming(self, problem: Forward, compute: Callable[[], Naming], name: str = "naming") -> Naming:
-        """A naming stage. It is stored without its problem, which is rebuilt with the stored weights."""
-        kept, individual, weights = self.stage(name, lambda: parted(compute()))
-        own = problem.individual() if individual else problem
-        return replace(kept, problem=own.restored(weights))
-
     def close(self) -> None:
         """End the study: delete its state."""
         shutil.rmtree(self.folder, ignore_errors=True)
-
-
-def parted(naming: Naming) -> tuple[Naming, bool, Any]:
-    """A naming without its problem; whether the problem has individual walls; and the last weights of the problem."""
-    problem = naming.problem
-    return replace(naming, problem=None), bool(problem.deviations), problem.weights  # type: ignore[arg-type]

@@ -13,11 +13,11 @@ from functools import partial
 
 import numpy as np
 
-from discrepancy.name.joint_record import Several
 from fitting.calibrate.calibrated import labels_of
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term, candidates, rewired
+from fitting.inference.joint.joint_record import Several
 from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import parameter_values
@@ -98,17 +98,17 @@ class Recordings:
         """Name each fitted recording by itself, in its share of the time, then all together. name : names one."""
         if len(self.studies) == 1:
             (study,) = self.studies
-            return journal.naming(study.problem, lambda: name(study.problem, study.terms, runs, asked.chosen))
+            return journal.stage("naming", lambda: name(study.problem, study.terms, runs, asked.chosen))
         alone, whole, n = list[Naming](), self.whole, len(self.studies)
         for i, study in enumerate(self.studies):
             search = partial(_named, name, study, runs.part(1.0 / (n - i + 1.0)), asked.chosen)
-            alone.append(journal.naming(study.problem, search, f"naming_{i}"))
+            alone.append(journal.stage(f"naming_{i}", search))
 
         def together() -> Naming:
             problem = whole if asked.chosen == COMMON else whole.individual()
             return name_together(problem, alone, self.terms, runs)
 
-        return replace(journal.naming(whole, together), map=alone[0].map)
+        return replace(journal.stage("naming", together), map=alone[0].map)
 
     # --- through the FMUs ---------------------------------------------------------------------------------------------
 
@@ -152,20 +152,18 @@ class Recordings:
             return _refitted(self.whole, study, fit) if not fitted else whole.of(fit, i) if whole else fit
 
         if fitted:
-            study = replace(study, problem=whole.parts[i] if whole else naming.problem)
+            study = replace(study, problem=whole.parts[i] if whole else naming.problem.first)
         without, best = there(base), there(naming.best.fit) if naming.adds else None
         drive, wave = drives(study, without, best)
         stage = f"_{i}" if i else ""
         first = before(f"before{stage}", without, drive, moved(study.network, without), study)
         if not fitted:
             check_waves(study, first.beats)
+        own, own_before = ({} if self.alone else _own(self.whole, study, fit) for fit in (best or without, without))
         recorded = Recorded(
             self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats,
-            study.fitted.T, fitted, first.gap.total, held_out(first.gap.rms),
+            study.fitted.T, fitted, first.gap.total, held_out(first.gap.rms), own=own, own_before=own_before,
         )  # fmt: skip
-        if not self.alone:
-            own, own_before = (_own(self.whole, study, fit) for fit in (best or without, without))
-            recorded = replace(recorded, own=own, own_before=own_before)
         if best is None:
             return recorded, first, None
         # the FMU with the effects has the values of the first recording

@@ -12,6 +12,7 @@ import math
 from scipy.stats import norm
 
 from fitting.inference.model_discrepancy import PART as PART  # price of each nonzero part of the model error of a bench
+from fitting.inference.unknown import OUTLIER as OUTLIER  # stated spreads
 
 # --- the record ---
 HELD_OUT = 0.25  # fraction of the beats, the last ones, that no fit uses: judgement
@@ -45,11 +46,7 @@ BESIDE = 20.0  # alternative on a bench, from a refit of the other effect alone:
 # fraction of the gap that an effect must close to be named if more than noise remains, in the fit and on held-out
 # beats: by definition of "most of it"
 PART_CLOSED = 0.5
-# a parameter of one artery or outlet that is farther from the common value is no deviation of this subject. Simulated
-# with ten arteries and six outlets (36 parameters): of subjects with the stated spreads 0.06 % have one, with 1.5 times
-# these 2 %, with 2.5 times 6 %; with the limit of 4 stated spreads alone, 0.2, 24 and 98 %
-OUTLIER = 4.0  # stated spreads
-OUTLIER_OF_OTHERS = 5.0  # or root mean squares of the others of its kind, if that is larger
+OUTLIER_OF_OTHERS = 5.0  # limit of an outlier in root mean squares of the others of its kind, if above OUTLIER
 
 # --- confidence ---
 # upper limits of the confidence of a name, from a bank of records. Bench: 258 of the 265 most confident names of the

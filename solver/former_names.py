@@ -36,7 +36,7 @@ discrepancy.find discrepancy find>balances source>model_source study usable>plau
 discrepancy.findings discrepancy isolability learned_law>outcome outcome places>map_marks recorded shown_map
 discrepancy.name discrepancy animal>individual_walls at_places intervals law_starts name>model_selection
 discrepancy.name discrepancy nearest>model_selection rivals>at_places scoring together>joint_selection verdict
-discrepancy.name fitting.inference several>joint_record
+discrepancy.name fitting.inference from_afar>model_selection
 discrepancy.plan discrepancy second_state sensor_plan
 discrepancy.report discrepancy figures learned_text>verdict_text map_figure>figures
 discrepancy.report discrepancy map_text>verdict_text report>page tables wording>verdict_text
@@ -47,7 +47,8 @@ fitting.check fitting agreement check>fmu_check fmu_run
 fitting.inference fitting.inference added>extended_network asked>unknown_text misfit>model_discrepancy terms>hypothesis
 fitting.inference.intervals fitting.inference identify profile selection
 fitting.inference.models fitting bench>bench_network
-fitting.inference.models fitting.inference batches bench calibration from_afar loop network network_record
+fitting.inference.joint fitting.inference calibration several>joint_record
+fitting.inference.models fitting.inference batches bench loop network network_record
 fitting.inference.models fitting.inference observation>bench_observation simulator
 fitting.inference.source_maps fitting.inference beside place_model source_evidence source_map
 fitting.pages solver.notebook style panels>channel_panels network>network_drawing

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from discrepancy.find.study import Study, prepare
 from discrepancy.name.model_selection import name
 from discrepancy.name.verdict import Naming
 from fitting.inference.runs import Runs
+from fitting.inference.unknown import Unknown
 from fitting.records.read.record import Record
+from fitting.results.estimate import Estimate
 from solver.network.description import Network
+from solver.quantities.coordinate import SCALE
 
 
 def judge(
@@ -22,3 +27,10 @@ def judge(
     runs = runs or Runs()
     study = prepare(record, network, runs=runs)
     return study, name(study.problem, tuple(t for t in study.terms if not among or t.effect in among), runs)
+
+
+def value_of(unknown: Unknown, x: float, sd: float = 0.0, quantile: float = 1.0) -> Estimate:
+    """The value of an unknown with its interval in the unit that is reported, within its range."""
+    ends = unknown.size * np.clip([x - quantile * sd, x, x + quantile * sd], unknown.low, unknown.high)
+    low, value, high = map(float, unknown.nominal * np.exp(ends) if unknown.kind == SCALE else unknown.nominal + ends)
+    return Estimate(value, unknown.unit, (low, high))

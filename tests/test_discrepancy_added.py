@@ -10,6 +10,7 @@ from small_network import NAMES, term
 from fitting.inference.extended_network import estimates, extended
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import Term, candidates, followers, nuisances
+from fitting.inference.unknown import interval
 from solver.laws import effects
 from solver.network.files import dumps, loads
 
@@ -105,7 +106,8 @@ def test_estimates_stay_in_their_range() -> None:
     """A viscosity of 0.5 ± 1 typical sizes, two standard deviations: the interval ends at 0, not below."""
     elastic = NETWORK.with_parameters({f"{s}.phi0": 0.0 for s in "ABC"})
     t = next(t for t in candidates(elastic, ()) if t.label == "wall_viscosity at B")
-    told = t.unknowns[0].estimate(0.5, 1.0, 2.0)
+    phi0 = elastic.parameter_quantities()["B.phi0"]
+    told = interval(t.unknowns, "B.phi0", 0.0, phi0, np.array([0.5]), np.eye(1), 2.0)
     assert told.ci95[0] == 0.0
     assert told.value == pytest.approx(0.5 * 0.017 * 9e5)
     assert told.ci95[1] == pytest.approx(2.5 * 0.017 * 9e5)

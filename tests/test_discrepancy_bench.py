@@ -63,7 +63,7 @@ def test_errors_of_the_law_stay_with_fewer_beats() -> None:
     made = make(Case("bench", SITE, 40.0), 5)
     study = prepare(Record("made", "", made.time, made.channels, {}), made.base)
     plain = study.problem
-    wide = plain.restored(plain.widened(np.array([0.01, 0.03])).weights)
+    wide = plain.widened(np.array([0.01, 0.03]))
     assert isinstance(plain, Bench) and isinstance(wide, Bench)
     added = (wide.loop.noise - plain.loop.noise)[1:]
     few, other = (p.held_out(study.held_out, study.fitted).loop.noise[1:] for p in (plain, wide))

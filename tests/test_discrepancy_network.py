@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from forked import NETWORK, N, T, inflow, record
+from judged import value_of
 from small_network import NAMES, term, terms
 
 from discrepancy.checkpoint import Journal
@@ -29,6 +30,7 @@ from fitting.inference.models.simulator import Simulator
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import quantile
 from fitting.records.alignment.beats import Beats
+from fitting.records.channels.noise import Target
 from solver import NonPhysicalState, Settings, simulate_periodic
 from solver.laws import catalogue, effects
 from solver.laws.effect import Effect, Values
@@ -85,7 +87,7 @@ def test_place_and_size_of_a_stiff_segment(stiff: Naming) -> None:
     fit = stiff.best.fit
     (unknown,) = stiff.best.fit.terms[0].unknowns
     x, sd = fit.x[-1], np.sqrt(fit.covariance[-1, -1])
-    told = unknown.estimate(x, sd, quantile(stiff.problem.dof_of_noise))
+    told = value_of(unknown, float(x), float(sd), quantile(stiff.problem.dof_of_noise))
     assert told.value == pytest.approx(1.25, rel=0.004)
     assert told.ci95[0] <= 1.25 <= told.ci95[1]
     assert np.all(np.abs(fit.x[:-1]) <= 4.0 * np.sqrt(np.diag(fit.covariance))[:-1])  # nuisances stay where they were
@@ -185,21 +187,23 @@ def test_nothing_hidden(healthy: NetworkProblem) -> None:
 
 
 def read_back(naming: Naming, folder: Path) -> Naming:
-    """Through the bytes of a journal, about a problem made anew."""
-    journal, problem = Journal(folder, []), network_problem(beats(1.25), NETWORK)
-    journal.naming(problem, lambda: naming)
-    return journal.naming(problem, pytest.fail)
+    """Through the bytes of a journal."""
+    journal = Journal(folder, [])
+    journal.stage("naming", lambda: naming)
+    return journal.stage("naming", pytest.fail)
 
 
 def test_a_naming_read_back_has_its_problem(stiff: Naming, tmp_path: Path) -> None:
-    """Through a journal and about a problem made anew: the same step and weights, bit by bit."""
+    """Through a journal: the same network, step and weights, bit by bit."""
     again = read_back(stiff, tmp_path)
     assert again.problem.hypothesis(()) == stiff.problem.hypothesis(())
     assert isinstance(again.problem, NetworkProblem) and isinstance(stiff.problem, NetworkProblem)
     assert again.problem.simulator.settings == stiff.problem.simulator.settings
-    for old, new in zip(stiff.problem.weights, again.problem.weights, strict=True):
-        assert np.array_equal(old, new)
-    assert np.array_equal(stiff.problem.target.whitener, again.problem.target.whitener)
+    assert again.problem.network == stiff.problem.network
+    for key in ("error", "response", "model_error"):
+        assert np.array_equal(getattr(stiff.problem, key), getattr(again.problem, key)), key
+    for key in ("X", "covariance", "whitener"):
+        assert np.array_equal(getattr(stiff.problem.target, key), getattr(again.problem.target, key)), key
     assert again.best.label == stiff.best.label
     assert np.array_equal(again.best.fit.z, stiff.best.fit.z)
 
@@ -312,7 +316,7 @@ def test_sharpened_shortens_elements_where_they_matter(noise: float, halvings: i
 def test_fits_are_restated_under_other_weights(stiff: Naming, healthy: NetworkProblem) -> None:
     """Whitened anew, z and J are those of the same simulation under the new covariance: to 1e-9."""
     before = network_problem(beats(1.25), NETWORK)
-    after = before.restored((0.05, before.error, None, 1.7 * healthy.target.covariance, before.response))
+    after = replace(before, target=Target.of(before.signals, before.target.X, 1.7 * healthy.target.covariance))
     (old,) = before.refit([()])
     assert old is not None
     (new,) = after.restated([old], before)
@@ -339,11 +343,10 @@ def test_held_out_beats_are_weighted_by_their_number(healthy: NetworkProblem) ->
 
 
 def test_errors_of_the_model_stay_with_fewer_beats(healthy: NetworkProblem) -> None:
-    """Five beats of fifteen have 3 times the variance of noise; errors of the model add what they add to fifteen, and
-    are remembered with the weights. Where they were scaled with the noise, it was 3 times that."""
+    """Five beats of fifteen have 3 times the variance of noise; errors of the model add what they add to fifteen. Where
+    they were scaled with the noise, it was 3 times that."""
     kept = beats(noise=0.02).select(range(5))
     wide = healthy.granted(0.03)
-    wide = healthy.restored(wide.weights)
     added = (wide.target.covariance - healthy.target.covariance)[1:]
     plain, other = (p.held_out(kept, healthy.beats).target.covariance[1:] for p in (healthy, wide))
     np.testing.assert_allclose(other - plain, added, atol=1e-12 * np.abs(added).max())

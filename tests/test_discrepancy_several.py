@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forked import NETWORK, exact, record
+from judged import value_of
 from refused import refused
 from rich.console import Console
 from states import OTHER, REST, State, recorded
@@ -31,7 +32,6 @@ from discrepancy.find.study import Study, prepare
 from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.recorded import rows as rows_of
 from discrepancy.name import joint_selection
-from discrepancy.name.joint_record import Several
 from discrepancy.name.joint_selection import name_together
 from discrepancy.name.model_selection import name as name_one
 from discrepancy.name.verdict import Naming
@@ -40,6 +40,7 @@ from discrepancy.recordings import Recordings, _named
 from discrepancy.show.fmu_validation import Gap, Run, confirmed
 from fitting.inference.fit import Member
 from fitting.inference.gauss_newton import Trial
+from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.records.read.record import write_record
@@ -159,7 +160,7 @@ def _tau(naming: Naming) -> tuple[float, float]:
     """tau [s] and its standard deviation."""
     fit = next(n.fit for n in naming.members if n.fit.terms[0].effect == "stress_relaxation")
     i, u = next((i, u) for i, u in enumerate(fit.unknowns) if u.name.endswith(".tau"))
-    value = u.estimate(float(fit.x[i]), float(np.sqrt(fit.covariance[i, i])), 1.0)
+    value = value_of(u, float(fit.x[i]), float(np.sqrt(fit.covariance[i, i])))
     return value.value, 0.5 * (value.ci95[1] - value.ci95[0])
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forked import NETWORK, SETTINGS, N, T, inflow
-from judged import judge
+from judged import judge, value_of
 from truth.hide import Effect
 from truth.records import Case, Made, make, write
 
@@ -256,7 +256,7 @@ def test_a_channel_that_ends_early(tmp_path: Path, gap: float, whole: int) -> No
     text = (tmp_path / "out" / "verdict.json").read_text(encoding="utf-8")
     written = json.loads(text)
     (low, high), (_, naming) = outcome.effects[0].parameters["CA.ENL"].ci95, judge(as_made(made), made.base)
-    assert low < naming.best.fit.terms[0].unknowns[0].estimate(float(naming.best.fit.x[-1]), 0.0, 1.0).value < high
+    assert low < value_of(naming.best.fit.terms[0].unknowns[0], float(naming.best.fit.x[-1])).value < high
     assert all(np.isfinite(list(gap.values())).all() for gap in (written["gap"]["before"], written["gap"]["after"]))
     assert 0.5 < written["gap"]["after"]["held_out"] < 2.0
     assert not (tmp_path / "out" / ".state").exists()

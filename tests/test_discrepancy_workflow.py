@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from checked import bench_set
 from fmpy import read_model_description
-from judged import judge
+from judged import judge, value_of
 from scipy.stats import kstest
 from truth.hide import Effect
 from truth.records import Case, Made, make, write
@@ -118,7 +118,7 @@ def test_the_same_answer_as_in_one_go(study: Study) -> None:
     (told,) = study.verdict["effects"]
     assert naming.confidence == pytest.approx(told["confidence"], rel=1e-9)
     (unknown,) = naming.best.fit.terms[0].unknowns
-    value = unknown.estimate(float(naming.best.fit.x[-1]), 0.0, 1.0).value
+    value = value_of(unknown, float(naming.best.fit.x[-1])).value
     # the file holds samples in mm and mmHg, which read back to round-off
     assert told["parameters"][f"{SITE}.ENL"]["value"] == pytest.approx(value, rel=1e-6)
 
@@ -396,7 +396,7 @@ def test_when_naming_ends_at_the_latest(monkeypatch: pytest.MonkeyPatch, limit: 
     record: Any = SimpleNamespace(path="A.csv")
     work.recordings = Recordings((record,), (one,))
     work.progress = lambda fraction, label: told.append((fraction, label))
-    work.journal = SimpleNamespace(naming=lambda problem, compute: compute())
+    work.journal = SimpleNamespace(stage=lambda stage, compute: compute())
     assert work._name() == "named"
     assert told[0][1] == f"naming, time limit {limit:g} s"
     assert [label for _, label in told[1:]] == [
@@ -456,8 +456,8 @@ def test_a_naming_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
     among = ("nonlinear_elasticity", "catheter_resonance", "stress_relaxation", "channel_lag")
     study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base, among=among)
     assert naming.verdict == "several"
-    Journal(tmp_path, []).naming(study.problem, lambda: naming)
-    again = Journal(tmp_path, []).naming(study.problem, _never)
+    Journal(tmp_path, []).stage("naming", lambda: naming)
+    again: Naming = Journal(tmp_path, []).stage("naming", _never)
     assert [again.ranked.index(n) for n in again.members] == [naming.ranked.index(n) for n in naming.members]
     assert all(any(n is each for each in again.ranked) for n in again.members)
     assert (again.verdict, again.reason, again.terms) == (naming.verdict, naming.reason, naming.terms)

@@ -186,8 +186,8 @@ def test_a_law_must_shrink_the_gap() -> None:
 
 
 LAW = LearnedLaw(
-    "learned_wall", ("B",), "σ = … + cubic ε̇³", {"B.learned_cubic": Estimate(5.5e4, "Pa.s^3", (5e4, 6e4))},
-    {"B": (0.02, 0.081, 1.21)}, (), (), (9.0, 8.0), (1.2, 1.04), ("b.csv", "ab12"), NETWORK, b"fmu",
+    "learned_wall", ("B",), "σ = … + cubic ε̇³", (9.0, 8.0), (1.2, 1.04), ("b.csv", "ab12"), NETWORK, b"fmu",
+    {"B.learned_cubic": Estimate(5.5e4, "Pa.s^3", (5e4, 6e4))}, {"B": (0.02, 0.081, 1.21)},
 )  # fmt: skip
 
 

@@ -10,13 +10,12 @@ import pytest
 from forked import CHANNELS, NETWORK, exact, record
 
 from discrepancy.find.study import prepare
-from discrepancy.name.model_selection import compared_with, nearest
+from discrepancy.name.model_selection import compared_with, from_afar, nearest
 from discrepancy.name.scoring import Compared
 from fitting.calibrate.network_calibration import calibrate
 from fitting.first.model import first_model
 from fitting.inference.fit import Fit, Member
 from fitting.inference.gauss_newton import Trial
-from fitting.inference.models.from_afar import alike_granted, from_afar, left_of_pulsation
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import Runs
@@ -63,8 +62,8 @@ def test_as_near_as_a_calibration() -> None:
     pulse = pulses(problem.beats, problem.signals)
     best = np.array([calibrated.rms[name] for name in problem.signals])
     assert near is not None and near.cost < far.cost
-    rms = left_of_pulsation(problem, near.z) * pulse
-    assert (left_of_pulsation(problem, far.z) * pulse).max() > best.max() + 133.0
+    rms = problem.left_of_pulsation(near.z) * pulse
+    assert (problem.left_of_pulsation(far.z) * pulse).max() > best.max() + 133.0
     assert rms == pytest.approx(best, abs=133.0)
 
 
@@ -94,7 +93,7 @@ def test_what_is_left_and_what_is_granted() -> None:
     pulse = pulses(problem.beats, problem.signals)
     D = np.zeros((problem.K + 1, len(pulse)), complex)
     D[2] = 0.1 * pulse / np.sqrt(2.0)
-    assert left_of_pulsation(problem, problem.target.whiten(D[..., None])[:, 0]) == pytest.approx([0.1, 0.1])
-    added = alike_granted(problem, 0.1).target.covariance - problem.target.covariance
+    assert problem.left_of_pulsation(problem.target.whiten(D[..., None])[:, 0]) == pytest.approx([0.1, 0.1])
+    added = problem.granted(0.1, alike=True).target.covariance - problem.target.covariance
     assert added == pytest.approx(np.broadcast_to(np.diag((0.1 * pulse) ** 2), added.shape))
-    assert alike_granted(problem, 0.0) is problem
+    assert problem.granted(0.0, alike=True) is problem

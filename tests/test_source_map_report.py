@@ -318,8 +318,8 @@ def test_a_map_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
     signals = [replace(signal(p), g=np.full((K + 1, p.columns), 0.1 + 0.2j)) for p in (*every, number)]
     made = found(*signals, rivals=[Rival(PLACES[:3], 2.5)], x={"B.E": 0.3})
     naming = Naming("unknown", PROBLEM, nothing(), (), (), {}, (), 0.5, map=made)
-    Journal(tmp_path, []).naming(PROBLEM, lambda: naming)
-    again = Journal(tmp_path, []).naming(PROBLEM, pytest.fail).map
+    Journal(tmp_path, []).stage("naming", lambda: naming)
+    again = Journal(tmp_path, []).stage("naming", pytest.fail).map
     assert again is not None
     assert (again.places, again.unknowns, again.rivals) == (made.places, made.unknowns, made.rivals)
     assert (again.widths, again.score, again.chi2, again.n) == (made.widths, made.score, made.chi2, made.n)

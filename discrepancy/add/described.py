@@ -9,7 +9,7 @@ import numpy as np
 
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit
-from fitting.inference.forward import Forward
+from fitting.inference.forward import Single
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.source_maps.source_map import SourceMap
@@ -24,6 +24,7 @@ from solver.network.table_source import KINDS, TableSource
 from .. import thresholds as at
 from ..find.study import Study
 from ..findings.outcome import LearnedLaw
+from ..findings.recorded import Pair
 from ..name.verdict import Naming
 from ..show.fmu_validation import Run, fall, gap
 
@@ -52,17 +53,12 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
         after, archive = run(own, network, NOTHING)
     except (RunFailed, InputError):
         return None
-    left, (fallen, sd) = gap(study, before.X).total, fall(study, before, after)
-    if fallen <= at.FALL * sd or after.gap.total[1] > (1.0 - at.PART_CLOSED) * left[1]:
+    if (left := gap_that_falls(study, before, after)) is None:
         return None
     return LearnedLaw(
         name="table_source",
         where=tuple(dict.fromkeys(table.segment for table in tables)),
         formula=" and ".join(dict.fromkeys(s.place.label for s in found.signals if s.place.sources)),
-        parameters={},
-        seen={},
-        beside=(),
-        instead=(),
         before=left,
         after=after.gap.total,
         record=(record.path, record.sha256),
@@ -72,10 +68,18 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
     )
 
 
-def with_network(problem: Forward, network: Network) -> Forward:
+def gap_that_falls(study: Study, before: Run, after: Run, explains: bool = False) -> Pair | None:
+    """The gap of the run ``before`` on (fitted, held-out) beats if that to the held-out beats falls by more than chance
+    in the run ``after`` and, unless this ``explains`` the record, most of it closes; else None."""
+    left, (fallen, sd) = gap(study, before.X).total, fall(study, before, after)
+    closes = explains or after.gap.total[1] <= (1.0 - at.PART_CLOSED) * left[1]
+    return left if fallen > at.FALL * sd and closes else None
+
+
+def with_network(problem: Single, network: Network) -> Single:
     """The same problem with another network of the same topology."""
     if isinstance(problem, NetworkProblem):
-        return replace(problem, network=network, simulator=replace(problem.simulator, network=network))
+        return replace(problem, simulator=replace(problem.simulator, network=network))
     assert isinstance(problem, Bench)
     return replace(problem, network=network)
 

@@ -25,7 +25,7 @@ from fitting.check.fmu_run import RunFailed
 from fitting.inference import hierarchy
 from fitting.inference.extended_network import estimates, extended
 from fitting.inference.fit import Array, Fit, misfit
-from fitting.inference.forward import Forward
+from fitting.inference.forward import Single
 from fitting.inference.hypothesis import Term, effect_of, searched
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
@@ -44,8 +44,8 @@ from ..find.study import Study
 from ..findings.outcome import LearnedLaw
 from ..name.scoring import there, weighed
 from ..name.verdict import Naming
-from ..show.fmu_validation import Run, agreement, fall, gap
-from .described import Runner, described, with_network
+from ..show.fmu_validation import Run, agreement
+from .described import Runner, described, gap_that_falls, with_network
 
 _TRIED = 2  # most promising terms, refitted at every step
 _ALONG = (0.0, 0.5, 1.0)  # x/L at which the strains of a segment are evaluated
@@ -133,12 +133,12 @@ def _range(
     return {variables[s][key][0]: x for s in own for key, x in effect.valid(state, rate).items()}, seen
 
 
-def in_range(problem: Forward, ranges: Mapping[str, float]) -> Forward:
+def in_range(problem: Single, ranges: Mapping[str, float]) -> Single:
     """The same problem with a network that contains the ranges of a learned law, but not yet the law."""
     return with_network(problem, problem.network.with_terms(ranges))
 
 
-def _again(problem: Forward, fit: Fit, runs: Runs) -> list[Fit]:
+def _again(problem: Single, fit: Fit, runs: Runs) -> list[Fit]:
     """A fit continued under the weights of this problem."""
     return there(problem.refit([fit.terms], fit, runs) if problem.site else problem.refine([fit], runs))
 
@@ -147,7 +147,7 @@ def _again(problem: Forward, fit: Fit, runs: Runs) -> list[Fit]:
 class _Path:
     """A forward selection at one place. choice : -2 ln of the prior of the place."""
 
-    problem: Forward
+    problem: Single
     effect: Effect
     place: str
     choice: float
@@ -210,13 +210,11 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
     own = replace(study, problem=in_range(study.problem, found.ranges))
     network = extended(own.problem.network, found.fit)
     after, archive = run(own, network, found.fit)
-    left = gap(own, before.X).total
-    fallen, sd = fall(own, before, after)
     alike = agreement(own, found.fit, own.problem.wave(own.fitted, found.fit), after)
     if alike is not None and not alike.difference <= at.AGREE:
         return None
     explains = misfit(found.fit, own.problem.dof_of_noise) < at.MISFIT
-    if fallen <= at.FALL * sd or not (explains or after.gap.total[1] <= (1.0 - at.PART_CLOSED) * left[1]):
+    if (left := gap_that_falls(own, before, after, explains)) is None:
         return None
     fit, term = hierarchy.with_widths(found.fit), found.term
     return LearnedLaw(
@@ -238,7 +236,7 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
 # --- where, and in which range ----------------------------------------------------------------------------------------
 
 
-def _places(naming: Naming, effect: Effect, problem: Forward) -> list[str]:
+def _places(naming: Naming, effect: Effect, problem: Single) -> list[str]:
     """The wall of a bench. In a network the places of the map and their rivals, and all together; an outlet also if its
     segment has an outflow source."""
     if problem.site is not None:
@@ -251,7 +249,7 @@ def _places(naming: Naming, effect: Effect, problem: Forward) -> list[str]:
     return list(dict.fromkeys([*found, ALL_PLACES])) if found else []
 
 
-def _states(effect: Effect, problem: Forward, fit: Fit, runs: Runs) -> dict[str, tuple[Array, Array]]:
+def _states(effect: Effect, problem: Single, fit: Fit, runs: Runs) -> dict[str, tuple[Array, Array]]:
     """The state variables of an effect's laws over a beat, with their rates: strains ε of every segment, or P -
     P_venous [Pa] of every outlet at which it acts. Empty if the simulation breaks down."""
     network = extended(problem.network, fit)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from fitting.inference.forward import Forward
+from fitting.inference.forward import Single
 from fitting.inference.hypothesis import Term, candidates
 from fitting.inference.models.bench import bench
 from fitting.inference.models.network_record import network_problem
@@ -43,7 +43,7 @@ class Study:
     network: Network
     fitted: Beats
     held_out: Beats
-    problem: Forward
+    problem: Single
     terms: tuple[Term, ...]
     warnings: tuple[str, ...] = ()
 
@@ -69,7 +69,7 @@ def prepare(
         fitted, kept, warnings = parts(align(record, period))
         if INFLOW in record.channels:
             whole = network_problem(fitted, network, channels(record, network), runs, prior)
-            problem: Forward = whole
+            problem: Single = whole
             warnings += seam_said(fitted, whole.signals, whole.felt)
         else:
             site = bench_site(record, network)

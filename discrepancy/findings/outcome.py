@@ -182,15 +182,15 @@ class LearnedLaw:
     name: str
     where: tuple[str, ...]
     formula: str
-    parameters: Mapping[str, Estimate]
-    seen: Mapping[str, tuple[float, float, float]]
-    beside: tuple[str, ...]
-    instead: tuple[str, ...]
     before: tuple[float, float]
     after: tuple[float, float]
     record: tuple[str, str]
     network: Network = field(repr=False)
     archive: bytes = field(repr=False)
+    parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    seen: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    beside: tuple[str, ...] = ()
+    instead: tuple[str, ...] = ()
     explains: bool = True
 
     @property

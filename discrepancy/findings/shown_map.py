@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import repeat
 from typing import Any
 
@@ -128,7 +128,7 @@ def shown_map(found: SourceMap, network: Network, beats: Beats, shares: Sequence
     shares : of the gap, by place, if known."""
     time = np.arange(_SAMPLES) * (beats.T / _SAMPLES)
     acting = tuple(
-        Acting(s.place, rivals=_rivals(s.place, found), share=share, **_told(s, found, time, network, beats))
+        replace(_acting(s, found, time, network, beats), rivals=_rivals(s.place, found), share=share)
         for s, share in zip(found.signals, shares or repeat(None, len(found.signals)), strict=False)
     )
     return SourceMapShown(acting, time, beats.T, found.explains, found.chi2 / found.n)
@@ -150,26 +150,21 @@ def band_of(sd: Array, n: int) -> Array:
     return np.broadcast_to(np.sqrt(sd[0] ** 2 + 4.0 * (sd[1:] ** 2).sum(axis=0)), (n, sd.shape[1]))
 
 
-def _told(signal: Signal, found: SourceMap, time: Array, network: Network, beats: Beats) -> dict[str, Any]:
-    """Fields of :class:`Acting`: the signal at a place, or the value of its parameter."""
+def _acting(signal: Signal, found: SourceMap, time: Array, network: Network, beats: Beats) -> Acting:
+    """The signal at a place, or the value of its parameter."""
     place = signal.place
     if place.unknown is not None:
         unit, odd = _number(place, found, network)
-        return {"unit": unit, "mean": np.zeros(0), "band": np.zeros(0), "number": odd}
+        return Acting(place, unit, np.zeros(0), np.zeros(0), number=odd)
     each = beat_of(signal.g, time, beats.T)
     largest = int(np.argmax((each**2).mean(axis=0)))
     unit = place.sources[largest].unit if place.sources else SIGNAL_UNITS[place.name[-1]]
     channel = _channel(place, largest, unit, network, beats)
-    return {
-        "unit": unit,
-        "mean": each[:, largest],
-        "band": band_of(signal.sd, len(each))[:, largest],
-        "sources": place.columns,
-        "part": _part(place.sources[largest]) if place.columns > 1 else "",
-        "channel": channel,
-        "pulse": float(np.ptp(beats.mean(channel))) if channel else None,
-        "phase": main_phase(each[:, largest], beats.mean(INFLOW)),
-    }
+    part = _part(place.sources[largest]) if place.columns > 1 else ""
+    pulse = float(np.ptp(beats.mean(channel))) if channel else None
+    g, band = each[:, largest], band_of(signal.sd, len(each))[:, largest]
+    phase = main_phase(g, beats.mean(INFLOW))
+    return Acting(place, unit, g, band, place.columns, part, channel, pulse, phase=phase)
 
 
 def _number(place: Place, found: SourceMap, network: Network) -> tuple[str, OddNumber]:

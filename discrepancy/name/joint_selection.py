@@ -1,8 +1,8 @@
 """Name the missing effect from several recordings of one subject: candidates of each, compared on all together.
 
 Each recording is searched by itself first, and gives candidates. These, and effects that the derivatives of all
-recordings together support, are refitted to all (:class:`discrepancy.name.joint_record.Several`) and compared by one
-evidence. A second heart rate separates viscosity and relaxation, which one rate cannot distinguish.
+recordings together support, are refitted to all (:class:`~fitting.inference.joint.joint_record.Several`) and compared
+by one evidence. A second heart rate separates viscosity and relaxation, which one rate cannot distinguish.
 """
 
 from __future__ import annotations
@@ -13,12 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy.name.joint_record import Several
 from fitting.calibrate.first_search import ENOUGH, FAR, OTHER_STARTS
 from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term
-from fitting.inference.models.from_afar import left_of_pulsation
-from fitting.inference.models.network import NetworkProblem
+from fitting.inference.joint.joint_record import Several
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.source_maps.source_map import is_noise
 from fitting.inference.unknown import bounds, starting_points
@@ -117,13 +115,8 @@ def _of_each(problem: Several, terms: Terms, alone: Sequence[Fit]) -> list[Membe
 
 def _far(problem: Several, fit: Fit) -> bool:
     """True if a fit leaves so much of the pulsation (the limit of a calibration) that its minimum may be wrong."""
-    if problem.site is not None or is_noise(fit.chi2, len(fit.z)):
-        return False
-    left = []
-    for part, rows in zip(problem.parts, problem.rows, strict=True):
-        assert isinstance(part, NetworkProblem)
-        left.append(left_of_pulsation(part, fit.z[rows]))
-    return float(np.sqrt(np.mean(np.concatenate(left) ** 2))) > FAR
+    of_network = problem.site is None and not is_noise(fit.chi2, len(fit.z))
+    return of_network and problem.left_of_pulsation(fit) > FAR
 
 
 def _with_base(found: Compared, base: Fit, runs: Runs) -> Compared:

@@ -24,16 +24,16 @@ import numpy as np
 
 from fitting.calibrate.first_search import FAR
 from fitting.inference.extended_network import extended
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Fit, Member
 from fitting.inference.forward import Forward
 from fitting.inference.hypothesis import Term, followers, joins
 from fitting.inference.model_discrepancy import Beside
 from fitting.inference.models.bench import Bench
-from fitting.inference.models.from_afar import from_afar, left_of_pulsation
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import Runs
 from fitting.inference.source_maps.beside import found_beside, map_beside, without_errors
-from fitting.inference.source_maps.source_map import SourceMap, source_map
+from fitting.inference.source_maps.source_map import LEVELS, SourceMap, source_map
+from fitting.inference.unknown import Unknown, absent
 from solver.errors import InputError
 
 from .. import thresholds as at
@@ -112,10 +112,26 @@ def nearest(found: Compared, runs: Runs) -> Fit | None:
     if none.explains or not isinstance(problem, NetworkProblem):
         return None
     (X,) = problem.observe([none.fit.member], runs)
-    if X is not None and np.sqrt(np.mean(left_of_pulsation(problem, problem.residual(X)) ** 2)) <= FAR:
+    if X is not None and np.sqrt(np.mean(problem.left_of_pulsation(problem.residual(X)) ** 2)) <= FAR:
         return None
     fits = there([*problem.refine([none.fit], runs), from_afar(problem, none.fit.unknowns, runs)])
     return min(fits, key=lambda f: f.cost, default=None)
+
+
+def from_afar(problem: NetworkProblem, unknowns: tuple[Unknown, ...], runs: Runs) -> Fit | None:
+    """The model without effect, fitted from the network's own values; None if these cannot be simulated.
+
+    With the noise alone, a model that is wrong by many times the noise has many minima, and a search ends in the one
+    near its start. A model error that is equal at all harmonics gives weight to the large ones, and it shrinks in
+    steps: the search first minimises the residual in the units of the channels, and at last in units of the noise.
+    """
+    member, found = Member((), unknowns, absent(unknowns)), None
+    for level in LEVELS[1:]:
+        (found,) = problem.granted(level, alike=True).searched_from([member], runs)
+        if found is None:
+            return None
+        member = found.member
+    return found
 
 
 def compared_with(found: Compared, near: Fit, runs: Runs) -> Iterator[Compared]:

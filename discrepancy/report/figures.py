@@ -5,7 +5,7 @@ Every function returns a picture and its caption; :func:`figures` calls those wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -80,11 +80,8 @@ def _there(outcome: Outcome) -> dict[str, Callable[[], Captioned]]:
 def _network(outcome: Outcome, network: Network) -> Captioned:
     """Vessels from left to right, the places of the effects marked, every measured site in the colour of its z."""
     marked, worst = marks(outcome), channel_z(outcome)
-
-    def colour_at(kind: str, place: str) -> str | None:
-        """The colour of the first mark there; marks of named effects precede those of the class."""
-        return next((VERMILION if mark.named else ORANGE for mark in marked if mark.is_at(kind, place)), None)
-
+    # marks of named effects precede those of the class
+    colour_at = partial(_colour_at, [(mark, VERMILION if mark.named else ORANGE) for mark in marked])
     figure, axes, drawn = draw(network, colour_at)
     sites(axes, network, drawn, worst, colour_at, lambda names: Z.colour(max(worst[name] for name in names)), 11.0)
     handles = [
@@ -112,11 +109,7 @@ def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> tup
     found = [(a.place, _colour(i)) for i, a in enumerate(shown.acting)]
     found += [(place, ORANGE) for a in shown.acting for rival in a.rivals for place in rival.places]
     marked = [(mark(place, colour is not ORANGE), colour) for place, colour in found]
-
-    def colour_at(kind: str, place: str) -> str | None:
-        """The colour of the first mark at a place."""
-        return next((colour for mark, colour in marked if mark.is_at(kind, place)), None)
-
+    colour_at = partial(_colour_at, marked)
     beside = max(max(lane.x0, lane.x1) for lane in lanes(network)) <= _COLUMNS
     most = {"widest": _NARROW} if beside and shown.signals else {}
     figure, axes, drawn = draw(network, colour_at, **most)
@@ -162,6 +155,11 @@ def mark(place: Place, named: bool) -> Mark:
         return Mark("outlet" if "outlet" in rest[:-1] else "segment", owner, named, place.label)
     kind = _KINDS.get(place.kind, "segment")
     return Mark(kind, site_of(place.name) if kind == "channel" else place.name, named, place.label)
+
+
+def _colour_at(marked: Sequence[tuple[Mark, str]], kind: str, place: str) -> str | None:
+    """The colour of the first mark at a place."""
+    return next((colour for mark, colour in marked if mark.is_at(kind, place)), None)
 
 
 def _colour(i: int) -> str:

@@ -16,8 +16,10 @@ from solver.errors import InputError
 from solver.simulate import BROKEN
 
 from ..inference.gauss_newton import Rules
-from ..inference.models.calibration import Ended, Part, Problem, minimum
+from ..inference.joint.calibration import Ended, Problem, minimum
+from ..inference.models.simulator import Simulator
 from ..inference.unknown import absent, starting_points
+from ..records.alignment.beats import Beats
 from ..records.channels.noise import pulses
 
 Array = np.ndarray
@@ -29,8 +31,9 @@ FAR = 0.05  # of the RMS of the pulsation
 ENOUGH = 3  # 6 of 100 synthetic tubes need other starts (own start far off or without a beat), and none needs more
 
 
-def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Ended, list[str]]:
-    """The end of the first successful search, and a sentence if its start is not the requested one.
+def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Problem, Ended, list[str]]:
+    """The problem with its first weights, the end of the first successful search, and a sentence if its start is not
+    the requested one.
 
     x0 : (p,) start; None: the network's own values, then others. Raises ValueError if no start has a beat.
     """
@@ -39,8 +42,8 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Ende
     failure: Exception | None = None
     for i, x in enumerate(_starts(problem) if x0 is None else [x0]):
         try:
-            weighted = weighted or problem.with_targets(x, [first_error(part) for part in problem.parts])
-            ended[i] = minimum(weighted, x, weighted.batches(x), rules)
+            weighted = weighted or problem.weighted(x, [first_error(*each) for each in problem.records])
+            ended[i] = minimum(weighted, weighted.at(x), rules)
         except BROKEN as error:
             failure = failure or error
             weighted = weighted if ended else None
@@ -48,14 +51,14 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Ende
         if not far(weighted, ended[i]) or len(ended.keys() - {0}) == ENOUGH:
             break
     if weighted is None:
-        sources = " + ".join(part.beats.source for part in problem.parts)
+        sources = " + ".join(beats.source for beats, _ in problem.records)
         where = f"as given or at {OTHER_STARTS} other starts" if x0 is None else "at this start"
-        name = problem.parts[0].simulator.network.name
+        name = problem.records[0][1].network.name
         raise InputError(f"{sources}: with its inflow, network {name} {where} cannot be simulated: {failure}") from None
     near = [i for i in ended if not far(weighted, ended[i])]
-    best = min(near or ended, key=lambda i: (not near and i > 0, ended[i].search.cost))
+    best = min(near or ended, key=lambda i: (not near and i > 0, ended[i].history[-1]))
     asked = x0 is not None or list(ended) == [0]
-    return ended[best], [] if asked else [_said(weighted, ended, best)]
+    return weighted, ended[best], [] if asked else [_said(weighted, ended, best)]
 
 
 def _starts(problem: Problem) -> Iterator[Array]:
@@ -64,28 +67,20 @@ def _starts(problem: Problem) -> Iterator[Array]:
     yield from starting_points(problem.unknowns, 1 + OTHER_STARTS, _SEED)[1:]
 
 
-def first_error(part: Part) -> Array:
+def first_error(beats: Beats, simulator: Simulator) -> Array:
     """(K+1, m) an assumed error of the solver, until it is measured."""
-    s = part.simulator
-    return np.full((s.K + 1, len(s.names)), _FIRST_ERROR) * pulses(part.beats, s.names)
-
-
-def left(problem: Problem, found: Ended) -> float:
-    """RMS of the residual over that of the pulsation, over all channels of all recordings."""
-    parts = [
-        np.array(list(part.rms(batch[0]).values())) / pulses(part.beats, part.simulator.names)
-        for part, batch in zip(problem.parts, found.batches, strict=True)
-    ]
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+    names = simulator.names
+    return np.full((simulator.K + 1, len(names)), _FIRST_ERROR) * pulses(beats, names)
 
 
 def far(problem: Problem, found: Ended) -> bool:
     """True if a search ended so far from the record that it may be in a wrong minimum."""
-    return left(problem, found) > FAR and bool(found.errors.any())
+    return problem.whole.left_of_pulsation(found.fit) > FAR and bool(found.errors.any())
 
 
 def _said(problem: Problem, ended: Mapping[int, Ended], best: int) -> str:
-    leaves = {i: f"{100.0 * left(problem, each):.2g} % of the pulsation (rms)" for i, each in ended.items()}
+    left = {i: problem.whole.left_of_pulsation(each.fit) for i, each in ended.items()}
+    leaves = {i: f"{100.0 * each:.2g} % of the pulsation (rms)" for i, each in left.items()}
     why = f"the search leaves {leaves[0]}" if 0 in ended else "there is no periodic beat"
     then = (
         f"from other start {best} it leaves {leaves[best]}"

@@ -145,7 +145,7 @@ def calibrate_from(
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
     recorded, found = [beats] if isinstance(beats, Beats) else list(beats), parse_unknowns(unknowns, network)
-    everything, _ = varied(found, varies, labels_of([each.source for each in recorded]))
+    everything = varied(found, varies, labels_of([each.source for each in recorded]))
     points = starting_points(everything, starts, seed) if starts > 1 else [None]
     tasks = [_Task(recorded, network, found, tuple(varies), channels, settings, x) for x in points]
     ended: dict[int, Calibration] = {}

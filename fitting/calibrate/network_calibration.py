@@ -6,7 +6,7 @@ relative to the network's own values and Gaussian priors of standard deviation s
     |z(x)|² + Σ (x_i/s_i)²
 
 One batch of harmonic balances gives z and its derivatives, by finite differences. A model error of the channels
-represents missing physics; its size is estimated alternately with x (:mod:`fitting.inference.models.calibration`). A
+represents missing physics; its size is estimated alternately with x (:mod:`fitting.inference.joint.calibration`). A
 first search approaches the minimum. There, a halved element length measures the solver's own error, and the response to
 the inflow's noise is computed; a second search with these weights gives the result.
 """
@@ -25,12 +25,23 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.legible import number
 from solver.quantities.units import INFLOW, of_signal
-from solver.simulate import BROKEN
 
-from ..inference.gauss_newton import Point, Rules
+from ..inference.fit import Fit
+from ..inference.gauss_newton import Rules
 from ..inference.intervals.identify import Determined, sentences
-from ..inference.models.calibration import CHANCE, DERIVATIVE_ERROR, Ended, Problem, granted, minimum, part_of, widening
-from ..inference.runs import Meter
+from ..inference.joint.calibration import (
+    CHANCE,
+    DERIVATIVE_ERROR,
+    Ended,
+    Problem,
+    granted,
+    minimum,
+    recorded,
+    widening,
+)
+from ..inference.joint.joint_record import Several
+from ..inference.models.simulator import Simulator
+from ..inference.runs import Meter, Runs
 from ..inference.unknown import Unknown, bounds, parameter_intervals, parameter_values
 from ..inference.unknown_text import parse_unknowns, varied
 from ..inference.zeros import apart
@@ -40,7 +51,7 @@ from ..records.channels.amounts import sizes
 from ..records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
 from ..records.thresholds import MAX_HARMONICS
 from .calibrated import ALL_PRIOR, Calibration, Recording, labels_of, noise_known
-from .first_search import first_error, first_search
+from .first_search import first_search
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -78,46 +89,44 @@ def calibrate(
     """
     started = time.perf_counter()
     settings = settings or Settings()
-    recorded = [beats] if isinstance(beats, Beats) else list(beats)
+    given = [beats] if isinstance(beats, Beats) else list(beats)
     found = parse_unknowns(unknowns, network)
     check_flow_driven(network)
     told = _Stages(progress)
     meter = Meter(told.simulated)
-    labels = labels_of([each.source for each in recorded])
-    everything, which = varied(found, varies, labels)
-    parts = []
-    for each, numbers in zip(recorded, which, strict=True):
+    labels = labels_of([each.source for each in given])
+    everything, records = varied(found, varies, labels), list[tuple[Beats, Simulator]]()
+    for each in given:
         names = _channels(each, network, channels)
-        own = tuple(everything[i] for i in numbers)
-        K = _harmonics(each, names, settings)
-        parts.append(part_of(each, network, own, np.array(numbers), names, K, settings, meter))
-    problem = Problem(everything, tuple(parts))
+        records.append(recorded(each, network, names, _harmonics(each, names, settings), settings))
+    problem = Problem(everything, tuple(records), Several((), tuple(labels)), Runs(meter))
 
     told.begin(0.0, 0.6, "first search")
     rules = Rules(_NEAR, math.inf, max_iterations, error=DERIVATIVE_ERROR)
-    near, said = first_search(problem, x0, rules)
+    first, near, said = first_search(problem, x0, rules)
 
     told.begin(0.6, 1.0, "second search")
-    last, unmeasured = _weighted(problem, near)
+    last, unmeasured = _weighted(first, near.fit)
     rules = rules if near.errors.any() else replace(rules, gain=_SETTLED)
-    best = minimum(last, near.search.x, near.batches, rules)
+    best = minimum(last, last.whole.restated([near.fit], first.whole)[0], rules)
     if progress:
         progress(1.0, "done")
     return _result(last, near, best, [*said, *unmeasured], labels, found, meter, time.perf_counter() - started)
 
 
-def _weighted(problem: Problem, near: Ended) -> tuple[Problem, list[str]]:
+def _weighted(problem: Problem, near: Fit) -> tuple[Problem, list[str]]:
     """The problem with the weights at the end of the first search, including the solver's own error."""
-    x, errors, unmeasured = near.search.x, [], list[str]()
-    for part, batch in zip(problem.parts, near.batches, strict=True):
-        pulse = pulses(part.beats, part.simulator.names)
-        errors.append(first_error(part))
+    errors, unmeasured = [], list[str]()
+    for i, (part, rows) in enumerate(zip(problem.parts, problem.whole.rows, strict=True)):
+        X = part.target.X + part.target.unwhiten(near.z[rows, None])[..., 0]
         finer = replace(part, simulator=part.simulator.finer())
-        try:
-            errors[-1] = solver_error(batch[0], finer.simulate(x[part.which][None])[0], pulse)
-        except BROKEN:
+        (X_finer,) = finer.observe([problem.whole.member(near.member, i)], problem.runs)
+        if X_finer is None:
+            errors.append(part.error)
             unmeasured = ["no beat was found with shorter elements, so the solver's own error was not measured"]
-    return problem.with_targets(x, errors), unmeasured
+        else:
+            errors.append(solver_error(X, X_finer, pulses(part.beats, part.signals)))
+    return problem.weighted(near.x, errors), unmeasured
 
 
 # --- the record ----------------------------------------------------------------------------------------------------
@@ -183,17 +192,17 @@ def _result(
     problem: Problem, near: Ended, best: Ended, said: Sequence[str], labels: Sequence[str],
     asked: Sequence[Unknown], meter: Meter, seconds: float,
 ) -> Calibration:  # fmt: skip
-    x, unknowns, network = best.search.x, problem.unknowns, problem.parts[0].simulator.network
-    point = problem.point(x, best.batches)  # of the noise alone
-    chi2 = float(point.z @ point.z)
-    dof = max(1.0, len(point.z) - problem.determined(point, 1.0).effective)
+    x, unknowns, network = best.fit.x, problem.unknowns, problem.parts[0].network
+    chi2 = best.fit.chi2  # of the noise alone
+    dof = max(1.0, len(best.fit.z) - problem.determined(best.fit.J).effective)
     known = _known(problem, best, chi2 / dof)
     low, high = bounds(unknowns)
     close = np.minimum(x - low, high - x) <= 1e-9 * problem.typical
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
-    common = [i for i in range(len(x)) if all(i in part.which for part in problem.parts)]
+    which = [set(problem.own(i)[1]) for i in range(len(problem.parts))]
+    common = [i for i in range(len(x)) if all(i in own for own in which)]
     own = {variable for i, u in enumerate(unknowns) if i not in common for variable in u.variables}
-    recordings = _recordings(problem, point, x, known, labels, [u.name for u in asked], own)
+    recordings = _recordings(problem, best.fit, known, labels, [u.name for u in asked], own)
     shared, covariance = tuple(unknowns[i] for i in common), known.covariance[np.ix_(common, common)]
     every = {n: float(v) for n, v in parameter_values(shared, network, x[common]).items() if n not in own}
     values, zeros = apart(every, network)
@@ -210,7 +219,7 @@ def _result(
         *said,
         *dict.fromkeys(text.rstrip(".") for part in problem.parts for text in part.beats.warnings),
     ]
-    if not best.search.converged:
+    if not best.converged:
         report.append("the search did not converge: no step lowered the misfit, or it reached its iteration limit")
     return Calibration(
         network=network.name,
@@ -227,7 +236,7 @@ def _result(
         at_bound=at_bound,
         report=tuple(report),
         history=(near.history, best.history),
-        converged=best.search.converged,
+        converged=best.converged,
         simulations=meter.simulations,
         seconds=seconds,
         others={
@@ -247,31 +256,30 @@ def _result(
 def _known(problem: Problem, best: Ended, ratio: float) -> Determined:
     """The parameters that the data determine, with the model error; ratio : χ²/dof without it."""
     if not best.errors.any():
-        return problem.determined(problem.point(best.search.x, best.batches), max(1.0, ratio))
-    weighted = granted(problem, best.errors)
-    point = weighted.point(best.search.x, best.batches)
-    return weighted.determined(point, widening(weighted, point.z, weighted.determined(point).effective))
+        return problem.determined(best.fit.J, max(1.0, ratio))
+    wide = granted(problem, best.errors)
+    (fit,) = wide.whole.restated([best.fit], problem.whole)
+    return wide.determined(fit.J, widening(wide, fit.z, wide.determined(fit.J).effective))
 
 
 def _recordings(
-    problem: Problem, point: Point, x: Array, known: Determined, labels: Sequence[str], names: Sequence[str],
-    own: Collection[str],
+    problem: Problem, fit: Fit, known: Determined, labels: Sequence[str], names: Sequence[str], own: Collection[str],
 ) -> tuple[Recording, ...]:  # fmt: skip
     """Each recording: the fit to its data, and its own values."""
-    found, one = [], problem.determined(point)
-    paid = np.einsum("np,pq,nq->n", point.J, one.covariance, point.J)  # leverage of each datum
+    found, one = [], problem.determined(fit.J)
+    paid = np.einsum("np,pq,nq->n", fit.J, one.covariance, fit.J)  # leverage of each datum
     paid *= one.effective / max(float(paid.sum()), np.finfo(float).tiny)
-    for part, rows, batch, label in zip(problem.parts, problem.rows(), point.memory, labels, strict=True):
-        assert part.target is not None
-        beats, at, network = part.beats, part.which, part.simulator.network
-        z = point.z[rows]
-        values = {n: float(v) for n, v in parameter_values(part.unknowns, network, x[at]).items() if n in own}
+    for i, (part, rows, label) in enumerate(zip(problem.parts, problem.whole.rows, labels, strict=True)):
+        (unknowns, at), beats, network = problem.own(i), part.beats, part.network
+        z, x = fit.z[rows], fit.x[at]
+        values = {n: float(v) for n, v in parameter_values(unknowns, network, x).items() if n in own}
         covariance, noise = known.covariance[np.ix_(at, at)], noise_known([beats.n_beats])
-        ci95 = parameter_intervals(part.unknowns, network, x[at], covariance, noise)
+        ci95 = parameter_intervals(unknowns, network, x, covariance, noise)
+        rms = dict(zip(part.signals, part.rms(z).tolist(), strict=True))
         found.append(Recording(
-            label, beats.source, beats.sha256, beats.n_beats, tuple(int(i) for i in at), tuple(names), values,
+            label, beats.source, beats.sha256, beats.n_beats, tuple(int(j) for j in at), tuple(names), values,
             {name: ci95[name] for name in values}, float(z @ z), max(1.0, len(z) - float(paid[rows].sum())),
-            part.target.channel_rms(batch[0]), part.rms(batch[0]), part.simulator.K, beats.told,
+            part.target.channel_rms(z), rms, part.K, beats.told,
         ))  # fmt: skip
     return tuple(found)
 

@@ -11,7 +11,7 @@ from solver.errors import InputError
 from solver.network.coefficients import coefficients
 from solver.network.description import Network
 
-from ..inference.models.calibration import STEP
+from ..inference.joint.calibration import STEP
 from ..inference.models.simulator import HARMONICS_BEYOND, Simulator
 from ..inference.runs import Runs
 from ..inference.unknown import finite_steps, parameter_values

@@ -1,4 +1,5 @@
-"""The protocol of a forward model: a record with the model for comparison, on the bench or in a network.
+"""The protocols of a forward model: a record with the model for comparison, on the bench or in a network; and of one
+that is of a single recording, which an FMU can repeat.
 
 Hypotheses are simulated with an explicit state: ``runs`` counts the simulations and sets their deadline.
 """
@@ -8,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -45,15 +46,13 @@ class Drive:
 class Forward(Protocol):
     """A record with the model for comparison.
 
-    kind : "bench" or "network", the word of reports. site : the artery of a bench. signals : the compared channels; K :
-    their highest harmonic. The methods with a body here are the defaults of an exact model with one weighting; for
-    several recordings they belong to the first one.
+    kind : "bench" or "network", the word of reports. site : the artery of a bench. signals : the compared channels. The
+    methods with a body here are the defaults of an exact model with one weighting.
     """
 
     network: Network
     site: str | None
     signals: tuple[str, ...]
-    K: int
 
     @property
     def kind(self) -> str:
@@ -61,21 +60,15 @@ class Forward(Protocol):
         return self.first.kind
 
     @property
-    def first(self) -> Forward:
+    def first(self) -> Single:
         """The problem of the recording, or of the first of several."""
-        return self
 
     @property
     def dof_of_noise(self) -> float:
         """Degrees of freedom of the noise estimate."""
 
-    @property
-    def highest(self) -> float:
-        """Half the sampling rate [Hz]: no sensor fault with a higher frequency is named."""
-
     def shows(self, fit: Fit) -> bool:
         """True if the record resolves the frequencies of the sensor faults of a hypothesis."""
-        return frequency(fit) <= self.highest
 
     @property
     def rules(self) -> Rules:
@@ -109,22 +102,13 @@ class Forward(Protocol):
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         """Continue every fit from its point with its stored Jacobian; parameters with equal bounds stay fixed."""
 
-    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Forward:
+    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Self:
         """The same problem with the weights and the mesh that a fit requires."""
         return self
 
     def restated(self, fits: Sequence[Fit], before: Any) -> list[Fit]:
         """Fits with the weights of another model of this record, at the same points, with the present weights."""
         return list(fits)
-
-    @property
-    def weights(self) -> Any:
-        """The present weights as plain data, the argument of :meth:`restored`."""
-        return ()
-
-    def restored(self, weights: Any) -> Forward:
-        """The problem with given weights."""
-        return self
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> Mapping[str, Array]:
         """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
@@ -138,13 +122,13 @@ class Forward(Protocol):
         """The individual deviations of arteries and outlets; none for common walls."""
         return ()
 
-    def individual(self) -> Forward:
+    def individual(self) -> Self:
         """The same problem with individual deviations of arteries and outlets; itself for a single artery."""
         return self
 
     # --- errors of the model --------------------------------------------------------------------------------------
 
-    def widened(self, errors: Array) -> Forward:
+    def widened(self, errors: Array) -> Self:
         """The same problem with model ``errors`` (:class:`~fitting.inference.model_discrepancy.Beside`) in the
         covariance."""
 
@@ -166,7 +150,27 @@ class Forward(Protocol):
         """Whitened RMS of each site, predicted from the other sites; empty for a single site."""
         return {}
 
-    # --- the FMU that stands for the model ----------------------------------------------------------------------------
+
+class Single(Forward, Protocol):
+    """A single recording with the model for comparison, and the FMU that stands for the model.
+
+    K : the highest harmonic that is compared.
+    """
+
+    K: int
+
+    @property
+    def first(self) -> Single:
+        return self
+
+    @property
+    def highest(self) -> float:
+        """Half the sampling rate [Hz]: no sensor fault with a higher frequency is named."""
+
+    def shows(self, fit: Fit) -> bool:
+        return frequency(fit) <= self.highest
+
+    def held_out(self, beats: Beats, fitted: Beats) -> Single: ...
 
     def part(self, network: Network) -> Network:
         """The part of a network in the FMU: all of it (the same object), or the artery on the bench."""
@@ -174,7 +178,6 @@ class Forward(Protocol):
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) the measured drive of the FMU."""
-        return self.first.measured_wave(beats)
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) the most probable drive of the FMU under a hypothesis, given the whole record."""
@@ -190,13 +193,10 @@ class Forward(Protocol):
 
     def driven(self, wave: Array) -> Drive:
         """How a wave drives the FMU."""
-        return self.first.driven(wave)
 
     @property
     def noise(self) -> Array:
         """(K+1, m) variance of the mean beats from sensor noise alone, the unit of gaps."""
-        return self.first.noise
 
     def covariance(self, beats: Beats) -> Array:
         """(n, m, m) covariance of the residual of a free run at harmonics 0 … n - 1, from all sources of noise."""
-        return self.first.covariance(beats)

@@ -66,14 +66,14 @@ def _within(whole: Target, fit: Fit, chosen: Array) -> Rest:
 def without_each_site(whole: Target, fit: Fit) -> list[Rest]:
     """The linear problem of a fit without one site, each in turn; sites whose sensor is a term of the fit stay, because
     the others do not determine it."""
-    sites, faulty = _sites(whole, fit)
-    return [_within(whole, fit, sites != site) for site in dict.fromkeys(sites.tolist()) if site not in faulty]
+    return [_within(whole, fit, ~there) for there in _sites(whole, fit).values()]
 
 
-def _sites(whole: Target, fit: Fit) -> tuple[Array, set[str]]:
-    """(m,) the site of every channel; those that a sensor of the fit is at."""
+def _sites(whole: Target, fit: Fit) -> dict[str, Array]:
+    """(m,) True for the channels at each site, without the sites that a sensor of the fit is at."""
     names = np.array([name.rpartition(".")[0] for name in whole.names])
-    return names, {term.place.rpartition(".")[0] for term in fit.terms if term.is_sensor}
+    faulty = {term.place.rpartition(".")[0] for term in fit.terms if term.is_sensor}
+    return {site: names == site for site in dict.fromkeys(names.tolist()) if site not in faulty}
 
 
 def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
@@ -81,12 +81,11 @@ def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
 
     None for a single site; the measurement chain of a site cannot be predicted from others.
     """
-    sites, faulty = _sites(whole, fit)
-    if len(set(sites)) < 2 or not len(fit.x):
-        return {}
     found = {}
-    for site in (s for s in dict.fromkeys(sites.tolist()) if s not in faulty):
-        (J, z), (there_J, there_z) = (_within(whole, fit, chosen) for chosen in (sites != site, sites == site))
+    for site, there in _sites(whole, fit).items():
+        if there.all() or not len(fit.x):
+            continue
+        (J, z), (there_J, there_z) = (_within(whole, fit, chosen) for chosen in (~there, there))
         left = there_z + there_J @ linear_step(fit, J, z)
         # the uncertainty of the unknowns, estimated from the others, adds to the covariance
         spread = np.linalg.pinv(J.T @ J + np.diag(precision(fit.prior, fit.x)), hermitian=True)

@@ -31,6 +31,10 @@ WIDER = 2.0  # width of starts relative to priors: starts vary more than animals
 ANYWHERE = 5.0  # the same without a prior, relative to the default one
 WIDEST = 1.0  # of a logarithm, whatever its prior: at ten times its length or more a network is slow, and no animal's
 TAILS = 15.0  # degrees of freedom of the priors of a hypothesis
+# stated spreads: a parameter of one artery or outlet that is farther from the common value is no deviation of its
+# subject. Simulated with ten arteries and six outlets (36 parameters): of subjects with the stated spreads 0.06 % have
+# one, with 1.5 times these 2 %, with 2.5 times 6 %; with this limit alone, 0.2, 24 and 98 %
+OUTLIER = 4.0
 
 
 @dataclass(frozen=True)
@@ -65,13 +69,6 @@ class Unknown(Coordinate):
     def variables(self) -> tuple[str, ...]:
         """The names of the variables that it moves."""
         return tuple(variable for variable, _ in self.moves)
-
-    def estimate(self, x: float, sd: float, quantile: float) -> Estimate:
-        """The value with its interval in the unit that is reported, within its range."""
-        ends = self.size * np.clip([x - quantile * sd, x, x + quantile * sd], self.low, self.high)
-        values = self.nominal * np.exp(ends) if self.kind == SCALE else self.nominal + ends
-        low, value, high = (float(v) for v in values)
-        return Estimate(value, self.unit, (low, high))
 
 
 def with_prior(coordinate: Coordinate, prior_sd: float | None, of_size: bool = False) -> Unknown:

@@ -75,16 +75,14 @@ def parse_unknowns(texts: Iterable[str | Unknown], network: Network) -> tuple[Un
     return unknowns
 
 
-def varied(
-    unknowns: Sequence[Unknown], varies: Sequence[str], labels: Sequence[str]
-) -> tuple[tuple[Unknown, ...], list[list[int]]]:
-    """All unknowns of some recordings, and for each recording the numbers of its own: in common, but for some.
+def varied(unknowns: Sequence[Unknown], varies: Sequence[str], labels: Sequence[str]) -> tuple[Unknown, ...]:
+    """All unknowns of some recordings: in common, but for some, which have the recording in their name.
 
     varies : names with wildcards, "*.outlet.R2", of unknowns that have a value for each recording, or of all variables
     of one. labels : of the recordings. Raises ValueError for one that names no unknown, and where there is one
     recording.
     """
-    found, which = list[Unknown](), [list[int]() for _ in labels]
+    found = list[Unknown]()
     if varies and len(labels) == 1:
         raise InputError(f"--varies {varies[0]}: there is one recording to fit; give others with --and.")
     for pattern in varies:
@@ -95,11 +93,8 @@ def varied(
         own = len(labels) > 1 and any(named(unknown, pattern) for pattern in varies)
         if own and is_zero(unknown.name):
             raise InputError(f"--varies {unknown.name}: all recordings have a sensor's zero in common; leave it out.")
-        for label, numbers in zip(labels, which, strict=True):
-            if own or numbers is which[0]:
-                found.append(replace(unknown, name=f"{unknown.name} of {label}") if own else unknown)
-            numbers.append(len(found) - 1)
-    return tuple(found), which
+        found += [replace(unknown, name=f"{unknown.name} of {label}") for label in labels] if own else [unknown]
+    return tuple(found)
 
 
 def named(unknown: Unknown, pattern: str) -> bool:

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Self
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from ...records.channels.noise import degrees_of_freedom
 from ...records.thresholds import SAFE
 from ..extended_network import allowed
 from ..fit import Fit, Member, begun, taken_over
-from ..forward import Drive, Forward
+from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, search
 from ..hypothesis import Term, nuisances
 from ..jackknife import Rest, without_groups
@@ -90,7 +91,7 @@ def _chained(h: Array, x: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Bench(Forward):
+class Bench(Single):
     """A bench record of one site, and the network whose wall is compared with it.
 
     loop : the mean beats; K : harmonics above the noise; n_beats : averaged ones. error : (N//2 + 1,) [Pa] of the law.
@@ -207,7 +208,7 @@ class Bench(Forward):
         B = np.linalg.solve(L, np.diag(size * np.sqrt(self.loop.N)))
         return beside(fit, [Block(np.arange(n), B, np.minimum(np.arange(n), 1))], 2)
 
-    def widened(self, parts: Array) -> Bench:
+    def widened(self, parts: Array) -> Self:
         noise = self.loop.noise.copy()
         noise[:, 0, 0] += (error := self._law_error[: len(noise)] * parts[np.minimum(np.arange(len(noise)), 1)]) ** 2
         return replace(self, loop=replace(self.loop, noise=noise), error=np.hypot(self.error, error))
@@ -218,14 +219,6 @@ class Bench(Forward):
             f if s is None else replace(f, z=s.z, J=s.J, log_volume=s.log_volume)
             for f, s in zip(fits, states, strict=True)
         ]
-
-    @property
-    def weights(self) -> tuple[Array, Array]:
-        """Data for :meth:`restored`: the covariance of the loop's noise, and the law errors included in it."""
-        return self.loop.noise, self.error
-
-    def restored(self, weights: tuple[Array, Array]) -> Bench:
-        return replace(self, loop=replace(self.loop, noise=weights[0]), error=weights[1])
 
     @property
     def _law_error(self) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ...records.alignment.beats import Beats
 from ...records.channels.inflow import Inflow
 from ..fit import Member
 from ..unknown import values
+from ..zeros import is_zero, zero_name
 
 Array = np.ndarray
 
@@ -45,6 +47,18 @@ def sense(member: Member, names: Sequence[str], X: Array, T: float, means: bool 
         X[:, i] *= H
         X[0, i] += float(offset[0]) * means
     return X
+
+
+def zeros_apart(member: Member, names: Sequence[str]) -> tuple[Member, Array | None]:
+    """The member without the zeros of sensors, on which no simulation depends, and the changes (m,) of these of some
+    channels; None if no zero is an unknown."""
+    zeros = np.array([is_zero(u.name) for u in member.unknowns], bool)
+    if not zeros.any():
+        return member, None
+    moved = values([u for u in member.unknowns if is_zero(u.name)], member.x[zeros], {})
+    others = tuple(u for u in member.unknowns if not is_zero(u.name))
+    changes = np.array([moved.get(zero_name(name), 0.0) for name in names])
+    return replace(member, unknowns=others, x=member.x[~zeros]), changes
 
 
 def inlet_sensor(member: Member) -> dict[str, float]:

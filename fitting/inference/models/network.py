@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Self
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from ...records.channels.noise import (
 )
 from ..extended_network import allowed
 from ..fit import Fit, Member, begun, sizes_of, taken_over
-from ..forward import Drive, Forward
+from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, promised, search
 from ..hypothesis import EVERY, Term, about_common, refined, rewired
 from ..jackknife import Rest, leave_one_site_out, without_each_site
@@ -39,8 +40,9 @@ from ..model_discrepancy import sizes
 from ..prior import of_animal
 from ..runs import Runs
 from ..unknown import Unknown, absent, finite_steps, free, parameter_values
+from ..zeros import apart
 from .batches import simulated
-from .bench_observation import meter, of_other_beats, sense, shown
+from .bench_observation import meter, of_other_beats, sense, shown, zeros_apart
 from .simulator import Simulator, linear_response, varying
 
 Array = np.ndarray
@@ -54,22 +56,19 @@ _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller solver erro
 
 
 @dataclass(frozen=True)
-class NetworkProblem(Forward):
+class NetworkProblem(Single):
     """A network record with the network for comparison.
 
     error : (K+1, m) standard deviation of the solver's errors. exact : target without model error, if there is any, and
     model_error : its covariance (K+1, m, m). More beats reduce neither. response : (K+1, m) of the channels to the
     inflow. felt : response of the network as given to beats that differ. deviations : unknowns of individual arteries;
-    empty for common walls. possible : those that may be used.
+    empty for common walls. possible : those that may be used. step : finite difference step of x.
     """
 
     kind = "network"
     site = None
 
-    network: Network
     beats: Beats
-    signals: tuple[str, ...]
-    K: int
     simulator: Simulator
     target: Target
     error: Array
@@ -79,8 +78,30 @@ class NetworkProblem(Forward):
     model_error: Array | float = 0.0
     deviations: tuple[Unknown, ...] = ()
     possible: tuple[Unknown, ...] = ()
+    step: float = _STEP
 
     rules = _RULES
+
+    @classmethod
+    def of(
+        cls, beats: Beats, simulator: Simulator, member: Member, error: Array, possible: tuple[Unknown, ...] = (),
+        step: float = _STEP,
+    ) -> NetworkProblem:  # fmt: skip
+        """The problem of a record weighted at a member. error : (K+1, m) standard deviation of the solver's errors."""
+        own, response, felt = _weights(beats, simulator, member, error)
+        return cls(beats, simulator, own, error, response, felt, possible=possible, step=step)
+
+    @property
+    def network(self) -> Network:  # type: ignore[override]
+        return self.simulator.network
+
+    @property
+    def signals(self) -> tuple[str, ...]:  # type: ignore[override]
+        return self.simulator.names
+
+    @property
+    def K(self) -> int:  # type: ignore[override]
+        return self.simulator.K
 
     @property
     def dof_of_noise(self) -> float:
@@ -167,15 +188,18 @@ class NetworkProblem(Forward):
         nuisance = [u for u in of_animal(rewired(self.network, terms), self.deviations) if not set(u.variables) <= mine]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
 
-    def individual(self) -> NetworkProblem:
+    def individual(self) -> Self:
         return replace(self, deviations=self.possible)
 
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
         """X : (K+1, m) after the sensors, of every member; None if the simulation broke down.
 
-        runs : counts the simulations and limits their time.
+        runs : counts the simulations and limits their time. Zeros of sensors that are unknowns shift the means.
         """
-        return simulated([(self.simulator, members)], runs or Runs())[0]
+        each = [zeros_apart(member, self.signals) for member in members]
+        (found,) = simulated([(self.simulator, [member for member, _ in each])], runs or Runs())
+        pairs = zip(found, (zeros for _, zeros in each), strict=True)
+        return [X if X is None or zeros is None else X + np.eye(len(X), 1) * zeros for X, zeros in pairs]
 
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""
@@ -194,7 +218,7 @@ class NetworkProblem(Forward):
 
     def linearised(self, trials: Sequence[Trial], runs: Runs) -> list[tuple[Array, Array] | None]:
         """X : (K+1, m) of every trial and its derivatives (K+1, m, q), by finite differences; all in one batch."""
-        steps = [finite_steps(t.member.unknowns, t.member.x, _STEP)[t.by] for t in trials]
+        steps = [finite_steps(t.member.unknowns, t.member.x, self.step)[t.by] for t in trials]
         moved = [
             replace(t.member, x=x)
             for t, s in zip(trials, steps, strict=True)
@@ -267,7 +291,7 @@ class NetworkProblem(Forward):
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         return self._searched([Search(f.member, _RULES, known=f.columns) for f in fits], runs or Runs())
 
-    def sharpened(self, fit: Fit, runs: Runs | None = None) -> NetworkProblem:
+    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Self:
         """The same problem weighted for a fit: with the solver's error there, and the response to the inflow.
 
         If the error is not negligible against the noise, the elements become shorter. If these break down, as with a
@@ -289,12 +313,17 @@ class NetworkProblem(Forward):
 
     # --- errors of the model --------------------------------------------------------------------------------------
 
-    def granted(self, part: float) -> NetworkProblem:
-        """The problem with an independent model error, this fraction of the size of every harmonic and channel."""
-        variance = (part * sizes(self.target.X)) ** 2
-        return self.widened(variance[..., None] * np.eye(len(self.signals))) if part else self
+    def granted(self, part: float | Array, alike: bool = False) -> NetworkProblem:
+        """The problem with an independent model error of every harmonic and channel.
 
-    def widened(self, errors: Array | float) -> NetworkProblem:
+        part : its fraction of the size of the harmonic in the channel or, if ``alike``, of the channel's pulsation; one
+        for all harmonics, or (K+1,).
+        """
+        size = pulses(self.beats, self.signals) if alike else sizes(self.target.X)
+        variance = np.broadcast_to((np.reshape(part, (-1, 1)) * size) ** 2, self.target.X.shape)
+        return self.widened(variance[..., None] * np.eye(len(self.signals))) if np.any(part) else self
+
+    def widened(self, errors: Array | float) -> Self:
         """The problem with model errors of covariance (K+1, m, m) added to the covariance of the channels."""
         exact = self.exact or self.target
         errors = errors if self.exact is None else self.model_error + errors
@@ -303,44 +332,33 @@ class NetworkProblem(Forward):
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits under earlier weights of the same record, with z and J under these weights and x unchanged."""
-        own, old = self.target, before.target
-        return [
-            replace(f, z=own.whiten(old.unwhiten(f.z[:, None]))[:, 0], J=own.whiten(old.unwhiten(f.J))) for f in fits
-        ]
+        own, old, found = self.target, before.target, list[Fit]()
+        for f in fits:
+            D = old.unwhiten(f.z[:, None]) + (old.X - own.X)[..., None]
+            found.append(replace(f, z=own.whiten(D)[:, 0], J=own.whiten(old.unwhiten(f.J))))
+        return found
 
     def rewhitened(self, columns: Mapping[str, Array], before: NetworkProblem) -> dict[str, Array]:
         own, old = self.target, before.target
         return {label: own.whiten(old.unwhiten(column)) for label, column in columns.items()}
 
-    @property
-    def weights(self) -> tuple[float, Array, Array | float | None, Array, Array]:
-        """Data for :meth:`restored`: element length [m], solver errors, model errors if any, covariance without these,
-        response."""
-        length, exact = self.simulator.settings.element_length, self.exact or self.target
-        errors = None if self.exact is None else self.model_error
-        return length, self.error, errors, exact.covariance, self.response
+    def rms(self, z: Array) -> Array:
+        """(m,) [SI] RMS of each channel's residual over a beat. z : (n,) whitened."""
+        power = np.abs(self.target.unwhiten(z[:, None])[..., 0]) ** 2
+        return np.sqrt(power[0] + 2.0 * power[1:].sum(axis=0))
 
-    def restored(self, weights: tuple[float, Array, Array | float | None, Array, Array]) -> NetworkProblem:
-        length, error, errors, covariance, response = weights
-        simulator = replace(self.simulator, settings=replace(self.simulator.settings, element_length=length))
-        own = Target.of(self.signals, self.target.X, covariance)
-        found = replace(self, simulator=simulator, target=own, exact=None, error=error, response=response)
-        return found if errors is None else found.widened(errors)
+    def left_of_pulsation(self, z: Array) -> Array:
+        """(m,) RMS residual of each channel over the RMS of its pulsation. z : (n,) whitened."""
+        return self.rms(z) / pulses(self.beats, self.signals)
 
     def at(self, terms: Sequence[Term], unknowns: tuple[Unknown, ...], x: Array) -> NetworkProblem:
         """The same problem weighted for these parameters."""
         return self._weighted(Member(tuple(terms), unknowns, x), self.error)
 
-    def _weighted(self, member: Member, error: Array) -> NetworkProblem:
+    def _weighted(self, member: Member, error: Array) -> Self:
         """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a member."""
-        network = rewired(self.network, member.terms)
-        at = {name: float(value) for name, value in parameter_values(member.unknowns, network, member.x).items()}
-        H = linear_response(network, self.signals, self.simulator.T, self.K, at)
-        H = sense(member, self.signals, H, self.simulator.T, means=False)
-        H = H / meter(member, len(H), self.simulator.T)[0][:, None]  # a slow meter hides more noise of the true inflow
-        felt = varying(self.beats, network, self.signals, self.K, at, self.felt)
-        weights = target(self.beats, self.signals, H, error, felt)
-        return replace(self, target=weights, exact=None, error=error, response=H[: self.K + 1])
+        own, response, _ = _weights(self.beats, self.simulator, member, error, self.felt)
+        return replace(self, target=own, exact=None, error=error, response=response)
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """New sensors and positions along a segment at the best of their starting points; one simulation each."""
@@ -352,3 +370,18 @@ class NetworkProblem(Forward):
                 costs = [np.inf if X is None else promised(self.residual(X), start) for X in self.observe(trials, runs)]
                 member = trials[int(np.argmin(costs))]
         return member
+
+
+def _weights(
+    beats: Beats, simulator: Simulator, member: Member, error: Array, known: Felt | None = None
+) -> tuple[Target, Array, Felt | None]:
+    """The weighted data of a record, the response (K+1, m) to the inflow's noise, and that to beats that differ, at a
+    member. error : (K+1, m) of the solver. known : the last response elsewhere, whose seam is kept."""
+    names, T, K = simulator.names, simulator.T, simulator.K
+    network = rewired(simulator.network, member.terms)
+    values, _ = apart(parameter_values(member.unknowns, network, member.x), network)
+    at = {name: float(value) for name, value in values.items()}
+    H = sense(member, names, linear_response(network, names, T, K, at), T, means=False)
+    H = H / meter(member, len(H), T)[0][:, None]  # a slow meter hides more noise of the true inflow
+    felt = varying(beats, network, names, K, at, known)
+    return target(beats, names, H, error, felt), H[: K + 1], felt

@@ -14,12 +14,13 @@ from solver.quantities.units import INFLOW
 
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow import inflow
-from ...records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error, target
+from ...records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
 from ...records.thresholds import MAX_HARMONICS
+from ..fit import Member
 from ..prior import Calibrated, possible
 from ..runs import Runs
 from .network import NetworkProblem
-from .simulator import HARMONICS_BEYOND, Simulator, linear_response, started, varying
+from .simulator import HARMONICS_BEYOND, Simulator, started
 
 STEP_DT = 1e-3  # s, if there is no harmonic balance
 _FEWEST = 80  # steps in a beat, at least
@@ -52,7 +53,4 @@ def network_problem(
             f"carry; check the unit of its column, or the network."
         ) from why
     error = solver_error(X, started(simulator.finer(), runs)[1], pulses(beats, chosen))
-    H = linear_response(network, chosen, beats.T, K, {})
-    felt = varying(beats, network, chosen, K)
-    own, may = target(beats, chosen, H, error, felt), possible(network, prior)
-    return NetworkProblem(network, beats, chosen, K, simulator, own, error, H[: K + 1], felt, possible=may)
+    return NetworkProblem.of(beats, simulator, Member((), (), np.zeros(0)), error, possible(network, prior))

@@ -78,10 +78,11 @@ class Target:
         white = np.concatenate([z[None, :m] + 0j, rest[0] + 1j * rest[1]])
         return np.linalg.solve(self.whitener, white)
 
-    def channel_rms(self, X: Array) -> dict[str, float]:
-        """RMS of each channel's residual over its own standard deviation (1 = noise); X : (K+1, m)."""
-        ratio = np.abs(X - self.X) ** 2 / np.einsum("kii->ki", self.covariance).real
-        weight = np.where(np.arange(len(X)) == 0, 1.0, 2.0)[:, None]
+    def channel_rms(self, z: Array) -> dict[str, float]:
+        """RMS of each channel's residual over its own standard deviation (1 = noise); z : (n,) whitened."""
+        D = self.unwhiten(z[:, None])[..., 0]
+        ratio = np.abs(D) ** 2 / np.einsum("kii->ki", self.covariance).real
+        weight = np.where(np.arange(len(D)) == 0, 1.0, 2.0)[:, None]
         rms = np.sqrt((weight * ratio).sum(axis=0) / weight.sum())
         return dict(zip(self.names, rms.tolist(), strict=True))
 

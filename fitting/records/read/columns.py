@@ -278,14 +278,10 @@ def _advice(name: str, unit: str, title: str) -> str:
 
     A unit that none of them has, and a title such as ECG, is that of something else.
     """
-    units = [letter for letter, kind in KINDS.items() if unit and factor(unit, kind) is not None]
-    words = [letter for letter, spelled in _WORDS.items() if spelled.search(name)]
-    drop = f'leave it out with --map "{title}="'
-    if unit and not units:
-        return f"{unit} is a unit of none of them; {drop}"
-    if not unit and _OTHER.search(name):
-        return f"if it is none of them, {drop}"
-    letter = _letter(name, unit)
+    letter, drop = _letter(name, unit), f'leave it out with --map "{title}="'
+    if not letter:
+        return f"{unit} is a unit of none of them; {drop}" if unit else f"if it is none of them, {drop}"
+    words = any(spelled.search(name) for spelled in _WORDS.values())
     target = INFLOW if letter == "Q" else f"AA.{letter}"
     target = target if unit else f"{target} [{KINDS[letter].example}]"
     noun = KINDS[letter].noun

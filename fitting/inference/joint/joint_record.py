@@ -4,8 +4,9 @@
 
 with the whitened residual z_i of each recording, the common unknowns x_c (walls, geometry, sensors, effects) and the
 unknowns x_i that vary. Each recording has its own period, drive and noise. The Jacobian has a block of rows for each
-recording; a block is 0 in the columns of the unknowns of other recordings. Code that reads a joint fit as one of the
-network reads the first recording: the unknowns of the others move variables "CA.E of B", which no network has.
+recording; a block is 0 in the columns of the unknowns of other recordings. An unknown of one recording has the name of
+that in its name: "CA.E of B". Code that reads a joint fit as one of the network reads the first recording: the unknowns
+of the others move variables "CA.E of B", which no network has.
 """
 
 from __future__ import annotations
@@ -14,28 +15,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from fitting.inference.extended_network import allowed
-from fitting.inference.fit import Array, Fit, Member, begun, taken_over
-from fitting.inference.forward import Forward
-from fitting.inference.gauss_newton import Point, Search, Trial, promised, search
-from fitting.inference.hypothesis import Term
-from fitting.inference.jackknife import Rest
-from fitting.inference.model_discrepancy import Beside, settled
-from fitting.inference.models.bench import Bench
-from fitting.inference.models.network import NetworkProblem
-from fitting.inference.runs import Runs
-from fitting.inference.source_maps.beside import found_beside
-from fitting.inference.unknown import Unknown
-from fitting.inference.unknown_text import named, parse_unknown
-from fitting.records.alignment.beats import Beats
 from solver.errors import InputError
 from solver.network.description import Network
 
-from .. import thresholds
+from ...records.alignment.beats import Beats
+from ..extended_network import allowed
+from ..fit import Array, Fit, Member, begun, taken_over
+from ..forward import Forward, Single
+from ..gauss_newton import Point, Search, Trial, promised, search
+from ..hypothesis import Term
+from ..jackknife import Rest
+from ..model_discrepancy import Beside, settled
+from ..models.bench import Bench
+from ..models.network import NetworkProblem
+from ..runs import Runs
+from ..source_maps.beside import found_beside
+from ..unknown import OUTLIER, Unknown
+from ..unknown_text import named, parse_unknown
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Several(Forward):
     own. beats : of each recording, the fitted and the held-out ones.
     """
 
-    parts: tuple[Forward, ...]
+    parts: tuple[Single, ...]
     labels: tuple[str, ...]
     varies: tuple[str, ...] = ()
     beats: tuple[tuple[Beats, Beats], ...] = ()
@@ -54,7 +54,7 @@ class Several(Forward):
     # --- common unknowns and those of one recording ------------------------------------------------------------------
 
     @property
-    def first(self) -> Forward:
+    def first(self) -> Single:
         return self.parts[0]
 
     @property
@@ -64,10 +64,6 @@ class Several(Forward):
     @property
     def site(self) -> str | None:  # type: ignore[override]
         return self.first.site
-
-    @property
-    def K(self) -> int:  # type: ignore[override]
-        return max(part.K for part in self.parts)
 
     @property
     def signals(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -83,7 +79,7 @@ class Several(Forward):
     def deviations(self) -> tuple[Unknown, ...]:
         return self.first.deviations
 
-    def individual(self) -> Several:
+    def individual(self) -> Self:
         return replace(self, parts=tuple(part.individual() for part in self.parts))
 
     @cached_property
@@ -109,7 +105,7 @@ class Several(Forward):
                 found.setdefault(key, []).append(where)
         names = [f"{'+'.join(dict.fromkeys(where))}.{key}" for key, where in found.items()]
         # bounded, because R2 and P_venous are aliases
-        return tuple(parse_unknown(name, self.network).within(thresholds.OUTLIER) for name in names)
+        return tuple(parse_unknown(name, self.network).within(OUTLIER) for name in names)
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         mine = [u for t in terms for u in t.unknowns]
@@ -176,11 +172,16 @@ class Several(Forward):
         found = [part.points(mine, runs) for part, mine in zip(self.parts, owns, strict=True)]
         return [self._joined(t, each) for t, *each in zip(trials, *found, strict=True)]
 
+    def member(self, member: Member, i: int) -> Member:
+        """A point of a hypothesis as one of recording i."""
+        unknowns, which = self.own(member.unknowns, i)
+        return Member(member.terms, unknowns, member.x[which])
+
     def _trial(self, trial: Trial, i: int) -> Trial:
-        unknowns, which = self.own(trial.member.unknowns, i)
-        member = Member(trial.member.terms, unknowns, trial.member.x[which])
+        which = self.own(trial.member.unknowns, i)[1]
         by = np.flatnonzero(np.isin(which, trial.by))
-        return Trial(member, by, None if trial.before is None else trial.before.memory[i], trial.step[which])
+        memory = None if trial.before is None else trial.before.memory  # None also of a point known beforehand
+        return Trial(self.member(trial.member, i), by, None if memory is None else memory[i], trial.step[which])
 
     def _joined(self, trial: Trial, found: Sequence[Point | None]) -> Point | None:
         known = [point for point in found if point is not None]
@@ -246,7 +247,7 @@ class Several(Forward):
 
     # --- weights ------------------------------------------------------------------------------------------------------
 
-    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Several:
+    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Self:
         parts = tuple(part.sharpened(self.of(fit, i), runs) for i, part in enumerate(self.parts))
         return self if all(a is b for a, b in zip(parts, self.parts, strict=True)) else replace(self, parts=parts)
 
@@ -259,13 +260,6 @@ class Several(Forward):
             found.append(replace(fit, z=z, J=J, log_volume=sum(f.log_volume for f in own)))
         return found
 
-    @property
-    def weights(self) -> tuple[Any, ...]:
-        return tuple(part.weights for part in self.parts)
-
-    def restored(self, weights: Sequence[Any]) -> Several:
-        return replace(self, parts=tuple(p.restored(w) for p, w in zip(self.parts, weights, strict=True)))
-
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         found = [part.columns(self.of(at, i), terms, runs) for i, part in enumerate(self.parts)]
         return {n: np.concatenate([own[n] for own in found]) for n in found[0] if all(n in own for own in found)}
@@ -276,6 +270,12 @@ class Several(Forward):
             for i, part in enumerate(self.parts)
         ]
         return {n: np.concatenate([own[n] for own in found]) for n in columns}
+
+    def left_of_pulsation(self, fit: Fit) -> float:
+        """RMS over all channels of their residuals, each over the RMS of its pulsation, in networks."""
+        pairs = zip(self.parts, self.rows, strict=True)
+        each = [part.left_of_pulsation(fit.z[rows]) for part, rows in pairs if isinstance(part, NetworkProblem)]
+        return float(np.sqrt(np.mean(np.concatenate(each) ** 2)))
 
     def beside(self, fit: Fit) -> Beside | None:
         """The fit with model discrepancy, estimated for each recording separately; None if no recording has any."""
@@ -291,7 +291,7 @@ class Several(Forward):
         places = tuple({p.key: p for b in found for p in b.places}.values())
         return Beside(settled(whole), errors, sum(b.cost for b in found), places)
 
-    def widened(self, errors: Any) -> Several:
+    def widened(self, errors: Any) -> Self:
         pairs = zip(self.parts, errors, strict=True)
         return replace(self, parts=tuple(part if e is None else part.widened(e) for part, e in pairs))
 
@@ -304,9 +304,9 @@ class Several(Forward):
         return replace(self, parts=kept)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
-        own = [[self.own(f.unknowns, i) for f in fits] for i in range(len(self.parts))]
+        own = [[self.member(f.member, i) for f in fits] for i in range(len(self.parts))]
         found = [
-            part.predict([replace(f, unknowns=u, x=f.x[w]) for f, (u, w) in zip(fits, mine, strict=True)])
+            part.predict([replace(f, unknowns=m.unknowns, x=m.x) for f, m in zip(fits, mine, strict=True)])
             for part, mine in zip(self.parts, own, strict=True)
         ]
         return [(sum(chi2 for chi2, _ in each), sum(n for _, n in each)) for each in zip(*found, strict=True)]
@@ -321,23 +321,11 @@ class Several(Forward):
                 found.append((np.concatenate([fit.J[others], mine]), np.concatenate([fit.z[others], z])))
         return found
 
-    # --- the FMU: of the first ----------------------------------------------------------------------------------------
-
-    def part(self, network: Network) -> Network:
-        return self.first.part(network)
-
-    def wave(self, beats: Beats, fit: Fit) -> Array:
-        return self.first.wave(beats, self.of(fit, 0))
-
-    @property
-    def highest(self) -> float:
-        return min(part.highest for part in self.parts)
-
     def shows(self, fit: Fit) -> bool:
         return all(part.shows(self.of(fit, i)) for i, part in enumerate(self.parts))
 
 
-def _beside(part: Forward, fit: Fit) -> Beside | None:
+def _beside(part: Single, fit: Fit) -> Beside | None:
     """The discrepancy model of a fit to one recording."""
     if isinstance(part, Bench):
         return part.beside(fit)
