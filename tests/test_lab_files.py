@@ -139,6 +139,8 @@ def test_labchart_and_acqknowledge(tmp_path: Path) -> None:
     lines = rows("\t", ".")
     lines[7] += "\t#* injection "
     check(read(tmp_path, "\n".join([*chart, *lines]), names=NAMES))
+    again = [line.replace("10:00:00", "10:00:02") for line in chart]  # a further block, whose times go on
+    check(read(tmp_path, "\n".join([*chart, *lines[:400], *again, *lines[400:]]), names=NAMES))
     biopac = ["sheep7.acq", "5 msec/sample", "2 channels", "P", "mmHg", "D", "mm", "sec\tCH1\tCH2\t", "\t1000\t1000\t"]
     check(read(tmp_path, "\n".join([*biopac, *(f"{row}\t" for row in rows("\t", "."))]), names=NAMES))
 

@@ -24,6 +24,7 @@ Array = np.ndarray
 _DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
 _SEEN = 10  # stamps on either side of a wide step: their medians stand still where one stamp alone is late
 _REPEATED = 2.0  # of the resolution: how far off repeated stamps may be
+_EVENLY = 0.5 * (5.0**0.5 - 1.0)  # multiples of the golden ratio, modulo 1
 _ROUNDS = 5  # of counting lost samples by the interval and finding the interval by them
 
 
@@ -81,6 +82,7 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     _check(given, factor, title, place)
     printed, given = given, _steadied(given)
     shaken = float(np.abs(given - printed).max())
+    back = (_shaken(printed, shaken * factor, place),) if shaken > 0.0 else ()
     t, n = given - given[0], len(given)
     step = np.diff(t)
     dt, off = _line(t, np.arange(n))
@@ -93,7 +95,7 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     most = _REPEATED * q if repeated and coarse else q
     if dt > 0.0 and worst <= (most if coarse or step.max() < limit.WIDE_STEP * dt else min(q, 0.25 * dt)):
         said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
-        return Axis((given[0] + t - off) * factor, given * factor, said=said)
+        return Axis((given[0] + t - off) * factor, given * factor, said=(*back, *said))
     if step.min() <= 0.0:
         _refuse_back(printed, title, place)
     number = _numbered(t, q, shaken)
@@ -105,11 +107,8 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     start = given[0] + (t - off - dt * number)[0]
     told = {"rate": {"value": 1.0 / (dt * factor), "unit": "Hz"}, "lost": lost, "resampled": moved}
     told |= {f"jitter_{name}": {"value": value, "unit": "s"} for name, value in (("rms", rms), ("max", worst))}
-    said = [_told(place, 1.0 / (dt * factor), rms, worst, lost, n, moved)]
-    if shaken > 0.0:
-        said.insert(0, _shaken(printed, shaken * factor, place))
     return Axis((start + dt * np.arange(n + lost)) * factor, given * factor, number, moved,
-                tuple(said), {"sampling": told})  # fmt: skip
+                (*back, _told(place, 1.0 / (dt * factor), rms, worst, lost, n, moved)), {"sampling": told})  # fmt: skip
 
 
 def _check(given: Array, factor: float, title: str, place: Place) -> None:
@@ -142,11 +141,14 @@ def _steadied(given: Array) -> Array:
         return given
     from scipy.ndimage import median_filter  # takes a tenth of a second
 
-    dt, _ = _line(given - given[0], np.arange(len(given)))
-    line = dt * np.arange(len(given))
+    number = np.arange(len(given))
+    dt, _ = _line(given - given[0], number)
+    line = dt * number
+    # rounded stamps are spread over their last decimal, evenly: their median is then finer than that
+    level = given - line + _last_decimal(given) * (_EVENLY * number % 1.0 - 0.5)
     width = 2 * _SEEN + 1
     while width <= len(given) // 4:
-        found = line + median_filter(given - line, width, mode="nearest")
+        found = line + median_filter(level, width, mode="nearest")
         if np.diff(found).min() > 0.5 * dt:
             return np.asarray(found)
         width *= 2
