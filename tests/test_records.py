@@ -193,9 +193,9 @@ def test_jitter_is_resampled_once(tmp_path: Path, decimals: int, lost: bool) -> 
 
 @pytest.mark.parametrize(("sd", "decimals", "lost"), [(4e-3, 6, 0), (4e-3, 6, 20), (1e-2, 3, 0), (5e-3, 2, 0)])
 def test_stamps_that_go_back(tmp_path: Path, sd: float, decimals: int, lost: int) -> None:
-    """200 Hz, stamps off by 0.8 and 2 intervals, and rounded to 2: a converter takes its samples in order, so they stay in it and are not
-    moved; dt to what the jitter does to the slope of the line. Of 20 lost samples, gaps where they are, at most two are
-    miscounted."""
+    """200 Hz, stamps off by 0.8 and 2 intervals, and rounded to 2: a converter takes its samples in order, so they stay
+    in it and are not moved; dt to what the jitter does to the slope of the line. Of 20 lost samples, gaps where they
+    are, at most two are miscounted."""
     rng = np.random.default_rng(5)
     kept = np.r_[: N // 2, N // 2 + lost : N]
     time = 7.0 + TIME[kept] + sd * rng.standard_normal(N - lost)

@@ -41,9 +41,9 @@ def late_flow(late: float, feet: float, rms: tuple[float, float], root: str) -> 
     side, other = ("late", "A meter with a low-pass") if late > 0.0 else ("early", "A damped catheter")
     return (
         f"{INFLOW} seems {1e3 * abs(late):.3g} ms {side} against {root} ({1e3 * abs(feet):.3g} ms from foot to foot): "
-        f"with this delay the model misses the pulsation of {root} by {after} mmHg rms, without it by "
-        f"{before}. {other}, or a sensor at another place, looks alike. The numbers were fitted with the delay, which is in the network file as a comment; "
-        "discover tests it."
+        f"with this delay the model misses the pulsation of {root} by {after} mmHg rms, without it by {before}. "
+        f"{other}, or a sensor at another place, looks alike. The numbers were fitted with the delay, which is in the "
+        "network file as a comment; discover tests it."
     )
 
 

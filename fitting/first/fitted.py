@@ -5,8 +5,8 @@ With the harmonics X of the channels and their model Y(p) under the inflow, p lo
     min over p    Σ |X - Y(p) exp(iω lag)|²/σ² + Σ (p/s)²,     σ² = noise² + (error of the model)²,
 
 without a lag of inlet.Q, and if much is left with one near the lag between the feet of inlet.Q and of the pressure at
-the root: a late meter would otherwise pass as a shorter tube and a larger compliance. Pressure and flow of one place rise
-together, whatever lies behind it; a lag that is fitted to the whole beat alone would also mend a network that is wrong.
+the root: a late meter would otherwise pass as a shorter tube and a larger compliance. Pressure and flow of one place
+rise together, whatever lies behind it; a lag fitted to the whole beat alone would also mend a network that is wrong.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ class Upstrokes:
     def usual(self) -> float:
         """The interval [samples] that most others are near to."""
         intervals = np.diff(self.at)
-        near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= limit.NEAR
+        near = np.abs(intervals[:, None] - intervals) <= limit.NEAR * intervals
         return float(np.median(intervals[near[:, near.sum(axis=0).argmax()]]))
 
     @cached_property

@@ -228,9 +228,9 @@ def _coarse(q: float, dt: float, t: Array, factor: float, place: Place) -> tuple
 def _shaken(printed: Array, most: float, place: Place) -> str:
     back = np.flatnonzero(np.diff(printed) < 0.0)
     return (
-        f"the times of {place} go back {len(back)} times, first in {place.of(int(back[0]) + 1)}: the samples were taken "
-        f"in their order, at the running median of the times, from which they are off by at most {1e3 * most:.3g} ms; fewer lost samples "
-        "than that would not be seen."
+        f"the times of {place} go back {len(back)} times, first in {place.of(int(back[0]) + 1)}: the samples were "
+        "taken in their order, at the running median of the times. These are off by at most "
+        f"{1e3 * most:.3g} ms; fewer lost samples than that would not be seen."
     )
 
 
