@@ -365,7 +365,7 @@ def test_map(tmp_path: Path) -> None:
         ),
         ({"Flow": "AA.Q"}, "--map \"Flow=AA.Q\": no column has this title or number; the columns are 'Time', 'ECG'"),
         ({"Time": "time [s]", "Radius": "AA.X"}, "'AA.X' is no variable of a network; allowed are <site>.P"),
-        ({"Time": "time [s]"}, "--map \"Pressure (mmHg)=Ao.P\" --map"),
+        ({"Time": "time [s]"}, '--map "Pressure (mmHg)=Ao.P" --map'),
     ],
 )
 def test_what_a_map_lacks(tmp_path: Path, names: dict[str, str], expected: str) -> None:
