@@ -249,8 +249,8 @@ def joined(gaps: Sequence[Gap]) -> Gap:
     def by_channel(each: Sequence[Mapping[str, tuple[float, float]]]) -> dict[str, tuple[float, float]]:
         return {n: mean([own[n] for own in each if n in own]) for n in dict.fromkeys(n for own in each for n in own)}
 
-    channels, rms = by_channel([g.channels for g in gaps]), by_channel([g.rms for g in gaps])
-    return Gap(mean([g.total for g in gaps]), channels, rms)
+    rest = ([g.channels for g in gaps], [g.rms for g in gaps], [g.pulsation for g in gaps])
+    return Gap(mean([g.total for g in gaps]), *map(by_channel, rest))
 
 
 def _own(whole: Several, study: Study, fit: Fit) -> dict[str, float]:

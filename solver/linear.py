@@ -243,9 +243,10 @@ def _history(c: Coefficients, omega: Array) -> Array:
 
 
 def _refuse_varying(network: Network, c: Coefficients) -> None:
-    segments = np.arange(c.L.shape[1])
-    start, *others = (c.wall_at(segments, np.full(len(segments), x)) for x in _PLACES)
-    for i in np.flatnonzero(np.any([start.differs(other) for other in others], axis=0)):
+    n, places = c.L.shape[1], len(_PLACES)
+    whole = c.wall_at(np.tile(np.arange(n), places), np.repeat(_PLACES, n))
+    start = whole.at(np.tile(np.arange(n), places))
+    for i in np.flatnonzero(whole.differs(start).reshape(places, n).any(axis=0)):
         raise InputError(
             f"segment {network.segments[i].name}: its wall varies along it, which the frequency domain does not cover; "
             "switch off what makes it vary, or run the network in time."

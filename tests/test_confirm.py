@@ -177,6 +177,9 @@ def test_a_gap_is_said_in_mmHg_and_mL_s_too() -> None:
     gap = Gap((9.0, 9.67), {"A.P": (9.0, 9.0), "A.Q": (9.0, 9.0)}, pair)
     less = replace(gap, total=(1.0, 1.1), rms={"A.P": (1.0, 26.7), "A.Q": (1.0, 1e-7)})
     assert left(gap) == "9.67 times the noise (1.3 mmHg of A.P, 2.1 mL/s of A.Q)"
+    assert left(replace(gap, pulsation={"A.P": (1.0, 150.0), "A.Q": (1.0, 2e-6)})) == left(gap)
+    apart = replace(gap, pulsation={"A.P": (1.0, 66.7), "A.Q": (1.0, 2e-6)})
+    assert left(apart).endswith("2.1 mL/s of A.Q; without the means 0.5 mmHg of A.P, 2 mL/s of A.Q)")
     assert changed(gap, less) == (
         "falls from 9.67 to 1.1 times the noise (A.P from 1.3 to 0.2 mmHg, A.Q from 2.1 to 0.1 mL/s)"
     )

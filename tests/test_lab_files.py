@@ -132,6 +132,14 @@ def test_times(tmp_path: Path, title: str, per_second: float) -> None:
     check(read(tmp_path, text({title: TIME * per_second, "AA.P [mmHg]": P_MMHG, "AA.R [mm]": R_MM}, 12)))
 
 
+@pytest.mark.parametrize("title", ["n", "row"])
+def test_rows_without_a_time(tmp_path: Path, title: str) -> None:
+    """Numbers of the samples, or no time at all, and the time between samples: as with times."""
+    columns = {"P": P_MMHG, "D": R_MM}
+    made = text({"n": np.arange(len(TIME)), **columns} if title == "n" else columns, 12)
+    check(read(tmp_path, made, names={**NAMES, title: "time [5 ms]"}))
+
+
 def test_labchart_and_acqknowledge(tmp_path: Path) -> None:
     """What LabChart and AcqKnowledge write above and beside the numbers; columns by the names of the channels."""
     chart = ["Interval=\t0.005 s", "ExcelDateTime=\t4.5e+004\t01/02/26 10:00:00.000", "TimeFormat=\tStartOfBlock",
@@ -139,6 +147,8 @@ def test_labchart_and_acqknowledge(tmp_path: Path) -> None:
     lines = rows("\t", ".")
     lines[7] += "\t#* injection "
     check(read(tmp_path, "\n".join([*chart, *lines]), names=NAMES))
+    again = [line.replace("10:00:00", "10:00:02") for line in chart]  # a further block, whose times go on
+    check(read(tmp_path, "\n".join([*chart, *lines[:400], *again, *lines[400:]]), names=NAMES))
     biopac = ["sheep7.acq", "5 msec/sample", "2 channels", "P", "mmHg", "D", "mm", "sec\tCH1\tCH2\t", "\t1000\t1000\t"]
     check(read(tmp_path, "\n".join([*biopac, *(f"{row}\t" for row in rows("\t", "."))]), names=NAMES))
 
@@ -355,7 +365,7 @@ def test_map(tmp_path: Path) -> None:
         ),
         ({"Flow": "AA.Q"}, "--map \"Flow=AA.Q\": no column has this title or number; the columns are 'Time', 'ECG'"),
         ({"Time": "time [s]", "Radius": "AA.X"}, "'AA.X' is no variable of a network; allowed are <site>.P"),
-        ({"Time": "time [s]"}, "there is no channel beside the time"),
+        ({"Time": "time [s]"}, '--map "Pressure (mmHg)=Ao.P" --map'),
     ],
 )
 def test_what_a_map_lacks(tmp_path: Path, names: dict[str, str], expected: str) -> None:

@@ -191,6 +191,24 @@ def test_jitter_is_resampled_once(tmp_path: Path, decimals: int, lost: bool) -> 
     assert np.std(found[there] - 85.0 - 15.0 * wave) < (0.08 if decimals == 3 else 0.01)
 
 
+@pytest.mark.parametrize(("sd", "decimals", "lost"), [(4e-3, 6, 0), (4e-3, 6, 20), (1e-2, 3, 0), (5e-3, 2, 0)])
+def test_stamps_that_go_back(tmp_path: Path, sd: float, decimals: int, lost: int) -> None:
+    """200 Hz, stamps off by 0.8 and 2 intervals, and rounded to 2: a converter takes its samples in order, so they stay
+    in it and are not moved; dt to what the jitter does to the slope of the line. Of 20 lost samples, gaps where they
+    are, at most two are miscounted."""
+    rng = np.random.default_rng(5)
+    kept = np.r_[: N // 2, N // 2 + lost : N]
+    time = 7.0 + TIME[kept] + sd * rng.standard_normal(N - lost)
+    lines = [f"{t:.{decimals}f},{P_MMHG[i]:.6f}" for i, t in zip(kept, time, strict=True)]
+    record = read_record(save(tmp_path, "\n".join(["time [s],AA.P [mmHg]", *lines])))
+    assert record.dt == pytest.approx(DT, rel=3.0 / N if lost else 4.0 * sd / DT * 12**0.5 / N**1.5)
+    there = ~np.isnan(record.channels["AA.P"])
+    assert there.sum() == N - lost and (~there).sum() == pytest.approx(lost, abs=2 if lost else 0)
+    assert not lost or np.flatnonzero(~there)[0] == pytest.approx(N // 2, abs=2)
+    np.testing.assert_allclose(record.channels["AA.P"][there], P_MMHG[kept] * MMHG, rtol=1e-7)
+    assert "go back" in record.said[0]
+
+
 def test_what_beats_say_of_the_stamps(tmp_path: Path) -> None:
     """The sentence comes with the beats, and so with every result; what was done is plain beside the map."""
     lines = text(bench()).splitlines()

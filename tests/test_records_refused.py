@@ -62,11 +62,12 @@ def test_times_printed_with_significant_digits(tmp_path: Path) -> None:
         ("0,1\n1,2\n", 'it has no header, and its first row is 0, 1; say which column is which: --map "1=time [s]" -'),
         (
             "AA.P [mmHg],AA.R [mm]\n0,1\n1,2\n",
-            'no column is a time, and every sample needs one; add a column "time [s]"',
+            'no column is a time, and every sample needs one; add a column "time [s]", say',
         ),
+        ("AA.P [mmHg],n\n0,1\n1,2\n", 'counts the samples, give the time between them: --map "n=time [1 ms]"'),
         ("AA.P [mmHg],n,clock [ms]\n0,1,3\n1,1,4\n", 'if it is this one, say so: --map "clock [ms]=time".'),
         (
-            "AA.P [mmHg],X\n0,1\n1,2\n",
+            "AA.P [mmHg],X\n0,1\n1,3\n",
             "line 1, column 'X': no column is named time; if it is this one, say so: --map \"X=time",
         ),
         ("time,AA.P [Pa]\n0,1\n", "column 'time': it has no unit; say which: --map \"time=time [s]\", or write it"),

@@ -41,11 +41,13 @@ _AT_REST = 1e-4  # of a pressure: if all vary by less, there are no waves to com
 
 @dataclass(frozen=True)
 class Gap:
-    """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI]."""
+    """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI];
+    pulsation : the same without the means."""
 
     total: tuple[float, float]
     channels: Mapping[str, tuple[float, float]]
     rms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    pulsation: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -89,17 +91,18 @@ def compared(study: Study, fit: Fit, X: Array) -> Run:
 def gap(study: Study, X: Array) -> Gap:
     """The gap between coefficients X : (K+1, m), after sensors, and the record."""
     K = len(X) - 1
-    weight, each, sizes = _weights(K), [], []
+    weight, each, rms, pulsation = _weights(K), [], [], []
     for part in (study.fitted, study.held_out):
         power = np.abs(X - study.problem.repeated(part, study.fitted, K)) ** 2
-        sizes.append(np.sqrt((weight * power).sum(axis=0)))
+        rms.append(np.sqrt((weight * power).sum(axis=0)))
+        pulsation.append(np.sqrt((weight * power)[1:].sum(axis=0)))
         each.append(np.sqrt((weight * power / _noise(study, part, K)).sum(axis=0) / weight.sum()))
     fitted, held_out = (float(np.sqrt(np.mean(e**2))) for e in each)
-    by_channel, rms = (
+    by_channel = (
         {name: (float(pair[0][i]), float(pair[1][i])) for i, name in enumerate(study.problem.signals)}
-        for pair in (each, sizes)
+        for pair in (each, rms, pulsation)
     )
-    return Gap((fitted, held_out), by_channel, rms)
+    return Gap((fitted, held_out), *by_channel)
 
 
 def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
@@ -257,8 +260,12 @@ def changed(before: Gap, after: Gap) -> str:
 
 
 def left(gap: Gap) -> str:
-    """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P"."""
-    rms = sizes(held_out(gap.rms), held_out(gap.channels))
+    """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P". That of
+    the pulsation follows if means are most of a channel's: those of beats wander, and zeros of sensors are off."""
+    whole, pulsation = held_out(gap.rms), held_out(gap.pulsation)
+    means = any(pulsation[name] ** 2 < 0.5 * whole[name] ** 2 for name in pulsation)
+    shown = [sizes(each, held_out(gap.channels)) for each in (whole, pulsation)]
+    rms = "; without the means ".join(shown if means else shown[:1])
     return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
 
 

@@ -34,15 +34,16 @@ def doubts(beats: Beats, root: str, R: Found, mass: float, sites: list[str]) -> 
             )
 
 
-def late_flow(late: float, rms: tuple[float, float], root: str) -> str:
-    """A sentence if the inflow is late by a time [s]: the difference at the root falls by rms[0] to rms[1] with it."""
+def late_flow(late: float, feet: float, rms: tuple[float, float], root: str) -> str:
+    """A sentence if the inflow is late by a time [s], from foot to foot by ``feet``: the difference at the root falls
+    from rms[0] to rms[1] with it."""
     before, after = (f"{x / MMHG:.2g}" for x in rms)
-    side = "late" if late > 0.0 else "early"
+    side, other = ("late", "A meter with a low-pass") if late > 0.0 else ("early", "A damped catheter")
     return (
-        f"{INFLOW} seems {1e3 * abs(late):.3g} ms {side} against {root}: with this delay the model misses the "
-        f"pulsation of {root} by {after} mmHg rms, without it by {before}. A meter with a low-pass, or one at another "
-        "place, looks alike. The numbers were fitted with the delay, which is in the network file as a comment; "
-        "discover tests it."
+        f"{INFLOW} seems {1e3 * abs(late):.3g} ms {side} against {root} ({1e3 * abs(feet):.3g} ms from foot to foot): "
+        f"with this delay the model misses the pulsation of {root} by {after} mmHg rms, without it by {before}. "
+        f"{other}, or a sensor at another place, looks alike. The numbers were fitted with the delay, which is in the "
+        "network file as a comment; discover tests it."
     )
 
 

@@ -2,10 +2,11 @@
 
 With the harmonics X of the channels and their model Y(p) under the inflow, p logarithms of factors of the estimates,
 
-    min over p, lag    Σ |X - Y(p) exp(iω lag)|²/σ² + Σ (p/s)²,     σ² = noise² + (error of the model)²,
+    min over p    Σ |X - Y(p) exp(iω lag)|²/σ² + Σ (p/s)²,     σ² = noise² + (error of the model)²,
 
-once with and once without a lag of inlet.Q: a late meter would otherwise pass as a shorter tube and a larger
-compliance.
+without a lag of inlet.Q, and if much is left with one near the lag between the feet of inlet.Q and of the pressure at
+the root: a late meter would otherwise pass as a shorter tube and a larger compliance. Pressure and flow of one place
+rise together, whatever lies behind it; a lag fitted to the whole beat alone would also mend a network that is wrong.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from solver.quantities.units import INFLOW
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from .tubes import keyed
-from .waves import heard
+from .waves import foot, heard, later, smooth
 
 Array = np.ndarray
 
@@ -42,11 +43,11 @@ _SHORTEST, _LONGEST = 5e-3, 0.6  # of a tube [m]
 # where searches may start, as factors of the estimates: the best of all combinations do
 _GRID = keyed(E=(0.6, 1.0, 1.7), phi0=(0.15, 1.0), C=(0.6, 1.0, 2.0))
 _LENGTHS = (0.2, 0.5, 1.0, 2.0)  # the same of all lengths
-_LAGS = (-0.03, 0.0, 0.03)  # of inlet.Q [periods]
 _SEARCHES = 3  # that are begun
 _HARMONICS = 16  # at most: they hold the pulse
 _ERROR = 0.005  # of the pulsation: an error of the model in each harmonic
 _LATEST = 0.1  # of the period: the range of the lag; beyond it the clocks differ (doubts.py)
+_FEET = 0.01  # of the period: by which a lag between feet may be off
 _CLOSES = 0.7  # of the residual: a lag that leaves more is not told
 _MATTERS = 0.05  # of the pulsation: nor is one where the model leaves less without it
 _STEP = 1e-4  # of the finite differences
@@ -54,11 +55,12 @@ _STEP = 1e-4  # of the finite differences
 
 @dataclass(frozen=True)
 class Fitted:
-    """factor : by parameter of the network. late : of inlet.Q [s], 0 where no lag helps. rms : of the residual of the
-    channel at the root [SI] without and with that lag."""
+    """factor : by parameter of the network. late : of inlet.Q [s], 0 where no lag helps; feet : the same from foot to
+    foot. rms : of the residual of the channel at the root [SI] without and with that lag."""
 
     factor: Mapping[str, float]
     late: float
+    feet: float
     rms: tuple[float, float]
 
 
@@ -66,13 +68,14 @@ def fitted(network: Network, beats: Beats, root: str, known: bool) -> Fitted:
     """Fit lengths, walls and Windkessels. root : the channel of the pressure at the root. known : whether a distance
     gives the lengths, which then stay."""
     problem = _Problem(network, beats, root, known)
-    plain, moved = problem.search(lag=False), problem.search(lag=True)
-    before, after = problem.rms(plain, root), problem.rms(moved, root)
-    late = float(moved[-1])
-    within = beats.T / beats.N < abs(late) < 0.99 * _LATEST * beats.T
-    if not (within and before > _MATTERS * problem.size(root) and after < _CLOSES * before):
-        return Fitted(problem.factors(plain), 0.0, (before, before))
-    return Fitted(problem.factors(moved), late, (before, after))
+    plain = problem.search(0.0, 0.0)
+    before, T = problem.rms(plain, root), beats.T
+    late, error = later(foot(smooth(beats, INFLOW), T) - foot(smooth(beats, root), T), T), _FEET * T
+    if before > _MATTERS * problem.size(root) and max(error, T / beats.N) < abs(late) < _LATEST * T:
+        moved = problem.search(late, error)
+        if (after := problem.rms(moved, root)) < _CLOSES * before:
+            return Fitted(problem.factors(moved), float(moved[-1]), late, (before, after))
+    return Fitted(problem.factors(plain), 0.0, late, (before, before))
 
 
 def of_owner(factor: Mapping[str, float], owner: str) -> dict[str, float]:
@@ -144,37 +147,28 @@ class _Problem:
         difference = (self.model(x[None])[name][0] - self.X[name])[1:]
         return float(np.sqrt(2.0 * np.sum(np.abs(difference) ** 2)))
 
-    def search(self, lag: bool) -> Array:
-        """The best point : (p,), from points about the estimates; without a lag this is 0."""
-        p = len(self.groups) + 1
-        free = np.arange(p if lag else p - 1)
-        unit = np.append(np.ones(p - 1), self.beats.T)  # of x: the lag in periods
-        low, high = np.append(self.low, -_LATEST), np.append(self.high, _LATEST)
-
-        def whole(x: Array) -> Array:
-            X = np.zeros((len(x), p))
-            X[:, free] = x
-            return X * unit
+    def search(self, late: float, error: float) -> Array:
+        """The best point : (p,), from points about the estimates, with a lag [s] of ``late`` to an error."""
+        T = self.beats.T
+        unit = np.append(np.ones(len(self.groups)), T)  # of x: the lag in periods
+        low, high = np.append(self.low, (late - error) / T), np.append(self.high, (late + error) / T)
 
         def at(x: Array) -> Array:
-            return np.asarray(self.residual(whole(x[None]))[0])
+            return np.asarray(self.residual(x[None] * unit)[0])
 
         def slopes(x: Array) -> Array:
-            z = self.residual(whole(np.concatenate([x[None], x + _STEP * np.eye(len(x))])))
+            z = self.residual(np.concatenate([x[None], x + _STEP * np.eye(len(x))]) * unit)
             return np.asarray((z[1:] - z[0]).T / _STEP)
 
-        starts = np.clip(self._starts(lag)[:, free], low[free], high[free])
-        order = np.argsort(np.sum(self.residual(whole(starts)) ** 2, axis=1))[:_SEARCHES]
-        limits = low[free] - 1e-9, high[free] + 1e-9
-        accuracy = {"ftol": 1e-4, "xtol": 1e-4, "max_nfev": 40}
-        found = [least_squares(at, start, slopes, bounds=limits, **accuracy) for start in starts[order]]
-        return np.asarray(whole(min(found, key=lambda each: each.cost).x[None])[0])
+        starts = np.clip(np.pad(self._starts(), ((0, 0), (0, 1)), constant_values=late / T), low, high)
+        order = np.argsort(np.sum(self.residual(starts * unit) ** 2, axis=1))[:_SEARCHES]
+        accuracy = {"ftol": 1e-4, "xtol": 1e-4, "max_nfev": 40, "bounds": (low - 1e-9, high + 1e-9)}
+        found = [least_squares(at, start, slopes, **accuracy) for start in starts[order]]
+        return np.asarray(min(found, key=lambda each: each.cost).x * unit)
 
-    def _starts(self, lag: bool) -> Array:
-        """(n, p) points: all combinations of a few factors, and of lags in periods."""
-        grid = product((1.0,) if self.known else _LENGTHS, *_GRID.values(), _LAGS if lag else (0.0,))
+    def _starts(self) -> Array:
+        """(n, p) points: all combinations of a few factors."""
+        grid = product((1.0,) if self.known else _LENGTHS, *_GRID.values())
         kinds = ("L", *_GRID)
         of = [group[0].rpartition(".")[2] for group in self.groups]
-        return np.array(
-            [[*(np.log(dict(zip(kinds, each, strict=False)).get(kind, 1.0)) for kind in of), each[-1]] for each in grid]
-        )
+        return np.array([[np.log(dict(zip(kinds, each, strict=True)).get(kind, 1.0)) for kind in of] for each in grid])

@@ -146,7 +146,7 @@ class _Parts:
             name: tuple(x * of_owner(f, f"{name}.outlet").get(key, 1.0) for key, x in zip(KEYS, values, strict=True))
             for name, values in self.windkessels.items()
         }
-        notes = [*self.notes, *([late_flow(fit.late, fit.rms, root)] if fit.late else [])]
+        notes = [*self.notes, *([late_flow(fit.late, fit.feet, fit.rms, root)] if fit.late else [])]
         return replace(self, tubes=tubes, windkessels=ends, notes=notes, factor=f, late=fit.late)
 
     def model(self, beats: Beats) -> tuple[_Parts, FirstModel]:

@@ -33,20 +33,21 @@ _READ = {
     "J/m": ("mJ/m",),
 }
 
-# symbol -> powers of kg, m, s, 10 and MMHG
+# symbol -> powers of kg, m, s, 10, MMHG and 60
 _SYMBOLS = {
-    "1": (0, 0, 0, 0, 0),
-    "10": (0, 0, 0, 1, 0),
-    "m": (0, 1, 0, 0, 0),
-    "s": (0, 0, 1, 0, 0),
-    "g": (1, 0, 0, -3, 0),
-    "L": (0, 3, 0, -3, 0),
-    "Hz": (0, 0, -1, 0, 0),
-    "N": (1, 1, -2, 0, 0),
-    "J": (1, 2, -2, 0, 0),
-    "W": (1, 2, -3, 0, 0),
-    "Pa": (1, -1, -2, 0, 0),
-    "mmHg": (1, -1, -2, 0, 1),
+    "1": (0, 0, 0, 0, 0, 0),
+    "10": (0, 0, 0, 1, 0, 0),
+    "m": (0, 1, 0, 0, 0, 0),
+    "s": (0, 0, 1, 0, 0, 0),
+    "min": (0, 0, 1, 0, 0, 1),
+    "g": (1, 0, 0, -3, 0, 0),
+    "L": (0, 3, 0, -3, 0, 0),
+    "Hz": (0, 0, -1, 0, 0, 0),
+    "N": (1, 1, -2, 0, 0, 0),
+    "J": (1, 2, -2, 0, 0, 0),
+    "W": (1, 2, -3, 0, 0, 0),
+    "Pa": (1, -1, -2, 0, 0, 0),
+    "mmHg": (1, -1, -2, 0, 1, 0),
 }
 _PREFIXES = dict(zip("Mkcmu", (6, 3, -2, -3, -6), strict=True))
 _FACTOR = re.compile(r"([./]?)(\(?)([A-Za-z]+|10?)(?:\^(-?\d+))?(\)?)")
@@ -64,8 +65,8 @@ def base_units(unit: str) -> dict[str, int]:
 
 def display_factor(display: str) -> float:
     """The factor from SI to a display unit: "cm" -> 100. Raises ValueError as above."""
-    *_, ten, mmHg = _powers(display)
-    return float(float(f"1e{-ten}") / MMHG**mmHg if mmHg >= 0 else float(f"1e{-ten}") * MMHG**-mmHg)
+    *_, ten, mmHg, sixty = _powers(display)
+    return float(float(f"1e{-ten}") / MMHG**mmHg if mmHg >= 0 else float(f"1e{-ten}") * MMHG**-mmHg) / 60.0**sixty
 
 
 def exact_factor(given: str, wanted: str) -> Fraction | None:
@@ -76,8 +77,9 @@ def exact_factor(given: str, wanted: str) -> Fraction | None:
         a, b = _powers(given), _powers(wanted)
     except InputError:
         return None
-    ten, mmHg = a[3] - b[3], a[4] - b[4]
-    return Fraction(10) ** ten * Fraction(str(MMHG)) ** mmHg if a[:3] == b[:3] else None
+    ten, mmHg, sixty = (x - y for x, y in zip(a[3:], b[3:], strict=True))
+    factor = Fraction(10) ** ten * Fraction(str(MMHG)) ** mmHg * Fraction(60) ** sixty
+    return factor if a[:3] == b[:3] else None
 
 
 def display_units(unit: str) -> tuple[str, ...]:
@@ -111,8 +113,8 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def _powers(unit: str) -> list[int]:
-    """Powers of kg, m, s, 10 and MMHG. After a slash comes one factor, or several in brackets."""
-    total, at, group = [0] * 5, 0, 1
+    """Powers of kg, m, s, 10, MMHG and 60. After a slash comes one factor, or several in brackets."""
+    total, at, group = [0] * 6, 0, 1
     while at < len(unit):
         factor = _FACTOR.match(unit, at)
         known = _symbol(factor[3]) if factor else None
@@ -133,4 +135,4 @@ def _symbol(text: str) -> tuple[int, ...] | None:
     if text in _SYMBOLS:
         return _SYMBOLS[text]
     known = _SYMBOLS.get(text[1:]) if text[0] in _PREFIXES and text[1:] != "mmHg" else None
-    return known and (*known[:3], known[3] + _PREFIXES[text[0]], known[4])
+    return known and (*known[:3], known[3] + _PREFIXES[text[0]], *known[4:])

@@ -27,7 +27,7 @@ class Upstrokes:
     def usual(self) -> float:
         """The interval [samples] that most others are near to."""
         intervals = np.diff(self.at)
-        near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= limit.NEAR
+        near = np.abs(intervals[:, None] - intervals) <= limit.NEAR * intervals
         return float(np.median(intervals[near[:, near.sum(axis=0).argmax()]]))
 
     @cached_property
@@ -101,8 +101,6 @@ def _beats(x: Array, length: float) -> Array:
 
     A beat has one such place, however many upstrokes. The mean beat is begun with the one whose rise is the usual one.
     """
-    from scipy.signal import find_peaks  # takes half a second
-
     before, end, block = (max(2, round(part * length)) for part in (limit.BEFORE, limit.ANOTHER, 1.0))
     x = x / np.maximum(x.std(axis=1, keepdims=True), np.finfo(float).tiny)
     rise = np.sum([np.maximum(_rise(each, length), 0.0) for each in x], axis=0)
@@ -114,10 +112,21 @@ def _beats(x: Array, length: float) -> Array:
         windows = padded[:, at[:, None] + np.arange(before + end)]
         alike = np.mean([_alike(each, w.mean(axis=0)) for each, w in zip(padded, windows, strict=True)], axis=0)
         usual = np.median([alike[i : i + block].max() for i in starts])
-        at, _ = find_peaks(alike, height=limit.RESEMBLING * usual, distance=max(1, round(limit.NEAREST * length)))
+        at = _peaks(alike, limit.RESEMBLING * usual, round(limit.NEAREST * length))
         if not len(at):
             break
     return np.asarray(at)
+
+
+def _peaks(x: Array, least: float, apart: int) -> Array:
+    """Samples of the maxima of at least ``least``, the highest first: none is nearer than ``apart`` to a higher one."""
+    at = np.flatnonzero((x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:]) & (x[1:-1] >= least)) + 1
+    left, right = np.searchsorted(at, at - apart, "right"), np.searchsorted(at, at + apart, "left")
+    kept = np.ones(len(at), bool)
+    for i in np.argsort(-x[at], kind="stable"):
+        if kept[i]:
+            kept[left[i] : i] = kept[i + 1 : right[i]] = False
+    return np.asarray(at[kept])
 
 
 def _rise(x: Array, length: float) -> Array:
@@ -130,13 +139,13 @@ def _rise(x: Array, length: float) -> Array:
 
 def _alike(x: Array, beat: Array) -> Array:
     """The correlation of a beat with each stretch of x that is as long."""
-    from scipy.signal import fftconvolve
-
     w, x, beat = len(beat), x - x.mean(), beat - beat.mean()
     total, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (x, x * x))
     power = squares[w:] - squares[:-w] - (total[w:] - total[:-w]) ** 2 / w
     size = np.sqrt(np.maximum(power, 1e-9 * w * float(x.var())) * max(float(beat @ beat), np.finfo(float).tiny))
-    return np.asarray(fftconvolve(x, beat[::-1], mode="valid") / size)
+    n = 1 << (len(x) - 1).bit_length()
+    product = np.fft.irfft(np.fft.rfft(x, n) * np.fft.rfft(beat, n).conj(), n)[: len(size)]
+    return np.asarray(product / size)
 
 
 def vertex(r: Array, at: Array) -> Array:

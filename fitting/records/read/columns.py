@@ -21,6 +21,7 @@ from .titles import factor, is_time, name_and_unit
 
 _EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]")
 _START = "start"
+_ROW = "row"  # the number of a sample as its time, in a file without times
 CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
 
 
@@ -29,9 +30,10 @@ class Reading:
     """How a file is to be read. decimal : comma or point, by default found.
 
     names : title of a column, or its number from 1 -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]";
-    "" leaves the column out. If any is given, all columns that neither it nor the variables' names mention are left
-    out. "Q.csv:2" is of the file of that name alone. beside : further files of the same recording. shifts : file ->
-    seconds that are added to its times; None: it starts with the first file.
+    "" leaves the column out. "row" -> "time [2 ms]": there is no time, and a sample every 2 ms. If any is given, all
+    columns that neither it nor the variables' names mention are left out. "Q.csv:2" is of the file of that name alone.
+    beside : further files of the same recording. shifts : file -> seconds that are added to its times; None: it starts
+    with the first file.
     """
 
     decimal: str | None = None
@@ -105,6 +107,8 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     Raises ValueError, one sentence with the column and the option that helps.
     """
     place, columns = table.place, list(table.columns)
+    if _ROW in reading.names and not _columns(columns, _ROW):
+        columns.append(Column(_ROW, np.arange(float(len(columns[0].values)))))
     if not (table.titled or reading.names):
         row = ", ".join(f"{column.values[0]:g}" for column in columns)
         maps = " ".join(f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[: len(columns)], start=1))
@@ -122,6 +126,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     _check_names([column for column, target in wanted if _unknown(column, target)], place)
     found = [_chosen(column, target, titles_, place) for column, target in wanted if target[0] != "time"]
     if not found:
+        _check_names([column for column in columns if column is not times[0][0]], place)
         raise InputError(
             f'{place}: there is no channel beside the time; name one "AA.P [mmHg]", or say which column it is: '
             '--map "Pressure (mmHg)=AA.P".'
@@ -302,7 +307,9 @@ _OTHER = re.compile(r"(?<![a-z])(ecg|ekg|eeg|emg|resp|temp|trigger|marker|spo2|e
 
 
 def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str], place: Place) -> float:
-    """The factor from ``unit`` to the kind's SI unit."""
+    """The factor from ``unit``, of a time also "2 ms", to the kind's SI unit."""
+    if kind is TIME and unit[:1].isdigit():
+        return parse_quantity(unit, kind.unit, title)
     found = factor(unit, kind)
     if found is not None:
         return found
@@ -323,10 +330,13 @@ def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
     likely = next((column for column in columns if _may_be_time(column)), None)
     if likely is None:
         raise InputError(
-            f'{place}: no column is a time, and every sample needs one; add a column "time [s]", or say which it is: '
-            '--map "TITLE=time [s]".'
+            f'{place}: no column is a time, and every sample needs one; add a column "time [s]", say which it is, '
+            f'--map "TITLE=time [s]", or give the time between samples: --map "{_ROW}=time [1 ms]".'
         )
     title, unit = likely.title, name_and_unit(likely.title)[1] or likely.unit
+    if not unit and bool((np.diff(likely.values) == 1.0).all()):
+        why = "no column is named time; if this one counts the samples, give the time between them"
+        refuse(place, None, title, f'{why}: --map "{title}=time [1 ms]"')
     asked = "time" if unit else "time [s]"
     refuse(place, None, title, f'no column is named time; if it is this one, say so: --map "{title}={asked}"')
 

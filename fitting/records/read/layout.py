@@ -214,7 +214,7 @@ def labchart(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]] | Non
     units = lines.get("UnitName=") or [re.sub(r"^[\d.,\s]+", "", each) for each in lines.get("Range=", [])]
     units += [""] * (len(titles) - len(units))
     clock = lines.get("TimeFormat=", [""])[0]
-    return ["Time", *titles], ["s" if clock in ("", "StartOfBlock", "StartOfFile") else "", *units[: len(titles)]]
+    return ["Time", *titles], ["s" if not clock or clock.startswith("StartOf") else "", *units[: len(titles)]]
 
 
 def biopac(lines: Sequence[str], titles: Sequence[str]) -> tuple[list[str], list[str]] | None:

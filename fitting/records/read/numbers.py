@@ -93,12 +93,15 @@ def without_remark(line: str) -> str:
 
 
 def _samples(lines: Sequence[str], start: int, separator: str, width: int, at: list[int]) -> Iterator[str]:
-    """The lines from ``start`` on without comments; at[0] becomes the number of the line."""
+    """The lines from ``start`` on without comments and headers that are repeated; at[0] becomes the number of the
+    line."""
+    above = {line.split(separator)[0] for line in lines[: start - 1]}  # first fields, such as "Interval=" of LabChart
+    above = {first for first in above if not _BEGINS.match(first) and first.strip()}
     # what stands behind the last number, such as "End of file", is no sample
     last = next((i for i in range(len(lines), start - 1, -1) if _BEGINS.match(lines[i - 1])), start - 1)
     for number in range(start, last + 1):
         line, at[0] = lines[number - 1], number
-        if line.lstrip().startswith(COMMENT):
+        if line.lstrip().startswith(COMMENT) or line.split(separator)[0] in above:
             continue
         if "#" in line and '"' not in line:  # a remark behind the numbers, in a field of its own in LabChart
             line = without_remark(line).rstrip(" ")

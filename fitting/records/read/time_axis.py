@@ -2,14 +2,16 @@
 
 Stamps t_j of samples number m_j lie on a line t_j = t_0 + m_j/f + d_j. Where all |d_j| are within the resolution of the
 stamps, the clock is uniform and its samples stay as they are. Else stamps are taken at their word: the samples are
-moved, once, onto the line by a cubic spline. Samples that are missing on the line become gaps.
+moved, once, onto the line by a cubic spline. Samples that are missing on the line become gaps. Stamps that go back are
+those of a clock that jitters by more than a sample, since a converter takes its samples in order: the running median of
+t_j - j dt takes their place, which keeps lost samples and a drift.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -22,6 +24,7 @@ Array = np.ndarray
 _DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
 _SEEN = 10  # stamps on either side of a wide step: their medians stand still where one stamp alone is late
 _REPEATED = 2.0  # of the resolution: how far off repeated stamps may be
+_EVENLY = 0.5 * (5.0**0.5 - 1.0)  # multiples of the golden ratio, modulo 1
 _ROUNDS = 5  # of counting lost samples by the interval and finding the interval by them
 
 
@@ -74,13 +77,16 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     repeats the one before, as 1 kHz in milliseconds does by the rounding of i/1000 before it is cut off; such stamps,
     which define no time of a sample, may be off by 2 q. Where most stamps repeat the one before, as those of packets
     do, q is the time between those that differ.
-    Raises ValueError, one sentence, for stamps that are missing, go back, or have no rate.
+    Raises ValueError, one sentence, for stamps that are missing, go back beyond their jitter, or have no rate.
     """
     _check(given, factor, title, place)
+    printed, given = given, _steadied(given)
+    shaken = float(np.abs(given - printed).max())
+    back = (_shaken(printed, shaken * factor, place),) if shaken > 0.0 else ()
     t, n = given - given[0], len(given)
     step = np.diff(t)
     dt, off = _line(t, np.arange(n))
-    q = _resolution(given, dt, float(np.abs(off).max()))
+    q = _resolution(printed, dt, float(np.abs(off).max()))
     worst, usual = float(np.abs(off).max()), float(np.median(step))
     if usual == 0.0:
         q = max(q, float(np.median(step[step > 0.0])))  # a stamp for a packet of samples
@@ -89,42 +95,64 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     most = _REPEATED * q if repeated and coarse else q
     if dt > 0.0 and worst <= (most if coarse or step.max() < limit.WIDE_STEP * dt else min(q, 0.25 * dt)):
         said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
-        return Axis((given[0] + t - off) * factor, given * factor, said=said)
-    _check_order(given, np.flatnonzero(step <= 0.0), title, place)
-    number = _numbered(t, q)
+        return Axis((given[0] + t - off) * factor, given * factor, said=(*back, *said))
+    if step.min() <= 0.0:
+        _refuse_back(printed, title, place)
+    number = _numbered(t, q, shaken)
     dt, off = _line(t, number)
     lost = int(number[-1]) + 1 - n
     _check_regular(step, np.diff(number), dt, lost, title, place)
     worst, rms = float(np.abs(off).max()) * factor, float(np.sqrt(np.mean(off**2))) * factor
-    moved = worst > (q if q < 0.5 * dt else 0.25 * dt) * factor
+    moved = worst > max(q if q < 0.5 * dt else 0.25 * dt, shaken) * factor
     start = given[0] + (t - off - dt * number)[0]
     told = {"rate": {"value": 1.0 / (dt * factor), "unit": "Hz"}, "lost": lost, "resampled": moved}
     told |= {f"jitter_{name}": {"value": value, "unit": "s"} for name, value in (("rms", rms), ("max", worst))}
     return Axis((start + dt * np.arange(n + lost)) * factor, given * factor, number, moved,
-                (_told(place, 1.0 / (dt * factor), rms, worst, lost, n, moved),), {"sampling": told})  # fmt: skip
+                (*back, _told(place, 1.0 / (dt * factor), rms, worst, lost, n, moved)), {"sampling": told})  # fmt: skip
 
 
 def _check(given: Array, factor: float, title: str, place: Place) -> None:
-    """Raise ValueError for times that are missing, too few, too late or go back."""
+    """Raise ValueError for times that are missing, too few, too late or end before they begin."""
     bad = np.flatnonzero(~np.isfinite(given))
     if len(bad):
         refuse(place, int(bad[0]), title, "the time is missing or not finite; every sample needs its time")
     if len(given) < limit.FEWEST_SAMPLES:
         raise UnusableRecord(f"{place}: {len(given)} samples are too few; a record holds several beats.")
-    with np.errstate(over="ignore", invalid="ignore"):
-        back = np.flatnonzero(np.diff(given) < 0.0)
+    with np.errstate(over="ignore"):
         longest = float(np.abs(given).max()) * factor
     if not longest < limit.LATEST:
         refuse(place, 0, title, f"times beyond {limit.LATEST:g} s; check the unit, or start the record at zero")
-    _check_order(given, back if len(back) or given[-1] > given[0] else np.zeros(1, int), title, place)
+    if given[-1] <= given[0]:
+        _refuse_back(given, title, place)
 
 
-def _check_order(given: Array, back: Array, title: str, place: Place) -> None:
-    """Raise ValueError if there are steps (n,) ``back`` in time."""
-    if len(back):
-        at, end = given[back[0] : back[0] + 2]
-        why = f"the time does not increase ({at:g} to {end:g}); correct the line, or begin the file there"
-        refuse(place, int(back[0]) + 1, title, why)
+def _refuse_back(given: Array, title: str, place: Place) -> NoReturn:
+    """Raise ValueError at the first stamp that is not later than the one before."""
+    at = int(np.argmax(np.diff(given) <= 0.0))
+    why = f"the time does not increase ({given[at]:g} to {given[at + 1]:g}); correct the line, or begin the file there"
+    refuse(place, at + 1, title, why)
+
+
+def _steadied(given: Array) -> Array:
+    """Stamps as they are if none goes back; else i dt plus the running median of t_i - i dt over so many stamps that
+    no step is shorter than half of dt. If one is over a quarter of the record, too, as where a file begins anew, they
+    stay as they are."""
+    if np.diff(given).min() >= 0.0:
+        return given
+    from scipy.ndimage import median_filter  # takes a tenth of a second
+
+    number = np.arange(len(given))
+    dt, _ = _line(given - given[0], number)
+    line = dt * number
+    # rounded stamps are spread over their last decimal, evenly: their median is then finer than that
+    level = given - line + _last_decimal(given) * (_EVENLY * number % 1.0 - 0.5)
+    width = 2 * _SEEN + 1
+    while width <= len(given) // 4:
+        found = line + median_filter(level, width, mode="nearest")
+        if np.diff(found).min() > 0.5 * dt:
+            return np.asarray(found)
+        width *= 2
+    return given
 
 
 def _check_regular(step: Array, numbers: Array, dt: float, lost: int, title: str, place: Place) -> None:
@@ -154,7 +182,7 @@ def _line(t: Array, number: Array) -> tuple[float, Array]:
     return dt, t - t.mean() - dt * index
 
 
-def _numbered(t: Array, q: float) -> Array:
+def _numbered(t: Array, q: float, shaken: float) -> Array:
     """The number of each stamp's sample : (k,), which leaves out those that are lost.
 
     Over a wide step the level t - i dt of the stamps i rises by an interval for each lost sample, and by none where a
@@ -165,7 +193,7 @@ def _numbered(t: Array, q: float) -> Array:
     # of stamps in steps of q the median is but one of their steps
     dt = float(step[step <= limit.WIDE_STEP * dt + q].mean())
     for _ in range(_ROUNDS):
-        wide, level = np.flatnonzero(step > limit.WIDE_STEP * dt) + 1, t - dt * i
+        wide, level = np.flatnonzero(step > limit.WIDE_STEP * dt + shaken) + 1, t - dt * i
         lost = np.zeros(len(t), int)
         for before, at, after in zip([0, *wide], wide, [*wide[1:], len(t)], strict=False):
             rise = np.median(level[at : min(after, at + _SEEN)]) - np.median(level[max(before, at - _SEEN) : at])
@@ -194,6 +222,15 @@ def _coarse(q: float, dt: float, t: Array, factor: float, place: Place) -> tuple
     return (
         f"the times of {place} are printed in steps of {q * factor:g} s: the line through them has "
         f"{1.0 / (dt * factor):.6g} Hz, to {error:.1g} of that; a lost sample would not be seen.",
+    )
+
+
+def _shaken(printed: Array, most: float, place: Place) -> str:
+    back = np.flatnonzero(np.diff(printed) < 0.0)
+    return (
+        f"the times of {place} go back {len(back)} times, first in {place.of(int(back[0]) + 1)}: the samples were "
+        "taken in their order, at the running median of the times. These are off by at most "
+        f"{1e3 * most:.3g} ms; fewer lost samples than that would not be seen."
     )
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from functools import lru_cache
 
 from solver.errors import InputError
 from solver.network.files import parse_quantity
+from solver.quantities.units import base_units
 
 from .sensors import KINDS, TIME, Kind
 
@@ -17,7 +19,7 @@ _PLAIN = {
     **dict.fromkeys(("minute", "minutes", "minuten", "mins"), "min"),
     **dict.fromkeys(("mmhg", "mm hg", "torr"), "mmHg"),
     **dict.fromkeys(("cmh2o", "cm h2o"), "cmH2O"),
-    **{f"{a}/{b}": f"{a}/{c}" for a in ("ml", "l") for b, c in (("sec", "s"), ("min", "min"), ("s", "s"))},
+    **{f"{a}l/{b}": f"{a}L/{c}" for a in ("m", "") for b, c in (("sec", "s"), ("min", "min"), ("s", "s"))},
 }
 # units that may follow a name without brackets; a bare m or L is as often "mean" or "left"
 _BARE = re.compile(
@@ -60,8 +62,12 @@ def is_unit(text: str) -> bool:
 def factor(unit: str, kind: Kind) -> float | None:
     """The factor from a unit to the kind's SI unit, None if it is none of the kind."""
     text = _PLAIN.get(unit.strip().lower(), unit.strip())
-    if not text:
+    # pint, which takes half a second to start, is not asked about titles, nor about units of another kind
+    if not text or is_time(text) or "[" in text or text.count("(") != text.count(")"):
         return None
+    with suppress(InputError):
+        if base_units(text) != base_units(kind.unit):
+            return None
     try:
         found = parse_quantity(f"1 {text}", kind.unit, unit)
     except InputError:
