@@ -21,7 +21,6 @@ from fitting.inference.models.simulator import as_shown
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels.amounts import changes, sizes
 from fitting.records.channels.noise import check_flow_driven
-from fitting.records.channels.spectral import shift
 from solver import Settings, simulate
 from solver.network.description import Network
 from solver.quantities.legible import number
@@ -71,9 +70,8 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
     }
     drive = study.problem.driven(wave)
     values.update(drive.values)
-    rolled = np.roll(wave, -drive.first)
-    answer = periodic_answer(described, drive.variable, rolled, T, values, drive.beats)
-    waves = {name: shift(beat, drive.first / len(wave)) for name, beat in answer.values.items()}
+    answer = periodic_answer(described, drive.variable, wave, T, values, drive.beats)
+    waves = dict(answer.values)
     if drive.imposed is not None:
         waves[drive.imposed] = fourier(wave, steps_per_beat(described, T))
     return compared(study, fit, np.stack([np.fft.rfft(waves[n], norm="forward") for n in names], axis=1))

@@ -13,6 +13,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,11 +24,13 @@ from fmpy.model_description import ScalarVariable
 from solver.errors import InputError
 from solver.io.exit_codes import ExitCode
 from solver.io.host_died import HostDied
+from solver.network.description import Network
+from solver.network.files import read_network
 from solver.quantities.units import INFLOW
 from solver.simulate import change_of
 
 from ..parallel.threads import ENVIRONMENT
-from ..records.channels.spectral import resample
+from ..records.channels.spectral import resample, shift
 
 Array = np.ndarray
 
@@ -128,30 +131,44 @@ def periodic_answer(
 
     driver : an input. beat : (N,) [SI], its samples at j T/N, Fourier-interpolated. The internal step is T over a
     whole number, so that beats fall on the grid. beats : run exactly this number from rest; otherwise 5 to 60, until
-    two agree to 1e-4. If the inflow drives it, it starts near the periodic state if there is one.
+    two agree to 1e-4. If the inflow drives it, it starts near the periodic state if there is one, at the phase of the
+    network's own pulse; else where the flow is least, because a run from rest begins with a jump to that flow.
     Raises RunFailed with the FMU's sentence, HostDied if it ended the process that ran it.
     """
     n = steps_per_beat(fmu, T)
 
-    def run(m: int, starts: Mapping[str, float | str]) -> dict[str, Array]:
-        return _run(fmu, driver, beat, T / n, n, m, {**start_values, "solver.dt": T / n, **starts})
+    def run_from(first: int, m: int, starts: Mapping[str, float | str]) -> dict[str, Array]:
+        values = {**start_values, "solver.dt": T / n, **starts}
+        table = _run(fmu, driver, np.roll(beat, -first), T / n, n, m, values)
+        return {name: shift(x, first / len(beat)) for name, x in table.items()} if first else table
 
-    if beats is None and driver == INFLOW and {*_START} <= {*fmu.parameters}:
-        with suppress(RunFailed):  # without a steady state at that mean flow, start from rest
-            return _from_periodic(run, float(beat.mean()), T)
+    first = least = 0
+    if beats is None and driver == INFLOW:
+        network = read_network(Path(fmu.path))
+        if not network.sources:  # tables begin with the beat
+            first, least = _in_phase(beat, network), int(np.argmin(np.abs(beat)))
+        if {*_START} <= {*fmu.parameters}:
+            with suppress(RunFailed):  # without a steady state at that mean flow, start from rest
+                return _from_periodic(partial(run_from, first), float(beat.mean()), T)
     for m in (beats,) if beats else BEATS:
-        answer = _answer(run(m, {}))
+        answer = _answer(run_from(least, m, {}))
         if answer.change <= PERIODIC:
             break
     return answer
 
 
-def _from_periodic(run: Callable[[int, Mapping[str, float | str]], dict[str, Array]], mean: float, T: float) -> Answer:
-    """The response from network.start = periodic, near the beats of the network's own pulse.
+def _in_phase(beat: Array, network: Network) -> int:
+    """The sample of a beat (N,) at which it is most like the network's own pulse, which begins there."""
+    pulse = network.inlet.Q(network.inlet.T / len(beat) * np.arange(len(beat)))
+    return int(np.argmax(np.fft.irfft(np.fft.rfft(beat) * np.fft.rfft(pulse).conj(), len(beat))))
 
-    Windkessels then start with the correct mean, but not at the correct phase of the beat, and would fill slowly. The
-    secant method therefore corrects the mean Q of the start until the mean pressure does not drift between the last two
-    beats of the shortest run, D(Q) = 0. The drive of the FMU does not change.
+
+def _from_periodic(run: Callable[[int, Mapping[str, float | str]], dict[str, Array]], mean: float, T: float) -> Answer:
+    """The response from network.start = periodic, the beats of the network's own pulse.
+
+    Another pulse fills Windkessels to another mean, slowly. The secant method therefore corrects the mean Q of the
+    start until the mean pressure does not drift between the last two beats of the shortest run, D(Q) = 0. The drive of
+    the FMU does not change.
     """
     Q, shots = mean, list[tuple[float, float]]()
     for m in (*BEATS[:1] * _SHOTS, *BEATS[1:]):

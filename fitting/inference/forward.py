@@ -32,12 +32,11 @@ Array = np.ndarray
 class Drive:
     """How a wave drives an FMU.
 
-    variable : the input. first : the sample at which a run from rest begins. values : start values. imposed : the
-    channel that equals the wave, if any. beats : number of beats; None: until they repeat.
+    variable : the input. values : start values. imposed : the channel that equals the wave, if any. beats : number of
+    beats; None: until they repeat.
     """
 
     variable: str
-    first: int = 0
     values: Mapping[str, float] = field(default_factory=dict)
     imposed: str | None = None
     beats: int | None = None

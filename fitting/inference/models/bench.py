@@ -256,7 +256,7 @@ class Bench(Single):
     def driven(self, wave: Array) -> Drive:
         """The pressure at the artery's end, which is the site's."""
         start = {"network.P_0": float(wave[0])}
-        return Drive(f"{self.site}.outlet.P_venous", 0, start, self.signals[0], _BEATS)
+        return Drive(f"{self.site}.outlet.P_venous", start, self.signals[0], _BEATS)
 
     def seen(self, member: Member, x: Array) -> Seen:
         """The channels for some points x : (B, p) of a hypothesis."""

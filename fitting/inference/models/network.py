@@ -169,8 +169,8 @@ class NetworkProblem(Single):
         return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
 
     def driven(self, wave: Array) -> Drive:
-        """The inflow. A run begins at rest, best where the flow is least; with tables, at their beginning."""
-        return Drive(INFLOW, 0 if self.network.sources else int(np.argmin(np.abs(wave))))
+        """The inflow."""
+        return Drive(INFLOW)
 
     @property
     def noise(self) -> Array:
