@@ -251,7 +251,7 @@ static void moments(const arterial_balance *b, const arterial_period *period, co
             const int64_t row = 2 * (int64_t)k + part, twin = row + 1 - 2 * part;
             const double *const x = X + row * (n_y + n_H), *const other = X + twin * (n_y + n_H);
             const double *const p = s->past + row * n_past, *const other_p = s->past + twin * n_past;
-            const double w = part ? period->omega[k] : -period->omega[k], back = -period->tau * w;
+            const double w = part ? period->omega[k] : -period->omega[k], back = -period->stage * w;
             double *const of = s->waves + row * N - from;
             if (from <= at.start) {
                 for (int32_t i = 0; i < n_fluid; i++) of[at.start + i] = x[i] + back * other[i];

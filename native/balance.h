@@ -27,10 +27,10 @@ typedef struct {
 } arterial_balance;
 
 /* What a period is made of: K harmonics beside the mean, their omega : (K + 1), cosines and sines : (K + 1, 2, K + 1) of
-   2 pi j k / (4 K); tau : the length of the stages. Amplitudes are (K + 1, 2, n), real parts and imaginary ones. */
+   2 pi j k / (4 K); stage : its length [s]. Amplitudes are (K + 1, 2, n), real parts and imaginary ones. */
 typedef struct {
     const double *omega, *turn;
-    double tau;
+    double stage;
     int32_t K;
 } arterial_period;
 

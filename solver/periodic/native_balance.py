@@ -45,7 +45,7 @@ class _Balance(ctypes.Structure):
 class _Period(ctypes.Structure):
     """As arterial_period there."""
 
-    _fields_ = [("omega", ctypes.c_void_p), ("turn", ctypes.c_void_p), ("tau", ctypes.c_double),
+    _fields_ = [("omega", ctypes.c_void_p), ("turn", ctypes.c_void_p), ("stage", ctypes.c_double),
                 ("harmonics", ctypes.c_int32)]  # fmt: skip
 
 

@@ -309,7 +309,10 @@ _OTHER = re.compile(r"(?<![a-z])(ecg|ekg|eeg|emg|resp|temp|trigger|marker|spo2|e
 def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str], place: Place) -> float:
     """The factor from ``unit``, of a time also "2 ms", to the kind's SI unit."""
     if kind is TIME and unit[:1].isdigit():
-        return parse_quantity(unit, kind.unit, title)
+        try:
+            return parse_quantity(unit, kind.unit, title)
+        except InputError as error:
+            raise InputError(f"{place}: {error}") from None
     found = factor(unit, kind)
     if found is not None:
         return found
