@@ -23,12 +23,12 @@ from build_fmu import build
 from fitting.check import fmu_run
 from fitting.check.agreement import Waveform, compare_loops
 from fitting.check.fmu_check import CheckReport, check
-from fitting.check.fmu_run import RunFailed, fourier
+from fitting.check.fmu_run import RunFailed, _in_phase, fourier
 from fitting.inference.models.bench_network import bench_network
 from fitting.pages.check_page import page, write_check
 from fitting.records.read.record import Record
 from fitting.results.parameter_set import ParameterSet, Value, read_set
-from solver import Inlet, Network, Segment, Settings, Site, Windkessel, simulate_periodic
+from solver import Inlet, Network, Segment, Settings, Site, Windkessel, load, simulate_periodic
 from solver.io.host_died import HostDied
 
 pytestmark = pytest.mark.usefixtures("one_process")
@@ -398,3 +398,11 @@ def test_fourier_is_exact(n: int, m: int) -> None:
         return np.cos(k) @ X[0] + np.sin(k) @ X[1]
 
     assert fourier(beat(np.arange(n) / n), m) == pytest.approx(beat(np.arange(m) / m), abs=1e-13)
+
+
+@pytest.mark.parametrize("late", [0, 37, 150])
+def test_a_run_begins_at_the_phase_of_the_networks_own_pulse(late: int) -> None:
+    """Its periodic start is the state there: x = 1.3 q(t - 37 T/200) with another mean begins at sample 37."""
+    network = load("sheep")
+    pulse = network.inlet.Q(network.inlet.T / 200 * np.arange(200))
+    assert _in_phase(1.3 * np.roll(pulse, late) + 1e-5, network) == late
