@@ -117,10 +117,9 @@ class _Moment(NamedTuple):
     A_t: Any
 
     def stage(self, of: Recording) -> Stage:
-        m, o, n = of.m, of.o, of.m.layout.size - self.start.shape[1]
+        m, o, y, n = of.m, of.o, self.start, of.m.layout.size - self.start.shape[1]
         if n:
-            o = replace(o, memory=_Past(self.past))
-        y = np.concatenate([self.start, np.zeros((1, n))], axis=1)
+            o, y = replace(o, memory=_Past(self.past)), np.concatenate([y, np.zeros((1, n))], axis=1)
         return Stage.of(m, o, y, m.inlets.gain * self.drive, m.coefficients.P_venous, 0.0)
 
 
@@ -184,7 +183,8 @@ class _Recording(Recording):
         parts = (A + Q + P_C, size.past, len(self.m.inlets.by_flow), self.n_H, A + Q + P_C, A, size.memories)
         x, ends = self.take("now", phase, size.now), np.cumsum(parts)
         start, past, drive, H, fluid, A_t, memories = (x[:, e - n : e] for n, e in zip(parts, ends, strict=True))
-        return _Moment(start, past, drive, H, np.concatenate([fluid, memories], axis=1), A_t.reshape(1, *shapes["A"]))
+        y = np.concatenate([fluid, memories], axis=1) if size.memories else fluid
+        return _Moment(start, past, drive, H, y, A_t.reshape(1, *shapes["A"]))
 
     def frequencies(self) -> None:
         """The Jacobian of waves of one frequency, and the responses by it."""
