@@ -276,6 +276,7 @@ def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Run
 
 def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], most: float, runs: Runs) -> list[Begun]:
     """The laws with the lowest predicted cost, if below ``most``, each at its best size. The prediction is inaccurate
-    for strong effects, but ranks them among the first. One size screens all laws first."""
+    for strong effects, but ranks them among the first. One size screens all laws first; three times as many stay as are
+    refitted, because that is coarser."""
     first = fewest(nearest(problem, base, laws, runs, TYPICAL, screening=True), most, 3 * at.FEW)
     return fewest(nearest(problem, base, [b.term for b in first], runs), most) if first else []
