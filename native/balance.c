@@ -312,21 +312,33 @@ static void add(double *x, const double *dx, int32_t n)
     for (int32_t i = 0; i < n; i++) x[i] += dx[i];
 }
 
-/* The waves with the correction that their residual asks for, and how large it is, in parts of the flows that pulsate. */
-static double correct(const arterial_balance *b, const arterial_period *period, memory *m, double *held,
-                      const double *X, const double *drive, const double *forced, double *corrected,
-                      const scratch_parts *s)
+/* s->left : what the equations of these waves leave. */
+static void leave(const arterial_balance *b, const arterial_period *period, memory *m, double *held, const double *X,
+                  const double *drive, const double *forced, const scratch_parts *s)
 {
-    const int32_t size = b->p.n_y + b->p.n_H, n = b->n_left;
-    double moved = 0.0, pulsating = 0.0;
+    const int32_t n = b->n_left;
+    if (b->n_unfilled) {
+        copy(s->filled, X, 2 * (period->K + 1) * (b->p.n_y + b->p.n_H));
+        fill(b, period, m, held, s->filled, drive, s);
+        X = s->filled;
+    }
     moments(b, period, m, X, drive, MOMENT, OUT_LEFT, n, s);
     amplitudes(period, s->out, n, s->left);
     if (forced) add(s->left, forced, 2 * (period->K + 1) * n);
+}
+
+/* The waves with the correction that s->left asks for, and how large it is, in parts of the flows that pulsate. */
+static double correct(const arterial_balance *b, const arterial_period *period, memory *m, double *held,
+                      const double *X, double *corrected, const scratch_parts *s)
+{
+    const int32_t size = b->p.n_y + b->p.n_H, n = b->n_left;
+    const double *const from = b->n_unfilled ? s->filled : X;
+    double moved = 0.0, pulsating = 0.0;
     for (int32_t k = 0; k <= period->K; k++) {
         m->held = held + (int64_t)k * b->n_held;
         copy(more(b, m, IN_DRIVEN), s->left + 2 * (int64_t)k * n, 2 * n);
         const double *const change = answer(b, m, k == 0);
-        const double *const x = X + 2 * (int64_t)k * size;
+        const double *const x = from + 2 * (int64_t)k * size;
         double *const to = corrected + 2 * (int64_t)k * size;
         for (int32_t i = 0; i < 2 * size; i++) to[i] = x[i] + change[i];
         for (int32_t part = 0; part < 2 && k; part++)
@@ -341,12 +353,14 @@ static double correct(const arterial_balance *b, const arterial_period *period, 
 
 int32_t arterial_balanced(const arterial_balance *b, const arterial_period *period, const double *fixed, double *work,
                           double *held, const double *drive, const double *forced, const double *let_out,
-                          double tolerance, int32_t most, double *X, double *scratch, double *last)
+                          double tolerance, double of_first, int32_t most, double *X, double *scratch,
+                          double *last, double *left)
 {
     memory m = memory_of(&b->p, fixed, work);
     const scratch_parts s = parted(b, period, scratch, 0);
     const int32_t size = b->p.n_y + b->p.n_H, all = 2 * (period->K + 1) * size;
     int32_t made = 0;
+    double enough = tolerance;
     *last = INFINITY;
     for (int32_t k = 0; let_out && k <= period->K; k++) {
         m.held = held + (int64_t)k * b->n_held;
@@ -359,25 +373,26 @@ int32_t arterial_balanced(const arterial_balance *b, const arterial_period *peri
     if (b->n_unremembered) remember(b, period, &m, held, X, &s);
     copy(s.before, X, all);
     while (made < most) {
-        double *from = X;
-        if (b->n_unfilled) {
-            copy(s.filled, X, all);
-            fill(b, period, &m, held, s.filled, drive, &s);
-            from = s.filled;
-        }
-        const double now = correct(b, period, &m, held, from, drive, forced, s.corrected, &s);
-        made++;
+        leave(b, period, &m, held, X, drive, forced, &s);
+        const double now = correct(b, period, &m, held, X, s.corrected, &s);
+        if (!made++ && of_first > 0.0) enough = of_first * now;
         if (!(now < *last)) { /* what was there before it grew stands */
             copy(X, s.before, all);
-            *last = INFINITY;
             break;
         }
         copy(s.before, X, all);
         copy(X, s.corrected, all);
         if (b->n_unremembered) remember(b, period, &m, held, X, &s);
         *last = now;
-        if (now < tolerance) break;
+        if (now <= enough) {
+            if (left) {
+                leave(b, period, &m, held, X, drive, forced, &s);
+                copy(left, s.left, 2 * (period->K + 1) * b->n_left);
+            }
+            return made;
+        }
     }
+    *last = INFINITY;
     return made;
 }
 

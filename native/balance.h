@@ -54,12 +54,14 @@ ARTERIAL_API void arterial_answer(const arterial_balance *b, const double *fixed
 /* Numbers of scratch that the next ones need. */
 ARTERIAL_API int64_t arterial_scratch(const arterial_balance *b, const arterial_period *period);
 
-/* Corrections of the waves X : (K + 1, 2, n_y + n_H) until one is below the tolerance, or as many as most; last : its
-   size. drive : amplitudes, n_inlets. forced : n_left, and let_out : n_stored, or null. Returns how many were made. */
+/* Corrections of the waves X : (K + 1, 2, n_y + n_H) until one is within the tolerance, or with of_first > 0 within
+   this part of the first one, or as many as most; last : its size, infinite where they grew or did not end. drive : amplitudes, n_inlets.
+   forced : n_left, and let_out : n_stored, or null. left : n_left, what the equations leave after the last one, or
+   null. Returns how many were made. */
 ARTERIAL_API int32_t arterial_balanced(const arterial_balance *b, const arterial_period *period, const double *fixed,
                                        double *work, double *held, const double *drive, const double *forced,
-                                       const double *let_out, double tolerance, int32_t most, double *X,
-                                       double *scratch, double *last);
+                                       const double *let_out, double tolerance, double of_first, int32_t most,
+                                       double *X, double *scratch, double *last, double *left);
 
 /* Amplitudes : (K + 1, 2, n_report) of the outputs of waves X; whether all moments are physical. */
 ARTERIAL_API int arterial_observed(const arterial_balance *b, const arterial_period *period, const double *fixed,

@@ -145,7 +145,7 @@ def test_time_is_over_everywhere(problem: NetworkProblem, lasting: Counting) -> 
         with pytest.raises(OutOfTime, match="allow more time"):
             simulated([(problem.simulator, members)], runs)
         assert runs.meter.simulations == 0
-    assert _elsewhere((problem.simulator, members, late)) == (None, 0)
+    assert _elsewhere((problem.simulator, members, list(range(len(members))), late)) == (None, 0)
     assert lasting.jobs == 2
 
 

@@ -93,10 +93,11 @@ def nearest(
     prediction is linear in it.
     """
     trials = [(t, x) for t in laws for x in (_one_size(t, sizes) if screening else _sizes(t, sizes))]
-    (none,) = problem.observe([base.with_laws(problem, [])], runs)
+    members = [base.with_laws(problem, []), *(base.with_laws(problem, [each]) for each in trials)]
+    near = [i if any(t.rewires for t in member.terms) else 0 for i, member in enumerate(members)]
+    none, *shown = problem.observe(members, runs, near)
     if none is None:
         return []
-    shown = problem.observe([base.with_laws(problem, [each]) for each in trials], runs)
     z0, best = problem.residual(none), dict[int, Begun]()
     for (t, x), X in zip(trials, shown, strict=True):
         if X is not None:

@@ -68,7 +68,7 @@ class Drives:
             values = [x if x.ndim > t.ndim else np.repeat(x[..., None], self.B, axis=-1) for x in values]
         return np.stack(values, axis=1)
 
-    def members(self, part: slice) -> Drives:
+    def members(self, part: Array) -> Drives:
         """The drives of some members of a batch."""
 
         def own(inflow: Inflow) -> Inflow:
@@ -78,7 +78,7 @@ class Drives:
 
             return some
 
-        return Drives({name: own(inflow) for name, inflow in self.inflows.items()}, len(range(self.B)[part]))
+        return Drives({name: own(inflow) for name, inflow in self.inflows.items()}, len(part))
 
     def values(self, name: str, t: Array) -> Array:
         """The flow [m³/s] or pressure [Pa] that drives an inlet at times t [s] : t.shape, or t.shape + (B,)."""

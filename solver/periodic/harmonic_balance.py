@@ -30,7 +30,16 @@ from ..quantities.units import SIGNAL_UNITS
 from ..scheme import terms
 from ..scheme.guards import NonPhysicalState, check
 from ..scheme.model import Model
-from ..scheme.stage import Condensed, Operators, Stage, operators, operators_about, operators_repeated, start
+from ..scheme.stage import (
+    Condensed,
+    Operators,
+    Stage,
+    loads_of,
+    operators,
+    operators_about,
+    operators_repeated,
+    start,
+)
 from ..scheme.step import State, initial_state
 
 Array = np.ndarray
@@ -73,6 +82,48 @@ class Waves(NamedTuple):
         """These waves for some members : (B,), ``other`` for the rest."""
         own = members[:, None]
         return Waves(self.omega, np.where(own, self.y, other.y), np.where(own, self.H, other.H))
+
+    @staticmethod
+    def joined(parts: Sequence[Waves]) -> Waves:
+        """The waves of the members of all parts."""
+        return Waves(
+            parts[0].omega, *(np.concatenate(each, axis=1) for each in zip(*(p[1:] for p in parts), strict=True))
+        )
+
+    def members(self, which: Array | slice) -> Waves:
+        """The waves of some members."""
+        return Waves(self.omega, self.y[:, which], self.H[:, which])
+
+
+class Near(NamedTuple):
+    """The beats near which others are sought: waves about their own steady state, with the amplitudes of the residuals
+    that they leave of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes).
+
+    Others leave the same residuals, so that the difference of two beats is more accurate than each.
+    """
+
+    waves: Waves
+    momentum: Array
+    nodes: Array
+
+    @staticmethod
+    def of(waves: Waves, rest: State, momentum: Array, nodes: Array) -> Near:
+        n = len(waves.omega)
+        about = Waves(waves.omega, waves.y - constant(rest.y, n), waves.H - constant(rest.H, n))
+        return Near(about, momentum, nodes)
+
+    @staticmethod
+    def joined(parts: Sequence[Near]) -> Near:
+        """Those of the members of all parts."""
+        return Near(
+            Waves.joined([p.waves for p in parts]),
+            np.concatenate([p.momentum for p in parts], axis=1),
+            np.concatenate([p.nodes for p in parts], axis=1),
+        )
+
+    def members(self, which: Array | slice) -> Near:
+        """Those of some members."""
+        return Near(self.waves.members(which), self.momentum[:, which], self.nodes[:, which])
 
 
 def storable(model: Model) -> int:
@@ -190,37 +241,71 @@ def settled_below(model: Model, given: Array) -> tuple[Array, Array]:
 
 def balanced(
     model: Model, rest: State, drive: Array, T: float, tolerance: float, most: int,
-    tell: Callable[[], None] | None = None, forcing: Forcing = NO_FORCING,
-) -> tuple[Waves, Array]:  # fmt: skip
+    tell: Callable[[], None] | None = None, forcing: Forcing = NO_FORCING, near: Near | None = None,
+    of_first: float = 0.0, keep: bool = False,
+) -> tuple[Waves, Array, Near | None]:  # fmt: skip
     """The waves about a steady state under drives with harmonics : (K+1, B or 1, n_inlets) [m³/s or Pa], and the size
     of the last correction of each member : (B,), relative to the pulsating flows.
 
-    tolerance : a smaller correction is the last. most : maximum number of corrections. If they grow, the waves before
-    them are returned, with infinite size. tell : called after each. forcing : of sources, beside the drives.
+    tolerance : a smaller correction is the last; with ``of_first``, one smaller than that part of the first is. most :
+    maximum number of corrections. If they grow, the waves before them are returned, with infinite size; after ``most`` the size is
+    infinite, too. tell : called after each. forcing : of sources, beside the drives. near : beats at which the
+    corrections start, instead of the steady state. keep : return these beats for others to start at.
     """
     omega = 2.0 * np.pi / T * np.arange(len(drive))
     response, moments = Response.about(model, taus_of(omega), rest), moments_of(model, len(omega))
     drive, forced = drive + forcing.inlets, forcing.nodes * operators(model, model.settings.dt).loads.scale
-    waves = response.stored(Waves(omega, constant(rest.y, len(omega)), constant(rest.H, len(omega))), forcing)
-    waves = before = _remembering(model, waves, taus_of(omega))
-    last = np.full(model.coefficients.B, np.inf)
-    active = last > 0.0
-    for _ in range(most):
+    accepted = (near.momentum, near.nodes) if near else (0.0, 0.0)
+
+    def left(waves: Waves) -> tuple[Waves, Array, Array]:
         filled = waves if model.storage.proportional else response.filled(waves, moments, drive)
         R, net = moments.left_over(filled, drive)
-        y, H = response.correction(R + forcing.momentum, net + forced)
+        return filled, R + forcing.momentum, net + forced
+
+    waves = response.stored(started(model, rest.y, rest.H, omega, near and near.waves), forcing)
+    waves = before = _remembering(model, waves, taus_of(omega))
+    first = last = np.full(model.coefficients.B, np.inf)
+    active = last > 0.0
+    for made in range(most):
+        filled, R, net = left(waves)
+        y, H = response.correction(R - accepted[0], net - accepted[1])
         size = _size(model, y) / np.maximum(_size(model, waves.y + y), np.finfo(float).tiny)
+        first = first if made else size
         less = size < last
         better = active & less
         corrected = _remembering(model, Waves(omega, filled.y + y, filled.H + H), taus_of(omega))
         waves, before = corrected.where(better, before.where(active & ~less, waves)), waves.where(better, before)
         last = np.where(active, np.where(less, size, np.inf), last)
-        active = better & (size >= tolerance)
+        active = better & (size > (of_first * first if of_first else tolerance))
         if tell:
             tell()
         if not active.any():
             break
-    return waves, last
+    kept = Near.of(waves, rest, *left(waves)[1:]) if keep else None
+    return waves, np.where(active, np.inf, last), kept
+
+
+def started(model: Model, y: Array, H: Array, omega: Array, near: Waves | None = None) -> Waves:
+    """The waves at which corrections start: the steady state y : (B, n), H : (B, n_nodes), with the flows, pressures
+    and mean areas of other waves about their own steady state.
+
+    Corrections keep the equations of mass and of the outlets' stores, which are linear, and must find them fulfilled:
+
+        A_k = -∂Q_k/∂x / iω_k,    P_C,k = charge_k Q_k
+    """
+    begun = Waves(omega, constant(y, len(omega)), constant(H, len(omega)))
+    if near is None:
+        return begun
+    layout, mesh, taus = model.layout, model.mesh, taus_of(omega)
+    A, Q, P_C = (layout.part(begun.y, name) for name in ("A", "Q", "P_C"))
+    A_near, Q_near = layout.part(near.y, "A"), layout.part(near.y, "Q")
+    A[0] += A_near[0]
+    A[1:] = np.reshape(taus[1:], (-1, 1, 1, 1)) * (Q_near[1:] @ mesh.element.d_xi) * model.minus_J_inverse
+    Q += Q_near
+    if P_C.size:
+        ends = Q_near[:, :, mesh.outlet_element, -1]
+        P_C += [loads_of(model, tau).charge * flow for tau, flow in zip(taus, ends, strict=True)]
+    return begun._replace(H=begun.H + near.H)
 
 
 def taus_of(omega: Array) -> list[Any]:

@@ -22,7 +22,7 @@ from ..scheme.step import State, initial_state
 from ..tracing.native import Bound, NoEngine, Program, check_backend, library, refuse_without
 from ..tracing.recorder import Untraceable
 from .balance_program import PLACES, Sizes, recorded
-from .harmonic_balance import LONG, Waves, taus_of
+from .harmonic_balance import LONG, Near, Waves, started, taus_of
 
 Array = np.ndarray
 
@@ -51,12 +51,14 @@ class _Period(ctypes.Structure):
 
 class Beat(NamedTuple):
     """The beat of one member. Its steady state is y : (n,), H : (n_nodes,); the waves (K+1, 2, n + n_nodes) about it
-    have real and imaginary parts; last : size of the last correction."""
+    have real and imaginary parts; last : size of the last correction; left : (K+1, 2, n_left) the residuals, if kept.
+    """
 
     y: Array
     H: Array
     waves: Array
     last: float
+    left: Array | None
 
 
 def engine_for(model: Model, backend: str) -> BalanceEngine | None:
@@ -138,11 +140,12 @@ class BalanceEngine:
 
     def beats(
         self, drive: Array, T: float, tolerance: float, most: int, tell: Callable[[], None] | None = None,
-        forcing: Forcing = NO_FORCING, observe: bool = True,
+        forcing: Forcing = NO_FORCING, observe: bool = True, near: Near | None = None, of_first: float = 0.0,
+        keep: bool = False,
     ) -> Iterator[tuple[Beat, Array | None]]:  # fmt: skip
         """For every member the waves, as :func:`~solver.periodic.harmonic_balance.balanced` about the steady state of
         the mean drive, and amplitudes (K+1, n_outputs) of the outputs; these are None if a moment is not physical, or
-        without ``observe``.
+        without ``observe``. near, of_first, keep : as there.
 
         drive : (K+1, B or 1, n_inlets). Raises Unsolved.
         """
@@ -151,40 +154,54 @@ class BalanceEngine:
         period = ctypes.byref(_Period(omega.ctypes.data, turns.ctypes.data, GAMMA * self.model.settings.dt, K))
         scratch, taus = np.empty(self._run("arterial_scratch", period)), np.array(taus_of(omega), complex)
         means, drives = np.broadcast_to(drive[0].real, (B, drive.shape[2])), _planes(drive + forcing.inlets, B)
-        forced, let_out = self._forced(forcing, K + 1)
+        forced, let_out = self._forced(forcing, near, K + 1)
         told = 0
-        for b in range(B):
-            y, H = self.steady(b, means[b])
+        rest = [self.steady(b, means[b]) for b in range(B)]
+        begun = started(self.model, *map(np.stack, zip(*rest, strict=True)), omega, near and near.waves)
+        begins = _planes(np.concatenate([begun.y, begun.H], axis=2), B)
+        for b, (y, H) in enumerate(rest):
             held = self.held(b, taus, y, H)
-            own, X = (self._bound.fixed[b], self._bound.work), np.zeros((K + 1, 2, len(y) + len(H)))
-            X[0, 0] = np.concatenate([y, H])
+            own, X = (self._bound.fixed[b], self._bound.work), begins[b]
+            left = np.empty((K + 1, 2, self._size.left)) if keep else None
             made = self._run("arterial_balanced", period, *own, held, drives[b], forced and forced[b],
-                             let_out and let_out[b], tolerance, most, X, scratch, ctypes.byref(last))  # fmt: skip
+                             let_out and let_out[b], tolerance, of_first, most, X, scratch, ctypes.byref(last), left)  # fmt: skip
             while tell and told * B < made * (b + 1):  # as many calls as corrections of a whole batch, evenly spread
                 told += 1
                 tell()
             found = np.empty((K + 1, 2, self._size.observed - 1)) if observe else None
             if observe and not self._run("arterial_observed", period, *own, X, scratch, found):
                 found = None
-            yield Beat(y, H, X, last.value), None if found is None else found[:, 0] + 1j * found[:, 1]
+            yield Beat(y, H, X, last.value, left), None if found is None else found[:, 0] + 1j * found[:, 1]
 
     def waves(self, drive: Array, T: float, tolerance: float, most: int, forcing: Forcing) -> tuple[State, Waves]:
         """The steady state, and the waves about it, as in :meth:`beats`."""
-        n = self.model.layout.size
         beats = [beat for beat, _ in self.beats(drive, T, tolerance, most, forcing=forcing, observe=False)]
+        return self.joined(beats, T)
+
+    def joined(self, beats: Sequence[Beat], T: float) -> tuple[State, Waves]:
+        """The steady state of all members, and the waves about it."""
+        n = self.model.layout.size
         X = np.stack([beat.waves[:, 0] + 1j * beat.waves[:, 1] for beat in beats], axis=1)
-        omega = 2.0 * np.pi / T * np.arange(len(drive))
+        omega = 2.0 * np.pi / T * np.arange(len(X))
         return self.resting([b.y for b in beats], [b.H for b in beats]), Waves(omega, X[..., :n], X[..., n:])
+
+    def near(self, beats: Sequence[Beat], T: float) -> Near:
+        """Beats with their residuals, for others to start at."""
+        rest, waves = self.joined(beats, T)
+        left = np.stack([b.left[:, 0] + 1j * b.left[:, 1] for b in beats if b.left is not None], axis=1)
+        shape = self.model.mass.shape[1:]
+        momentum, nodes = np.split(left, [np.prod(shape)], axis=2)
+        return Near.of(waves, rest, momentum.reshape(*momentum.shape[:2], *shape), nodes)
 
     def resting(self, y: Sequence[Array], H: Sequence[Array]) -> State:
         """The steady state of all members, from the results of :meth:`steady`."""
         begins = initial_state(self.model)
         return replace(begins, y=np.stack(y), H=np.stack(H), A_t=np.zeros_like(begins.A_t))
 
-    def _forced(self, forcing: Forcing, n: int) -> tuple[list[Array] | None, list[Array] | None]:
-        """For every member the residuals by sources, (n, 2, n_left), and their flows just before outlets,
-        (n, 2, n_outlets); None if there are none."""
-        if forcing is NO_FORCING:
+    def _forced(self, forcing: Forcing, near: Near | None, n: int) -> tuple[list[Array] | None, list[Array] | None]:
+        """For every member the residuals by sources, less those that beats near it leave, (n, 2, n_left), and the flows
+        of sources just before outlets, (n, 2, n_outlets); None if there are none."""
+        if forcing is NO_FORCING and near is None:
             return None, None
         model, mesh = self.model, self.model.mesh
         B, scale = model.coefficients.B, loads_of(model, GAMMA * model.settings.dt).scale
@@ -192,7 +209,8 @@ class BalanceEngine:
             np.broadcast_to(np.asarray(x, complex), (n, B, *shape))
             for x, shape in ((forcing.momentum, model.mass.shape[1:]), (forcing.nodes, (mesh.n_nodes,)))
         )
-        left = np.concatenate([momentum.reshape(n, B, -1), nodes * scale], axis=2)
+        accepted = (near.momentum, near.nodes) if near else (0.0, 0.0)
+        left = np.concatenate([(momentum - accepted[0]).reshape(n, B, -1), nodes * scale - accepted[1]], axis=2)
         stores = self._size.outlets and isinstance(forcing.nodes, np.ndarray)
         return _planes(left, B), _planes(nodes[..., mesh.topology.outlets], B) if stores else None
 
@@ -224,7 +242,7 @@ def _library() -> ctypes.CDLL:
         ("linearise", *[pointer] * 6, number, pointer),
         ("answer", *[pointer] * 5, number, number, pointer),
         ("scratch", *[pointer] * 2),
-        ("balanced", *[pointer] * 8, ctypes.c_double, number, *[pointer] * 3),
+        ("balanced", *[pointer] * 8, ctypes.c_double, ctypes.c_double, number, *[pointer] * 4),
         ("observed", *[pointer] * 7),
     ):
         getattr(found, f"arterial_{name}").argtypes = arguments

@@ -23,14 +23,20 @@ Array = np.ndarray
 _LARGEST = 64  # members of a batch
 _FEWEST = 16  # members of a batch in a separate process: a batch has an overhead of ten members (measured)
 
-Batch = tuple[Simulator, list[Member], float]  # with its deadline, [s] of time.monotonic
+_WORTH = 3  # members for which a batch simulates the member near which they lie, if it is not its own
+
+# with the index of the member near which each lies, and its deadline, [s] of time.monotonic
+Batch = tuple[Simulator, list[Member], list[int], float]
 Answer = tuple[list[Array | None] | None, int]  # X of a batch, and the number of simulated members
 
 
-def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) -> list[list[Array | None]]:
+def simulated(
+    sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs, near: Sequence[int] | None = None
+) -> list[list[Array | None]]:
     """X : (K+1, m) after the sensors, of every member of some sets.
 
-    None if the simulation broke down.
+    None if the simulation broke down. near : for one set, the member near which each one lies, whose difference from it
+    is wanted (:func:`~solver.beat_harmonics`).
     """
     groups: dict[tuple[int, str], list[int]] = {}
     for s, (_, members) in enumerate(sets):
@@ -38,7 +44,7 @@ def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) ->
             groups.setdefault((s, kind_of(member.terms)), []).append(i)
     parts = [(s, part) for (s, _), there in groups.items() for part in _cut(there, runs.workers.jobs)]
     until = time.monotonic() + runs.left if runs.workers.jobs > 1 else np.inf  # a clock that processes share
-    batches: list[Batch] = [(sets[s][0], [sets[s][1][i] for i in part], until) for s, part in parts]
+    batches = [_batch_of(*sets[s], part, near, until) for s, part in parts]
 
     def counted(found: Answer) -> list[Array | None]:
         X, members = found
@@ -47,11 +53,11 @@ def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) ->
             raise OutOfTime(TIME_IS_OVER)
         return X
 
-    found = runs.workers.share(batches, _elsewhere, counted, lambda batch: _batch(*batch[:2], runs))
+    found = runs.workers.share(batches, _elsewhere, counted, lambda batch: _batch(*batch[:3], runs))
     shown: list[list[Array | None]] = [[None] * len(members) for _, members in sets]
     for (s, part), own in zip(parts, found, strict=True):
         simulator, members = sets[s]
-        for i, X in zip(part, own, strict=True):
+        for i, X in zip(part, own, strict=False):  # a batch may have more members: see _batch_of
             shown[s][i] = None if X is None else sense(members[i], simulator.names, X, simulator.T)
     return shown
 
@@ -65,13 +71,24 @@ def _cut(there: list[int], jobs: int) -> list[list[int]]:
     return [there[len(there) * i // parts : len(there) * (i + 1) // parts] for i in range(parts)]
 
 
+def _batch_of(
+    simulator: Simulator, members: Sequence[Member], part: list[int], near: Sequence[int] | None, until: float
+) -> Batch:
+    """The batch of some members of a set, followed by those near which they lie, if these are others."""
+    if near is None:
+        return simulator, [members[i] for i in part], list(range(len(part))), until
+    others = sorted({near[i] for i in part} - set(part)) if len(part) >= _WORTH else []
+    at = {i: k for k, i in enumerate((*part, *others))}
+    return simulator, [members[i] for i in at], [at.get(near[i], k) for i, k in at.items()], until
+
+
 def _elsewhere(batch: Batch) -> Answer:
     """Simulate a batch in another process, and count the simulations. None after the deadline: an exception would end
     the process, which may be needed for a later one."""
-    simulator, members, until = batch
+    simulator, members, near, until = batch
     runs = Runs(deadline=until)
     try:
-        return _batch(simulator, members, runs), runs.meter.simulations
+        return _batch(simulator, members, near, runs), runs.meter.simulations
     except OutOfTime:
         return None, runs.meter.simulations
 
@@ -82,7 +99,7 @@ def kind_of(terms: Sequence[Term]) -> str:
     return " ".join(sorted(set(own)))
 
 
-def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[Array | None]:
+def _batch(simulator: Simulator, members: Sequence[Member], near: Sequence[int], runs: Runs) -> list[Array | None]:
     # a term with free position has the label of the fixed one, but more unknowns
     terms = {(t.label, *(u.name for u in t.unknowns)): t for member in members for t in member.terms}
     network = rewired(simulator.network, terms.values())
@@ -93,14 +110,18 @@ def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[
     table = np.array([[float(each.get(n, nominal.get(n, 0.0))) for n in names] for each in moved])
     unique, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
     parameters = {n: unique[:, i] for i, n in enumerate(names) if n in nominal}
+    others = inverse.ravel()[np.asarray(near)[first]]
+    others[others] = others  # of those near which others lie, each starts by itself
     try:
-        X = simulator.coefficients(network, parameters, runs, driven(simulator.drive, [members[i] for i in first]))
+        X = simulator.coefficients(
+            network, parameters, runs, driven(simulator.drive, [members[i] for i in first]), others
+        )
         return [None if np.isnan(X[i]).any() else X[i] for i in inverse.ravel()]
     except BROKEN:
         if len(members) == 1:
             return [None]
     half = len(members) // 2
-    return _batch(simulator, members[:half], runs) + _batch(simulator, members[half:], runs)
+    return [X for part in (members[:half], members[half:]) for X in _batch(simulator, part, range(len(part)), runs)]
 
 
 def _values(members: Sequence[Member], network: Network) -> Iterator[dict[str, float]]:

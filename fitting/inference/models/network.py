@@ -191,13 +191,16 @@ class NetworkProblem(Single):
     def individual(self) -> Self:
         return replace(self, deviations=self.possible)
 
-    def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
+    def observe(
+        self, members: Sequence[Member], runs: Runs | None = None, near: Sequence[int] | None = None
+    ) -> list[Array | None]:
         """X : (K+1, m) after the sensors, of every member; None if the simulation broke down.
 
-        runs : counts the simulations and limits their time. Zeros of sensors that are unknowns shift the means.
+        runs : counts the simulations and limits their time. near : the member near which each one lies, whose difference
+        from it is wanted. Zeros of sensors that are unknowns shift the means.
         """
         each = [zeros_apart(member, self.signals) for member in members]
-        (found,) = simulated([(self.simulator, [member for member, _ in each])], runs or Runs())
+        (found,) = simulated([(self.simulator, [member for member, _ in each])], runs or Runs(), near)
         pairs = zip(found, (zeros for _, zeros in each), strict=True)
         return [X if X is None or zeros is None else X + np.eye(len(X), 1) * zeros for X, zeros in pairs]
 
@@ -219,12 +222,12 @@ class NetworkProblem(Single):
     def linearised(self, trials: Sequence[Trial], runs: Runs) -> list[tuple[Array, Array] | None]:
         """X : (K+1, m) of every trial and its derivatives (K+1, m, q), by finite differences; all in one batch."""
         steps = [finite_steps(t.member.unknowns, t.member.x, self.step)[t.by] for t in trials]
-        moved = [
-            replace(t.member, x=x)
-            for t, s in zip(trials, steps, strict=True)
-            for x in np.concatenate([t.member.x[None], t.member.x + s[:, None] * np.eye(len(t.member.x))[t.by]])
-        ]
-        X, found = self.observe(moved, runs), list[tuple[Array, Array] | None]()
+        moved, near = list[Member](), list[int]()
+        for t, s in zip(trials, steps, strict=True):
+            near += [len(moved)] * (1 + len(s))
+            moved.append(t.member)
+            moved += [replace(t.member, x=x) for x in t.member.x + s[:, None] * np.eye(len(t.member.x))[t.by]]
+        X, found = self.observe(moved, runs, near), list[tuple[Array, Array] | None]()
         for step in steps:
             there, X = [x for x in X[: 1 + len(step)] if x is not None], X[1 + len(step) :]
             whole = np.stack(there, axis=-1) if len(there) > len(step) else None

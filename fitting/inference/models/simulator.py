@@ -72,9 +72,10 @@ class Simulator:
 
     def coefficients(
         self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
+        near: Array | None = None,
     ) -> Array:  # fmt: skip
         """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow (possibly one per member),
-        after the known filters and zeros of the channels.
+        after the known filters and zeros of the channels. near : as in :func:`~solver.beat_harmonics`.
 
         Members without a periodic beat are NaN.
         Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
@@ -82,7 +83,7 @@ class Simulator:
         runs.check()
         inflow, B = inflow or self.drive, max((np.size(value) for value in parameters.values()), default=1)
         if self.beyond:
-            X = self._balanced(network, parameters, runs, inflow)
+            X = self._balanced(network, parameters, runs, inflow, near)
         elif self.forced is None:
             X = self._in_time(network, parameters, runs, inflow)
         else:
@@ -91,13 +92,15 @@ class Simulator:
         X = as_shown(network, self.names, self.T, X)
         return X if self.forced is None else X + self.forced.signals
 
-    def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
+    def _balanced(
+        self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow, near: Array | None
+    ) -> Array:
         """By harmonic balance; NaN if none is found. Raises ValueError if a member has no steady state."""
         forced = self.forced if self.forced and self.forced.sources else None
         sources, amplitudes = (forced.sources, forced.amplitudes) if forced else ((), None)
         return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
                               settings=self.settings, tolerance=self.tolerance, more=self.beyond,
-                              sources=sources, amplitudes=amplitudes, progress=runs.check)  # fmt: skip
+                              sources=sources, amplitudes=amplitudes, progress=runs.check, near=near)  # fmt: skip
 
     def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
         """By time stepping until beats repeat."""

@@ -1,0 +1,83 @@
+"""Beats that start at another beat: their difference is more accurate than each, with every law, effect and outlet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_native import values_of
+
+from solver import InputError, Network, Resistance, Windkessel, beat_harmonics
+from solver.laws import effects
+from solver.laws.effect import Array, Effect
+
+K = 8
+ROUGH, SHARP = 1e-5, 1e-10  # tolerances: of the compared beats, and of those they are compared with
+WITHIN = 2e-3  # of the largest change of its kind of output; 1.4e-3 was measured with a leak, 9e-5 without
+EQUAL = 1e-6  # of the largest change of its kind, a thousandth of the pulse: engine and NumPy
+
+
+def names(network: Network) -> list[str]:
+    return list(network.output_units())
+
+
+def change(network: Network, moved: dict[str, Array], **options: object) -> Array:
+    """(K+1, m) of the second parameter set against the first."""
+    X = beat_harmonics(network, names(network), K, parameters=moved, **options)  # type: ignore[arg-type]
+    return np.asarray(X[1] - X[0])
+
+
+def check(network: Network, moved: dict[str, Array]) -> None:
+    exact = change(network, moved, tolerance=SHARP)
+    kinds = np.array([n[-1] for n in names(network)])
+    numpy, engine = (change(network, moved, tolerance=ROUGH, near=[0, 0], backend=b) for b in ("numpy", "auto"))
+    for kind in "PQR":
+        of = kinds == kind
+        size = np.abs(exact[:, of]).max()
+        assert np.abs(numpy - exact)[:, of].max() < WITHIN * size, kind
+        assert np.abs(engine - numpy)[:, of].max() < EQUAL * size, kind
+
+
+@pytest.mark.parametrize("effect", [e for e in effects.ALL if e.owner != "channel"], ids=lambda e: e.name)
+def test_effects(effect: Effect, sheep: Network) -> None:
+    """Memories, leaks and losses are those of the beat sought; of a wall, its radius and modulus differ."""
+    place = next(p for p in ("CA", "all", *effect.where(sheep)) if p in effect.where(sheep))
+    network = effect.add(sheep, place, values_of(effect))
+    moved = {name: network.parameters()[name] * np.array([1.0, 1.002]) for name in ("CA.E", "DD.R0", "MD.L")}
+    check(network, moved)
+
+
+@pytest.mark.parametrize(("name", "factor"), [("R1", 1.01), ("C", 1.02), ("R2", 1.02)])
+def test_outlets_store_by_their_own_numbers(name: str, factor: float, sheep: Network) -> None:
+    network = sheep.with_outlet(Windkessel("CA", R1=1e8, C=1e-10, R2=4e9)).with_outlet(Resistance("VA2", R=8e9))
+    value = network.parameters()[f"CA.outlet.{name}"]
+    check(network, {f"CA.outlet.{name}": value * np.array([1.0, factor])})
+
+
+def test_a_member_is_what_it_is_alone(sheep: Network) -> None:
+    """To the last bit, whoever else is in the batch; and the beat at which others start is the one without them."""
+    moved = {"CA.E": 5e5 * np.array([1.0, 1.1, 1.0, 1.02]), "AA.R0": 0.009 * np.array([1.0, 1.0, 1.001, 1.001])}
+    whole = beat_harmonics(sheep, names(sheep), K, parameters=moved, near=[0, 1, 0, 1])
+    pair = beat_harmonics(sheep, names(sheep), K, parameters={n: x[[1, 3]] for n, x in moved.items()}, near=[0, 0])
+    np.testing.assert_array_equal(whole[[1, 3]], pair)
+    alone = beat_harmonics(sheep, names(sheep), K, parameters={n: x[:2] for n, x in moved.items()})
+    np.testing.assert_array_equal(whole[:2], alone)
+
+
+def test_parts_without_room_keep_their_starts(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
+    moved = {"CA.E": 5e5 * np.array([1.0, 1.1, 1.001, 1.101])}
+    expected = beat_harmonics(sheep, names(sheep), K, parameters=moved, near=[0, 1, 0, 1])
+    monkeypatch.setattr("solver.harmonics.storable", lambda model: (K + 8) // model.coefficients.B)
+    found = beat_harmonics(sheep, names(sheep), K, parameters=moved, near=[0, 1, 0, 1])
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_of_a_beat_that_is_not_there_nothing_is_found(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("solver.harmonics._CORRECTIONS", 2)
+    X = beat_harmonics(sheep, names(sheep), K, parameters={"CA.E": np.array([5e5, 5.1e5])}, near=[0, 0])
+    assert np.isnan(X).all()
+
+
+@pytest.mark.parametrize("near", [[0], [0, 2], [1, 0], [0.0, 0.0], [-1, 0], [1, 1, 1]])
+def test_refused_in_one_sentence(near: list[float], sheep: Network) -> None:
+    with pytest.raises(InputError, match=r"near = .*: it must give, for each of the 2 parameter sets"):
+        beat_harmonics(sheep, names(sheep), K, parameters={"CA.E": np.array([5e5, 6e5])}, near=near)  # type: ignore[arg-type]
