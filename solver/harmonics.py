@@ -15,17 +15,14 @@ from .network.description import Network
 from .network.inflow import Drives, Inflows, drives_of
 from .periodic.harmonic_balance import (
     MOST,
-    Near,
-    Waves,
-    amplitudes,
     balanced,
     moments_of,
-    samples,
     spectrum,
     steady,
     storable,
 )
 from .periodic.native_balance import BalanceEngine, Beat, Unsolved, engine_for
+from .periodic.waves import Near, Waves, amplitudes, samples
 from .scheme.guards import physical
 from .scheme.model import Model, Settings, build
 from .scheme.outputs import reporter
@@ -165,8 +162,8 @@ def _checked(near: Sequence[int], B: int) -> Array:
     whole = found.shape == (B,) and found.dtype.kind in "iu" and ((found >= 0) & (found < B)).all()
     if not (whole and (found[found] == found).all()):
         raise InputError(
-            f"near = {near!r:.80}: it must give, for each of the {B} parameter sets, the index of the one at whose beat "
-            "its search starts; that one must start by itself, with its own index."
+            f"near = {near!r:.80}: it must give, for each of the {B} parameter sets, the index of the set at whose "
+            "beat its corrections start; that set must have its own index."
         )
     return found
 

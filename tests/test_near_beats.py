@@ -13,7 +13,7 @@ from solver.laws.effect import Array, Effect
 K = 8
 ROUGH, SHARP = 1e-5, 1e-10  # tolerances: of the compared beats, and of those they are compared with
 WITHIN = 2e-3  # of the largest change of its kind of output; 1.4e-3 was measured with a leak, 9e-5 without
-EQUAL = 1e-6  # of the largest change of its kind, a thousandth of the pulse: engine and NumPy
+EQUAL = 1e-5  # of the largest change of its kind, a thousandth of the pulse or less: engine and NumPy
 
 
 def names(network: Network) -> list[str]:

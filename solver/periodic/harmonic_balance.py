@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -41,89 +41,21 @@ from ..scheme.stage import (
     start,
 )
 from ..scheme.step import State, initial_state
+from .waves import SAMPLES, Near, Waves, amplitudes, constant, samples, taus_of
 
 Array = np.ndarray
 Drive = Callable[[Array], Array]
 
 _STORAGE = 5e8  # bytes of the Jacobians of all harmonics; larger meshes or batches get fewer harmonics
-_SAMPLES = 4  # per harmonic in a period, to resolve products of harmonics
 _TOGETHER = 3000  # elements of members and moments in one operation (measured: equally fast from 800 to 12 000)
 _FINE = 4096  # samples of the drive, whose mean must be accurate
 MOST = _FINE // 4  # harmonics
 LONG = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
-_MEAN = 1e4  # s, the mean as a wave so slow that everything follows it; a longer one has rounding errors
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
 class NoSteadyState(InputError):
     """The network has no steady state under the mean of its drive; the message says where, and what to do."""
-
-
-class Waves(NamedTuple):
-    """Amplitudes of e^{iωt}, the mean first: y (K+1, B, n) of the state vector, H (K+1, B, n_nodes) [Pa]."""
-
-    omega: Array
-    y: Array
-    H: Array
-
-    def at(self, t: float, derivative: bool = False) -> tuple[Array, Array]:
-        """y and H, or their time derivatives, t [s] after the start."""
-        turn = np.where(self.omega == 0.0, 1.0, 2.0) * np.exp(1j * self.omega * t)
-        turn = turn * (1j * self.omega) if derivative else turn
-        y, H = (np.tensordot(turn, x, 1).real for x in (self.y, self.H))
-        return y, H
-
-    @property
-    def rates(self) -> Array:
-        """Amplitudes of dy/dt."""
-        return 1j * self.omega[:, None, None] * self.y
-
-    def where(self, members: Array, other: Waves) -> Waves:
-        """These waves for some members : (B,), ``other`` for the rest."""
-        own = members[:, None]
-        return Waves(self.omega, np.where(own, self.y, other.y), np.where(own, self.H, other.H))
-
-    @staticmethod
-    def joined(parts: Sequence[Waves]) -> Waves:
-        """The waves of the members of all parts."""
-        return Waves(
-            parts[0].omega, *(np.concatenate(each, axis=1) for each in zip(*(p[1:] for p in parts), strict=True))
-        )
-
-    def members(self, which: Array | slice) -> Waves:
-        """The waves of some members."""
-        return Waves(self.omega, self.y[:, which], self.H[:, which])
-
-
-class Near(NamedTuple):
-    """The beats near which others are sought: waves about their own steady state, with the amplitudes of the residuals
-    that they leave of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes).
-
-    Others leave the same residuals, so that the difference of two beats is more accurate than each.
-    """
-
-    waves: Waves
-    momentum: Array
-    nodes: Array
-
-    @staticmethod
-    def of(waves: Waves, rest: State, momentum: Array, nodes: Array) -> Near:
-        n = len(waves.omega)
-        about = Waves(waves.omega, waves.y - constant(rest.y, n), waves.H - constant(rest.H, n))
-        return Near(about, momentum, nodes)
-
-    @staticmethod
-    def joined(parts: Sequence[Near]) -> Near:
-        """Those of the members of all parts."""
-        return Near(
-            Waves.joined([p.waves for p in parts]),
-            np.concatenate([p.momentum for p in parts], axis=1),
-            np.concatenate([p.nodes for p in parts], axis=1),
-        )
-
-    def members(self, which: Array | slice) -> Near:
-        """Those of some members."""
-        return Near(self.waves.members(which), self.momentum[:, which], self.nodes[:, which])
 
 
 def storable(model: Model) -> int:
@@ -185,18 +117,7 @@ class Moments:
 
 def moments_of(model: Model, harmonics: int) -> Moments:
     """The moments of a period for this number of harmonics, mean included."""
-    return Moments.of(model, _SAMPLES * (harmonics - 1))
-
-
-def samples(x: Array) -> Array:
-    """Values over a period : (4 K, …) of amplitudes x : (K+1, …)."""
-    return np.fft.irfft(x, _SAMPLES * (len(x) - 1), axis=0, norm="forward")
-
-
-def amplitudes(x: Array, like: Array) -> Array:
-    """Amplitudes : (K+1, B, …) of the values of all members, time after time; K and B are those of ``like``."""
-    K, B = len(like) - 1, like.shape[1]
-    return np.fft.rfft(x.reshape(_SAMPLES * K, B, *x.shape[1:]), axis=0, norm="forward")[: K + 1]
+    return Moments.of(model, SAMPLES * (harmonics - 1))
 
 
 # --- the steady state ---------------------------------------------------------------------------------------------
@@ -248,9 +169,9 @@ def balanced(
     of the last correction of each member : (B,), relative to the pulsating flows.
 
     tolerance : a smaller correction is the last; with ``of_first``, one smaller than that part of the first is. most :
-    maximum number of corrections. If they grow, the waves before them are returned, with infinite size; after ``most`` the size is
-    infinite, too. tell : called after each. forcing : of sources, beside the drives. near : beats at which the
-    corrections start, instead of the steady state. keep : return these beats for others to start at.
+    maximum number of corrections. If they grow, the waves before them are returned, with infinite size; after ``most``
+    the size is infinite, too. tell : called after each. forcing : of sources, beside the drives. near : beats at which
+    the corrections start, instead of the steady state. keep : return these beats for others to start at.
     """
     omega = 2.0 * np.pi / T * np.arange(len(drive))
     response, moments = Response.about(model, taus_of(omega), rest), moments_of(model, len(omega))
@@ -262,7 +183,7 @@ def balanced(
         R, net = moments.left_over(filled, drive)
         return filled, R + forcing.momentum, net + forced
 
-    waves = response.stored(started(model, rest.y, rest.H, omega, near and near.waves), forcing)
+    waves = response.stored(started(model, rest, omega, near), forcing)
     waves = before = _remembering(model, waves, taus_of(omega))
     first = last = np.full(model.coefficients.B, np.inf)
     active = last > 0.0
@@ -285,37 +206,27 @@ def balanced(
     return waves, np.where(active, np.inf, last), kept
 
 
-def started(model: Model, y: Array, H: Array, omega: Array, near: Waves | None = None) -> Waves:
-    """The waves at which corrections start: the steady state y : (B, n), H : (B, n_nodes), with the flows, pressures
-    and mean areas of other waves about their own steady state.
+def started(model: Model, rest: State, omega: Array, near: Near | None = None) -> Waves:
+    """The waves at which corrections start: the steady state, with the flows, pressures and mean areas of other beats
+    about theirs.
 
     Corrections keep the equations of mass and of the outlets' stores, which are linear, and must find them fulfilled:
 
         A_k = -∂Q_k/∂x / iω_k,    P_C,k = charge_k Q_k
     """
-    begun = Waves(omega, constant(y, len(omega)), constant(H, len(omega)))
+    begun = Waves(omega, constant(rest.y, len(omega)), constant(rest.H, len(omega)))
     if near is None:
         return begun
     layout, mesh, taus = model.layout, model.mesh, taus_of(omega)
     A, Q, P_C = (layout.part(begun.y, name) for name in ("A", "Q", "P_C"))
-    A_near, Q_near = layout.part(near.y, "A"), layout.part(near.y, "Q")
+    A_near, Q_near = (layout.part(near.waves.y, name) for name in ("A", "Q"))
     A[0] += A_near[0]
     A[1:] = np.reshape(taus[1:], (-1, 1, 1, 1)) * (Q_near[1:] @ mesh.element.d_xi) * model.minus_J_inverse
     Q += Q_near
     if P_C.size:
         ends = Q_near[:, :, mesh.outlet_element, -1]
         P_C += [loads_of(model, tau).charge * flow for tau, flow in zip(taus, ends, strict=True)]
-    return begun._replace(H=begun.H + near.H)
-
-
-def taus_of(omega: Array) -> list[Any]:
-    """The stage lengths with the Jacobians of waves e^{iωt}; the mean is a very slow one."""
-    return [1.0 / (1j * w) if w else _MEAN for w in omega]
-
-
-def constant(x: Array, n: int) -> Array:
-    """Amplitudes (n, …) of a constant x."""
-    return np.concatenate([x[None], np.zeros((n - 1, *x.shape))]).astype(complex)
+    return begun._replace(H=begun.H + near.waves.H)
 
 
 def _size(model: Model, y: Array) -> Array:

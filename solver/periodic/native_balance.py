@@ -22,7 +22,8 @@ from ..scheme.step import State, initial_state
 from ..tracing.native import Bound, NoEngine, Program, check_backend, library, refuse_without
 from ..tracing.recorder import Untraceable
 from .balance_program import PLACES, Sizes, recorded
-from .harmonic_balance import LONG, Near, Waves, started, taus_of
+from .harmonic_balance import LONG, started
+from .waves import Near, Waves, taus_of
 
 Array = np.ndarray
 
@@ -157,14 +158,16 @@ class BalanceEngine:
         forced, let_out = self._forced(forcing, near, K + 1)
         told = 0
         rest = [self.steady(b, means[b]) for b in range(B)]
-        begun = started(self.model, *map(np.stack, zip(*rest, strict=True)), omega, near and near.waves)
+        still = self.resting([y for y, _ in rest], [H for _, H in rest])
+        begun = started(self.model, still, omega, near)
         begins = _planes(np.concatenate([begun.y, begun.H], axis=2), B)
         for b, (y, H) in enumerate(rest):
             held = self.held(b, taus, y, H)
             own, X = (self._bound.fixed[b], self._bound.work), begins[b]
             left = np.empty((K + 1, 2, self._size.left)) if keep else None
             made = self._run("arterial_balanced", period, *own, held, drives[b], forced and forced[b],
-                             let_out and let_out[b], tolerance, of_first, most, X, scratch, ctypes.byref(last), left)  # fmt: skip
+                             let_out and let_out[b], tolerance, of_first, most, X, scratch, ctypes.byref(last),
+                             left)  # fmt: skip
             while tell and told * B < made * (b + 1):  # as many calls as corrections of a whole batch, evenly spread
                 told += 1
                 tell()

@@ -18,8 +18,9 @@ from ..network.inflow import Inflows, drives_of
 from ..scheme.model import Model, Settings, build
 from ..scheme.outputs import reporter
 from ..scheme.step import State
-from .harmonic_balance import Response, constant, spectrum, steady, taus_of
+from .harmonic_balance import Response, spectrum, steady
 from .native_balance import BalanceEngine, Unsolved, engine_for
+from .waves import constant, taus_of
 
 Array = np.ndarray
 

@@ -15,7 +15,8 @@ from ..scheme.guards import NonPhysicalState, check
 from ..scheme.model import Model
 from ..scheme.sdirk import SDIRK3
 from ..scheme.step import State
-from .harmonic_balance import Drive, Waves, balanced, spectrum, steady, storable
+from .harmonic_balance import Drive, balanced, spectrum, steady, storable
+from .waves import Waves
 
 Array = np.ndarray
 

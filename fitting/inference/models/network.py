@@ -196,8 +196,8 @@ class NetworkProblem(Single):
     ) -> list[Array | None]:
         """X : (K+1, m) after the sensors, of every member; None if the simulation broke down.
 
-        runs : counts the simulations and limits their time. near : the member near which each one lies, whose difference
-        from it is wanted. Zeros of sensors that are unknowns shift the means.
+        runs : counts the simulations and limits their time. near : the member near which each one lies, whose
+        difference from it is wanted. Zeros of sensors that are unknowns shift the means.
         """
         each = [zeros_apart(member, self.signals) for member in members]
         (found,) = simulated([(self.simulator, [member for member, _ in each])], runs or Runs(), near)

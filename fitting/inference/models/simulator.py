@@ -100,7 +100,8 @@ class Simulator:
         sources, amplitudes = (forced.sources, forced.amplitudes) if forced else ((), None)
         return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
                               settings=self.settings, tolerance=self.tolerance, more=self.beyond,
-                              sources=sources, amplitudes=amplitudes, progress=runs.check, near=near)  # fmt: skip
+                              sources=sources, amplitudes=amplitudes, progress=runs.check,
+                              near=None if near is None else near.tolist())  # fmt: skip
 
     def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
         """By time stepping until beats repeat."""
