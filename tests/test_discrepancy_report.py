@@ -229,10 +229,8 @@ def test_nothing_is_written_if_something_fails(tmp_path: Path, sheep: Network) -
 
 
 def test_a_sensor_is_said_to_be_one(tmp_path: Path, sheep: Network) -> None:
-    write_report(
-        replace(synthetic("ambiguous", sheep), verdict="effect", effects=(LAG,), members=(((LAG.name, LAG.where),),)),
-        tmp_path,
-    )
+    named = {"verdict": "effect", "effects": (LAG,), "members": (((LAG.name, LAG.where),),)}
+    (tmp_path / "report.html").write_text(page(replace(synthetic("ambiguous", sheep), **named), {}), encoding="utf-8")
     text = read(tmp_path / "report.html").text
     for words in (
         "A sensor explains the disagreement",
