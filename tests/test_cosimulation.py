@@ -210,7 +210,7 @@ def test_inlet_pressure_under_held_inflow(sheep: Network, parameters: dict[str, 
         return float(sheep.inlet.Q(t))
 
     value = run(sheep, times, half_sine, interpolation="hold", parameters=parameters)
-    fine = Settings(dt=0.04 * MS, element_length=0.02)
+    fine = Settings(dt=0.1 * MS, element_length=0.02)
     expected = run(sheep, times, half_sine, interpolation="hold", parameters=parameters, settings=fine)
     assert largest_error(value[:, :1], expected[:, :1]) <= (0.014 if parameters else 0.03)
 
@@ -226,7 +226,7 @@ def test_held_inflow_in_short_steps(sheep: Network, parameters: dict[str, float]
     def half_sine(t: float) -> float:
         return float(sheep.inlet.Q(t))
 
-    fine = Settings(dt=0.04 * MS, element_length=0.02)
+    fine = Settings(dt=0.1 * MS, element_length=0.02)
     value, expected = (
         run(sheep, times, half_sine, interpolation="hold", parameters=parameters, settings=settings)[:, 0]
         for settings in (Settings(), fine)

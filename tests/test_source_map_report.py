@@ -306,7 +306,9 @@ def test_the_page_begins_with_the_map() -> None:
     )
     assert "The missing physics acts as:\n- a loss of flow along B" in html and drawings["map"].source in html
     nothing = replace(MADE, map=shown())
-    assert "map" not in figures(replace(nothing, **NO_OTHERS)) and "No place shows a residual beyond noise" in page(nothing, {})
+    assert "map" not in figures(replace(nothing, **NO_OTHERS)) and "No place shows a residual beyond noise" in page(
+        nothing, {}
+    )
     assert "Where the missing physics acts" not in page(MADE, {})
     assert "map" not in figures(replace(MADE, **NO_OTHERS))
 
