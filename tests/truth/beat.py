@@ -57,7 +57,7 @@ def at_phase(c: Array, phase: Array) -> Array:
 
 
 def _powers(phase: Array, count: int) -> Array:
-    """e^{2πik phase}, k < count : (n, count), as products of few: an exponential costs ten times as much as a product."""
+    """e^{2πik phase}, k < count : (n, count), as products of few: an exponential costs as much as ten of these."""
     few = 32
     low, high = (np.exp(2j * np.pi * np.outer(phase, k)) for k in (np.arange(few), few * np.arange(-(-count // few))))
     return (high[:, :, None] * low[:, None, :]).reshape(len(phase), -1)[:, :count]
