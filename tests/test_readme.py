@@ -1,4 +1,4 @@
-"""Every snippet of README.md, CONTRIBUTING.md and docs/ runs, here and in test_snippets_of_*.py; tables and links hold."""
+"""Snippets of README.md, CONTRIBUTING.md and docs/ run, here and in test_snippets_of_*.py; tables and links hold."""
 
 from __future__ import annotations
 
