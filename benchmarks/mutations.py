@@ -81,6 +81,10 @@ FAULTS = (
 )  # fmt: skip
 
 
+# a fault of the same length within the same second would run the module as it was compiled without it
+_ANEW = {"PYTHONDONTWRITEBYTECODE": "1"}
+
+
 def caught(fault: Fault, tree: Path) -> str:
     """The test that fails with the fault, "" where none does. Raises ValueError where the fault cannot be put in, and
     where its tests do not run."""
@@ -101,7 +105,7 @@ def first_failure(tests: str, tree: Path) -> str:
     line = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", *files]
     done = subprocess.run(
         [*line, "-m", "not slow and not endurance"],
-        cwd=tree, env={**os.environ, "PYTHONPATH": str(tree)}, capture_output=True, text=True, check=False,
+        cwd=tree, env={**os.environ, "PYTHONPATH": str(tree), **_ANEW}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     if done.returncode == 0:
         return ""

@@ -84,9 +84,14 @@ def _memory(wall: Wall, N: int, T: float) -> Array:
 
 def circulant(h: Array, N: int) -> Array:
     """(N, N) matrix that multiplies harmonic k of N samples by h_k : (N//2 + 1,)."""
-    c = np.fft.irfft(h, N)
+    return np.fft.irfft(h, N)[_differences(N)]
+
+
+@lru_cache(maxsize=8)
+def _differences(N: int) -> Array:
+    """i - j of all entries (i, j), modulo N."""
     at = np.arange(N)
-    return c[at[:, None] - at]
+    return (at[:, None] - at) % N
 
 
 @lru_cache(maxsize=8)

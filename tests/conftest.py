@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from c_host import CHost, compiled
 from commands import in_process
 from fmus import COARSE, TIGHT, Instance, Store, mixed
 from native_fmus import can_build
+from snippets import Lines
 
 from build_fmu import build, build_native
 from solver import Network, Settings, load
@@ -31,14 +33,24 @@ hypothesis.settings.register_profile("seeded", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("seeded")
 
 # the files that take longest: first, so that at the end no core waits for another
-LONGEST = ("install", "readme", "examples", "discrepancy_several", "toy", "hidden_bank", "notebooks",
-           "discrepancy_bench", "discrepancy_workflow", "closed_loop", "discrepancy_walls")  # fmt: skip
+LONGEST = (
+    "install", "snippets_of_recordings", "readme", "snippets_of_discrepancy", "snippets_of_fitting", "examples",
+    "discrepancy_several", "toy", "hidden_bank", "notebooks", "discrepancy_bench", "discrepancy_workflow",
+    "closed_loop", "discrepancy_walls",
+)  # fmt: skip
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """In the order in which processes are to take them."""
     rank = {f"test_{name}": i for i, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage less often, and leave out modules and tests: a twentieth of all time went there."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 10)
 
 
 @pytest.fixture(scope="session")
@@ -70,10 +82,22 @@ def one_process() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def stored(tmp_path_factory: pytest.TempPathFactory) -> Store:
-    """Builds each FMU once for all processes of a run: ``stored(build, network)``; nobody may write to it."""
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of all processes of a run."""
     folder = tmp_path_factory.getbasetemp()
-    return Store((folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "stored")
+    return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+
+
+@pytest.fixture(scope="session")
+def lines(shared_folder: Path) -> Lines:
+    """Lines of shell in documents."""
+    return Lines(shared_folder / "lines")
+
+
+@pytest.fixture(scope="session")
+def stored(shared_folder: Path) -> Store:
+    """Builds each FMU once for all processes of a run: ``stored(build, network)``; nobody may write to it."""
+    return Store(shared_folder / "stored")
 
 
 class _Built(dict[str, Path]):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
 
 from fitting.records.alignment.beats import Beats
-from fitting.records.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius
+from fitting.records.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radii, solve_radius
 
 T, N, BEATS = 0.5, 100, 15
 
@@ -23,7 +24,20 @@ def recording(
     wall: VirtualWall, dB: float | None = None, seed: int = 0, *, n: int = N, beats: int = BEATS, pulse: float = 4e3
 ) -> Beats:
     """A virtual recording at site "S": clean, or with white noise on P and R."""
-    P, R = (np.tile(x, beats) for x in loop(wall, n, pulse))
+    return repeated(*loop(wall, n, pulse), dB, seed, beats)
+
+
+def loops(walls: Sequence[VirtualWall]) -> Iterator[Beats]:
+    """Clean virtual recordings of many walls, of one integration."""
+    p, n = jarvik_pressure(T, pulse=4e3), len(walls)
+    P = pressure_at(p, T, np.arange(N) * T / N)
+    for R in solve_radii(walls, np.tile(p, (n, 1)), np.full(n, T), N, rtol=1e-13):
+        yield repeated(P, R)
+
+
+def repeated(P: np.ndarray, R: np.ndarray, dB: float | None = None, seed: int = 0, beats: int = BEATS) -> Beats:
+    """A recording of as many beats as one, clean or with white noise."""
+    n, P, R = len(P), np.tile(P, beats), np.tile(R, beats)
     if dB is not None:
         rng = np.random.default_rng(seed)
         P, R = measured(P, rng, dB), measured(R, rng, dB)

@@ -195,7 +195,8 @@ def test_figures_are_those_on_the_page(reports: Callable[[str], Path]) -> None:
 def test_bench_has_no_network(tmp_path: Path, sheep: Network) -> None:
     """A bench record: one site, its radius is not compared; figures of an earlier report go."""
     full = synthetic("several", sheep)
-    write_report(full, tmp_path)
+    write_report(replace(full, channels=(), z_map=np.zeros((0, 0)), isolability=None), tmp_path)
+    assert {p.stem for p in (tmp_path / "figures").iterdir()} == {"network", "map"}
     write_report(replace(full, kind="bench", channels=full.channels[3::2], z_map=full.z_map[:, 3:4]), tmp_path)
     assert {p.stem for p in (tmp_path / "figures").iterdir()} == set(NAMES) - {"network", "map"}
     read(tmp_path / "report.html")
@@ -217,7 +218,7 @@ def test_numbers_below_the_z_map_do_not_touch(sheep: Network, harmonics: int, la
 def test_many_labels(tmp_path: Path, sheep: Network) -> None:
     """A sensor set with 150 effects and places, and one with a single one."""
     for n in (150, 1):
-        write_report(replace(synthetic("unusable", sheep), isolability=isolability(n)), tmp_path)
+        write_report(replace(synthetic("unusable", sheep), kind="bench", isolability=isolability(n)), tmp_path)
         read(tmp_path / "report.html")
         assert (tmp_path / "figures" / "isolability.png").stat().st_size > 1000
 
@@ -229,10 +230,8 @@ def test_nothing_is_written_if_something_fails(tmp_path: Path, sheep: Network) -
 
 
 def test_a_sensor_is_said_to_be_one(tmp_path: Path, sheep: Network) -> None:
-    write_report(
-        replace(synthetic("ambiguous", sheep), verdict="effect", effects=(LAG,), members=(((LAG.name, LAG.where),),)),
-        tmp_path,
-    )
+    named = {"verdict": "effect", "effects": (LAG,), "members": (((LAG.name, LAG.where),),)}
+    (tmp_path / "report.html").write_text(page(replace(synthetic("ambiguous", sheep), **named), {}), encoding="utf-8")
     text = read(tmp_path / "report.html").text
     for words in (
         "A sensor explains the disagreement",

@@ -185,7 +185,7 @@ def test_dispersion() -> None:
     network = tube(segment, Reflection("A", 0.5), VISCOUS, (0.25, 0.5, 0.75))
     beat = simulate_periodic(
         network, lambda t: 1e-9 * np.sin(omega * t), 0.25, settings=MusclSettings(cell=0.01), scheme="muscl",
-        tolerance=1e-5,
+        tolerance=1e-5, start="periodic",
     )  # fmt: skip
     P = [np.fft.rfft(beat[f"x{i}.P"][:-1])[1] for i in range(3)]
     measured = complex(np.arccosh((P[0] + P[2]) / (2.0 * P[1])) / (0.25 * L))

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -250,8 +248,8 @@ def _after(component: CoSimulation, values: dict[str, Any], t: float, h: float, 
     return tried
 
 
-def _excess(after: Callable[[float], CoSimulation], V: float, before: float, t: float, h: float, Q: float) -> float:
-    return ejected(V, before, t, h, after(Q).outputs()[0], 0.0) - Q
+def _excess(tried: CoSimulation, V: float, before: float, t: float, h: float, Q: float) -> float:
+    return ejected(V, before, t, h, tried.outputs()[0], 0.0) - Q
 
 
 @pytest.fixture(scope="module")
@@ -259,16 +257,19 @@ def monolithic(aorta: Network) -> Array:
     """Heart and arteries solved together, in steps of 0.25 ms: the flow of each step by a secant until both agree."""
     h = 0.25 * MS
     component, values = start(aorta, h, inlet__interpolation="linear")
-    V, Q, rows = 40 * ML, 0.0, []
+    V, Q, last, rows = 40 * ML, 0.0, 0.0, []
     for i in range(round(END / h)):
-        after = partial(_after, component, values, i * h, h)
-        excess = partial(_excess, after, V, Q, i * h, h)
-        a, b = Q, Q + 0.1 * ML
-        at_a, at_b = excess(a), excess(b)
+
+        def tried(flow: float, i: int = i, of: CoSimulation = component, V: float = V, Q: float = Q) -> Any:
+            made = _after(of, values, i * h, h, flow)
+            return made, _excess(made, V, Q, i * h, h, flow)
+
+        a, b = max(0.0, 2.0 * Q - last) + 0.01 * ML, max(0.0, 2.0 * Q - last)
+        (_, at_a), (there, at_b) = tried(a), tried(b)
         while abs(at_b) > 1e-9 and at_a != at_b:  # of 5e-4 m³/s
             a, at_a, b = b, at_b, max(0.0, b - at_b * (b - a) / (at_b - at_a))
-            at_b = excess(b)
-        component, V, Q = after(b), V - 0.5 * h * (Q + b), b
+            there, at_b = tried(b)
+        component, V, last, Q = there, V - 0.5 * h * (Q + b), Q, b
         rows.append([Q, *component.outputs()])
     return np.array(rows)
 

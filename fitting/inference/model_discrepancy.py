@@ -123,9 +123,9 @@ def _sums(fit: Fit, blocks: Sequence[Block], parts: Array) -> tuple[Array, Array
     for b, C, j in zip(blocks, inverse, JC, strict=True):
         left = b.B.T @ (C @ (y[b.rows] + fit.J[b.rows] @ x))
         taken = b.B.T @ j.T
-        own = np.einsum("iq,ij,jq->q", b.B, C, b.B)
+        own = (b.B * (C @ b.B)).sum(axis=0)
         power += np.bincount(b.part, left**2, len(parts))
-        trace += np.bincount(b.part, own - np.einsum("qa,ab,qb->q", taken, known, taken), len(parts))
+        trace += np.bincount(b.part, own - (taken * (taken @ known)).sum(axis=1), len(parts))
         whole += np.bincount(b.part, own, len(parts))
     return power, np.maximum(trace, _TAKEN * whole)
 

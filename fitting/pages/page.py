@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,9 @@ from solver.quantities.units import readable
 _LONGEST = 400  # characters of an entry; longer ones are only in the JSON file
 
 
+@cache
 def environment(folder: Path) -> Environment:
-    """The templates of a folder; text is escaped, and an undefined name is an error."""
+    """The templates of a folder, each compiled once; text is escaped, and an undefined name is an error."""
     return Environment(
         loader=FileSystemLoader(folder),
         autoescape=True,

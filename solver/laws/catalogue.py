@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..quantities.quantity import Quantity, quantities
 from . import effects
-from .effect import Array, Described, check_known
+from .effect import Array, Described, Effect, check_known
 from .sensors import KnownZero, Sensor
 
 (ZERO,) = KnownZero.terms  # its key
@@ -20,13 +21,18 @@ from .sensors import KnownZero, Sensor
 
 def terms_of(owner: str) -> dict[str, Quantity]:
     """The possible terms of a kind of owner, by key, in the order of the catalogue."""
-    return {key: q for e in effects.ALL if e.owner == owner and not e.always for key, q in e.terms.items()}
+    return dict(_terms(owner, effects.ALL))
+
+
+@lru_cache(maxsize=32)
+def _terms(owner: str, catalogue: tuple[Effect, ...]) -> Mapping[str, Quantity]:
+    return {key: q for e in catalogue if e.owner == owner and not e.always for key, q in e.terms.items()}
 
 
 def quantities_of(thing: Any) -> dict[str, Quantity]:
     """The quantities of an object of the network: its fields and its terms."""
     held = getattr(thing, "terms", {})
-    known = terms_of(thing.OWNER) if held else {}
+    known = _terms(thing.OWNER, effects.ALL) if held else {}
     return quantities(thing) | {key: q for key, q in known.items() if key in held}
 
 

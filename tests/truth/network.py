@@ -43,12 +43,14 @@ class NoPeriodicFlow(ArithmeticError):
 
 @dataclass(frozen=True)
 class Flow:
-    """A periodic flow: coefficients (K + 1, pieces, 2, n) of A/A0 and Q/(A0 c0), and its channels."""
+    """A periodic flow: coefficients (K + 1, pieces, 2, n) of A/A0 and Q/(A0 c0), its channels, and the linearised
+    equations that led to it."""
 
     unknown: Array
     channels: dict[str, Array]
     iterations: int
     correction: float
+    linear: Linearised
 
 
 class Balance:
@@ -169,21 +171,28 @@ class Balance:
 
     # --- the solution ----------------------------------------------------------------------------------------------
 
-    def solve(self, inflow: Array, start: Array | None = None, tolerance: float = TOLERANCE) -> Flow:
+    def solve(
+        self,
+        inflow: Array,
+        start: Array | None = None,
+        tolerance: float = TOLERANCE,
+        linear: Linearised | None = None,
+    ) -> Flow:
         """The periodic flow for an inflow of coefficients (K + 1,) [m³/s].
 
-        start : the unknowns of a flow nearby. Raises NoPeriodicFlow if the iteration does not converge.
+        start : the unknowns of a flow nearby; linear : the equations of that flow, linearised, which serve the first
+        iterations, as long as the pieces are the same. Raises NoPeriodicFlow if the iteration does not converge.
         """
         samples = self.beat.values(inflow)
         unknown = self.rest() if start is None else start
         total, correction = 0, np.inf
         for round_ in range(_ROUNDS):
-            linear = Linearised(self, unknown)
+            linear = linear if linear is not None and round_ == 0 else Linearised(self, unknown)
             sweeps = 3 if start is None and round_ == 0 else _SWEEPS
             unknown, used, correction = self._iterate(unknown, samples, linear, sweeps, tolerance)
             total += used
             if correction <= tolerance:
-                return Flow(unknown, self.channels(unknown), total, correction)
+                return Flow(unknown, self.channels(unknown), total, correction, linear)
         raise NoPeriodicFlow(f"after {total} iterations the correction is still {correction:.2g} of the pulse")
 
     def _iterate(

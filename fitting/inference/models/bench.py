@@ -62,10 +62,14 @@ class Seen:
     P: Chain
     R: Chain
 
+    def radius(self, r: Array) -> Array:
+        """True radius (B, N) for the measured radius r : (N,)."""
+        transfer, offset = map(np.atleast_2d, self.R)
+        return _chained(1.0 / transfer, r - offset)
+
     def true(self, r: Array) -> tuple[Array, Array]:
         """True radius and pressure (B, N) for the measured radius r : (N,)."""
-        transfer, offset = map(np.atleast_2d, self.R)
-        R = _chained(1.0 / transfer, r - offset)
+        R = self.radius(r)
         return R, law.pressure(self.wall, R, R @ law.derivative_matrix(len(r), self.T).T, self.T)
 
     def pressure(self, r: Array) -> Array:
@@ -75,7 +79,7 @@ class Seen:
 
     def slope(self, r: Array) -> Array:
         """dG/dr : (N, N) of the first wall of the batch."""
-        N, R = len(r), self.true(r)[0][0]
+        N, R = len(r), self.radius(r)[0]
         to_P, to_R = (np.atleast_2d(transfer)[0] for transfer, _ in (self.P, self.R))
         A = law.slope(self.wall, R, law.derivative_matrix(N, self.T) @ R, self.T)
         if np.any(to_P != 1.0):
