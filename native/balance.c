@@ -7,6 +7,7 @@
 enum { BLOCK = 32 };
 
 #define LEAST 2.2250738585072014e-308 /* the least normal number */
+#define MINUTE 1e-3 /* of the tolerance: a first correction below it may be round-off, which no further one makes less */
 
 static double *more(const arterial_balance *b, const memory *m, int which)
 {
@@ -375,7 +376,7 @@ int32_t arterial_balanced(const arterial_balance *b, const arterial_period *peri
     while (made < most) {
         leave(b, period, &m, held, X, drive, forced, &s);
         const double now = correct(b, period, &m, held, X, s.corrected, &s);
-        if (!made++ && of_first > 0.0) enough = of_first * now;
+        if (!made++ && of_first > 0.0) enough = of_first * (now > MINUTE * tolerance ? now : MINUTE * tolerance);
         if (!(now < *last)) { /* what was there before it grew stands */
             copy(X, s.before, all);
             break;

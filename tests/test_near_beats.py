@@ -81,3 +81,11 @@ def test_of_a_beat_that_is_not_there_nothing_is_found(sheep: Network, monkeypatc
 def test_refused_in_one_sentence(near: list[float], sheep: Network) -> None:
     with pytest.raises(InputError, match=r"near = .*: it must give, for each of the 2 parameter sets"):
         beat_harmonics(sheep, names(sheep), K, parameters={"CA.E": np.array([5e5, 6e5])}, near=near)  # type: ignore[arg-type]
+
+
+def test_nothing_moves(sheep: Network) -> None:
+    """A parameter set that changes no beat, or so little that a correction is round-off, has the same beat."""
+    moved = {"CA.E": 5e5 * np.array([1.0, 1.0, 1.0 + 1e-13])}
+    for backend in ("numpy", "auto"):
+        X = beat_harmonics(sheep, names(sheep), K, parameters=moved, near=[0, 0, 0], backend=backend)
+        np.testing.assert_allclose(X[1:], X[[0, 0]], rtol=1e-9, atol=1e-9 * np.abs(X).max())

@@ -51,6 +51,7 @@ _TOGETHER = 3000  # elements of members and moments in one operation (measured: 
 _FINE = 4096  # samples of the drive, whose mean must be accurate
 MOST = _FINE // 4  # harmonics
 LONG = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
+_MINUTE = 1e-3  # of the tolerance: a first correction below it may be round-off, which no further one makes less
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
@@ -197,7 +198,7 @@ def balanced(
         corrected = _remembering(model, Waves(omega, filled.y + y, filled.H + H), taus_of(omega))
         waves, before = corrected.where(better, before.where(active & ~less, waves)), waves.where(better, before)
         last = np.where(active, np.where(less, size, np.inf), last)
-        active = better & (size > (of_first * first if of_first else tolerance))
+        active = better & (size > (of_first * np.maximum(first, _MINUTE * tolerance) if of_first else tolerance))
         if tell:
             tell()
         if not active.any():
