@@ -7,6 +7,9 @@
 enum { BLOCK = 32 };
 
 #define LEAST 2.2250738585072014e-308 /* the least normal number */
+#define MIXED 2 /* earlier corrections that are mixed into one */
+#define SLOW 0.25 /* of the last correction: a smaller one needs no mixing */
+#define INDEPENDENT 1e-10 /* of the corrections' squares, added to the normal equations */
 #define MINUTE 1e-3 /* of the tolerance: a first correction below it may be round-off, which no further one makes less */
 
 static double *more(const arterial_balance *b, const memory *m, int which)
@@ -179,7 +182,7 @@ static void amplitudes(const arterial_period *period, double *v, int32_t n, doub
 /* --- the balance ------------------------------------------------------------------------------------------------------ */
 
 typedef struct {
-    double *waves, *v, *out, *left, *filled, *before, *corrected, *past; /* see arterial_scratch */
+    double *waves, *v, *out, *left, *filled, *before, *corrected, *past, *mixed; /* see arterial_scratch */
 } scratch_parts;
 
 static int32_t widest(const arterial_balance *b)
@@ -201,7 +204,8 @@ static scratch_parts parted(const arterial_balance *b, const arterial_period *pe
     s.before = s.filled + X;
     s.corrected = s.before + X;
     s.past = s.corrected + X;
-    if (size) *size = s.past + harmonics * b->n_past - scratch;
+    s.mixed = s.past + harmonics * b->n_past; /* of each earlier correction the waves before and after it */
+    if (size) *size = s.mixed + 2 * MIXED * X - scratch;
     return s;
 }
 
@@ -352,6 +356,52 @@ static double correct(const arterial_balance *b, const arterial_period *period, 
     return sqrt(moved) / (pulsating < LEAST ? LEAST : pulsating);
 }
 
+/* The product of two corrections of the flows, each the difference of waves. */
+static double product(const arterial_balance *b, const arterial_period *period, const double *to, const double *from,
+                      const double *other_to, const double *other_from)
+{
+    const int32_t size = b->p.n_y + b->p.n_H;
+    double sum = 0.0;
+    for (int32_t row = 0; row < 2 * (period->K + 1); row++)
+        for (int32_t i = row * size + b->p.at_Q; i < row * size + b->p.at_Q + b->p.n_Q; i++)
+            sum += (to[i] - from[i]) * (other_to[i] - other_from[i]);
+    return sum;
+}
+
+/* Mixes n earlier corrections into s->corrected, so that the mixed correction of the flows is least: _mixed in
+   solver/periodic/harmonic_balance.py. */
+static void mix(const arterial_balance *b, const arterial_period *period, int32_t n, const double *X,
+                const scratch_parts *s)
+{
+    const int32_t all = 2 * (period->K + 1) * (b->p.n_y + b->p.n_H);
+    const double *x[MIXED], *g[MIXED];
+    double gram[MIXED][MIXED] = {{0.0}}, right[MIXED] = {0.0}, w[MIXED] = {0.0};
+    double own = product(b, period, s->corrected, X, s->corrected, X), with[MIXED];
+    for (int32_t j = 0; j < n; j++) {
+        x[j] = s->mixed + 2 * (int64_t)j * all;
+        g[j] = x[j] + all;
+        with[j] = product(b, period, s->corrected, X, g[j], x[j]);
+        right[j] = own - with[j];
+    }
+    for (int32_t i = 0; i < n; i++)
+        for (int32_t j = 0; j < n; j++)
+            gram[i][j] = own - with[i] - with[j] + product(b, period, g[i], x[i], g[j], x[j]);
+    const double more = INDEPENDENT * (gram[0][0] + gram[1][1]) + LEAST;
+    for (int32_t j = 0; j < n; j++) gram[j][j] += more;
+    if (n == 1)
+        w[0] = right[0] / gram[0][0];
+    else {
+        const double det = gram[0][0] * gram[1][1] - gram[0][1] * gram[1][0];
+        w[0] = (right[0] * gram[1][1] - right[1] * gram[0][1]) / det;
+        w[1] = (right[1] * gram[0][0] - right[0] * gram[1][0]) / det;
+    }
+    for (int32_t i = 0; i < all; i++) {
+        double less = 0.0;
+        for (int32_t j = 0; j < n; j++) less += w[j] * (s->corrected[i] - g[j][i]);
+        s->filled[i] = s->corrected[i] - less;
+    }
+}
+
 int32_t arterial_balanced(const arterial_balance *b, const arterial_period *period, const double *fixed, double *work,
                           double *held, const double *drive, const double *forced, const double *let_out,
                           double tolerance, double of_first, int32_t most, double *X, double *scratch,
@@ -382,7 +432,12 @@ int32_t arterial_balanced(const arterial_balance *b, const arterial_period *peri
             break;
         }
         copy(s.before, X, all);
-        copy(X, s.corrected, all);
+        const int32_t earlier = made - 1 < MIXED ? made - 1 : MIXED, slow = earlier && now > SLOW * *last;
+        if (slow) mix(b, period, earlier, X, &s);
+        double *const kept = s.mixed + 2 * (int64_t)((made - 1) % MIXED) * all;
+        copy(kept, X, all);
+        copy(kept + all, s.corrected, all);
+        copy(X, slow ? s.filled : s.corrected, all);
         if (b->n_unremembered) remember(b, period, &m, held, X, &s);
         *last = now;
         if (now <= enough) {

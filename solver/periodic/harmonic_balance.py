@@ -52,6 +52,11 @@ _FINE = 4096  # samples of the drive, whose mean must be accurate
 MOST = _FINE // 4  # harmonics
 LONG = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
 _MINUTE = 1e-3  # of the tolerance: a first correction below it may be round-off, which no further one makes less
+_MIXED = (
+    2  # earlier corrections that are mixed into one: a third one saves no further correction of any bundled network
+)
+_SLOW = 0.25  # of the last correction: a smaller one needs no mixing
+_INDEPENDENT = 1e-10  # of the corrections' squares, added to the normal equations
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
@@ -187,7 +192,7 @@ def balanced(
     waves = response.stored(started(model, rest, omega, near), forcing)
     waves = before = _remembering(model, waves, taus_of(omega))
     first = last = np.full(model.coefficients.B, np.inf)
-    active = last > 0.0
+    active, history = last > 0.0, list[tuple[Array, Waves]]()
     for made in range(most):
         filled, R, net = left(waves)
         y, H = response.correction(R - accepted[0], net - accepted[1])
@@ -195,7 +200,9 @@ def balanced(
         first = first if made else size
         less = size < last
         better = active & less
-        corrected = _remembering(model, Waves(omega, filled.y + y, filled.H + H), taus_of(omega))
+        history.append((model.layout.part(y, "Q"), Waves(omega, filled.y + y, filled.H + H)))
+        history = history[-1 - _MIXED :]
+        corrected = _remembering(model, _mixed(history, size > _SLOW * last), taus_of(omega))
         waves, before = corrected.where(better, before.where(active & ~less, waves)), waves.where(better, before)
         last = np.where(active, np.where(less, size, np.inf), last)
         active = better & (size > (of_first * np.maximum(first, _MINUTE * tolerance) if of_first else tolerance))
@@ -205,6 +212,27 @@ def balanced(
             break
     kept = Near.of(waves, rest, *left(waves)[1:]) if keep else None
     return waves, np.where(active, np.inf, last), kept
+
+
+def _mixed(history: Sequence[tuple[Array, Waves]], slow: Array) -> Waves:
+    """The last corrected waves, mixed with those before them for members whose corrections fall slowly : (B,).
+
+    D. G. Anderson's extrapolation, J. ACM 12 (1965) 547: the weights, of sum 1, make the mixed corrections of the flows
+    least. Equations that all waves fulfil and that are linear stay fulfilled.
+    """
+    last, g = history[-1]
+    if len(history) == 1 or not slow.any():
+        return g
+    apart = np.stack([last - flows for flows, _ in history[:-1]])
+    gram = np.einsum("ikbeq,jkbeq->bij", apart.conj(), apart).real
+    gram += (_INDEPENDENT * np.trace(gram, axis1=1, axis2=2) + np.finfo(float).tiny)[:, None, None] * np.eye(len(apart))
+    right = np.einsum("ikbeq,kbeq->bi", apart.conj(), last).real
+    weight = np.where(slow[:, None], np.linalg.solve(gram, right[..., None])[..., 0], 0.0)
+    y, H = g.y.copy(), g.H.copy()
+    for w, (_, before) in zip(weight.T[..., None], history[:-1], strict=True):
+        y -= w * (g.y - before.y)
+        H -= w * (g.H - before.H)
+    return Waves(g.omega, y, H)
 
 
 def started(model: Model, rest: State, omega: Array, near: Near | None = None) -> Waves:
