@@ -21,10 +21,10 @@ from arterial_fmu.cli.discover import app
 from arterial_fmu.cli.tables.study import effects_table, plan_table
 from build_fmu import build
 from discrepancy import workflow
-from discrepancy.find.model_source import build_fmu
 from discrepancy.findings.isolability import isolability
 from discrepancy.findings.outcome import Isolability, NamedEffect, Outcome, OwnNumber, Walls
 from discrepancy.plan.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
+from fitting.check.fmu_build import build_fmu
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import Term
 from fitting.inference.models.bench_network import on_bench
