@@ -42,7 +42,7 @@ def beat_harmonics(
     network: Network, names: Sequence[str], K: int, inflow: Inflows | None = None, period: float | None = None, *,
     parameters: Parameters | None = None, settings: Settings | None = None, tolerance: float = 1e-5, more: int = 8,
     sources: Sequence[Source] = (), amplitudes: Array | None = None, progress: Callable[[], None] | None = None,
-    backend: str = "auto",
+    backend: str = "auto", lengths: Sequence[float] | None = None,
 ) -> Array:  # fmt: skip
     """X : (B, K+1, m) complex harmonics of outputs of the periodic beat: x(t) = X_0 + 2 Re Σ X_k e^{2πikt/T}.
 
@@ -53,7 +53,9 @@ def beat_harmonics(
     (:mod:`~solver.mesh.sources`), with the harmonics ``amplitudes`` : (n, n_sources), the same for all members.
     progress : called after every correction; an exception from it ends the search. backend : "numpy"; "native", the
     compiled engine (:mod:`~solver.periodic.native_balance`), which agrees to 1e-9 of the largest harmonic of its kind;
-    "auto", the engine if it is available and supports the network. Other arguments as there.
+    "auto", the engine if it is available and supports the network. lengths : (n_segments,) [m] by which segments are
+    cut into elements, so that the beats are smooth in parameters L; default: the longest of the B. Other arguments as
+    there.
 
     Members of a batch without a converged balance, or too large for one, are NaN; a simulation in time may find their
     beat. Raises ValueError as simulate_periodic, for names that are no outputs, and if a member has no steady state
@@ -63,7 +65,7 @@ def beat_harmonics(
     T = network.inlet.T if period is None else period
     if not (isinstance(T, (int, float, np.number)) and 0.0 < T < np.inf):
         raise InputError(f"period = {T!r} s: must be a positive number.")
-    model = build(network, parameters, settings)
+    model = build(network, parameters, settings, lengths)
     B = model.coefficients.B
     drives, fit = drives_of(network, inflow, B), B * storable(model) // (K + more)
     g = np.zeros((1, 0)) if amplitudes is None else amplitudes
@@ -84,7 +86,7 @@ def beat_harmonics(
     found = []
     for part in (slice(at, at + fit) for at in range(0, B, fit)):
         own = {name: np.broadcast_to(value, B)[part] for name, value in (parameters or {}).items()}
-        found.append(found_of(build(network, own, settings), drives.members(part)))
+        found.append(found_of(build(network, own, settings, lengths), drives.members(part)))
     return np.concatenate(found)
 
 
