@@ -31,7 +31,7 @@ _SEED = 1
 _FIRST_ERROR = 1e-3  # of a channel's pulse: larger than the solver's own error
 FAR = 0.05  # of the RMS of the pulsation
 # Gain at which a search from another start ends: it shows whether it ends nearer, and the second search goes on there
-_ROUGH = 1.0
+ROUGH = 1.0
 _ALIKE, _BACK = 0.02, 2  # relative difference of what two ends at one minimum leave; starts that came back to the first
 ENOUGH = 3  # 6 of 100 synthetic tubes need other starts (own start far off or without a beat), and none needs more
 
@@ -48,7 +48,7 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Prob
     for i, x in enumerate(_starts(problem) if x0 is None else [x0]):
         try:
             weighted = weighted or problem.weighted(x, [first_error(*each) for each in problem.records])
-            ended[i] = minimum(weighted, weighted.at(x), replace(rules, gain=_ROUGH) if ended else rules)
+            ended[i] = minimum(weighted, weighted.at(x), replace(rules, gain=ROUGH) if ended else rules)
         except BROKEN as error:
             failure = failure or error
             weighted = weighted if ended else None

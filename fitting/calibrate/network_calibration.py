@@ -51,7 +51,8 @@ from ..records.channels.amounts import sizes
 from ..records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
 from ..records.thresholds import MAX_HARMONICS
 from .calibrated import ALL_PRIOR, Calibration, Recording, labels_of, noise_known
-from .first_search import first_search
+from .first_search import ROUGH, first_search
+from .late_flow import late_flow
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -110,9 +111,10 @@ def calibrate(
     last, unmeasured = _weighted(first, near.fit)
     rules = rules if near.errors.any() else replace(rules, gain=_SETTLED)
     best = minimum(last, last.whole.restated([near.fit], first.whole)[0], rules)
+    said = [*said, *unmeasured, *late_flow(last, best, replace(rules, gain=ROUGH))]
     if progress:
         progress(1.0, "done")
-    return _result(last, near, best, [*said, *unmeasured], labels, found, meter, time.perf_counter() - started)
+    return _result(last, near, best, said, labels, found, meter, time.perf_counter() - started)
 
 
 def _cut(problem: Problem, near: Ended) -> tuple[Problem, Ended]:

@@ -62,7 +62,8 @@ Filters = Annotated[
     typer.Option(
         "--filter",
         metavar="CHANNEL=FILTER",
-        help='A known filter of the recorder, repeatable: "inlet.Q=lowpass 10 Hz", "AA.P=lowpass 55 Hz order 2".',
+        help='A known filter, delay or zero of a sensor, repeatable: "inlet.Q=lowpass 10 Hz", '
+        '"AA.P=lowpass 55 Hz order 2", "inlet.Q=delay 20 ms", "AA.P=zero 4 mmHg".',
     ),
 ]
 Decimal = Annotated[

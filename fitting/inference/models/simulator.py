@@ -78,6 +78,11 @@ class Simulator:
         own = self.network.segments
         return replace(self, lengths=tuple(float(parameters.get(f"{s.name}.L", s.L)) for s in own))
 
+    def delayed(self, network: Network, delay: float) -> Simulator:
+        """The same with a network that knows a further delay [s] of the meter: the flow was earlier."""
+        turned = self.drive.X * np.exp(1j * self.drive.omega * delay)
+        return replace(self, network=network, drive=replace(self.drive, X=turned))
+
     def coefficients(
         self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
     ) -> Array:  # fmt: skip
