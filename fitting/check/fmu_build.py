@@ -7,17 +7,21 @@ Both kinds have the same variables and agree to round-off; the one of pythonfmu 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from solver.errors import InputError
 from solver.io.host_died import ended
-from solver.network.files import find_network, read_network
+from solver.network.files import find_network, read_network, write_network
 from solver.tracing.native import NoEngine, check_backend, library, refuse_without
 
-from .fmu_run import run_module
+from .fmu_run import FMU, read_fmu, run_module, takes
+
+_LAWS = ("elastic_law", "viscous_law")
 
 
 def build_fmu(network_file: Path, folder: Path, backend: str = "numpy") -> Path:
@@ -28,11 +32,12 @@ def build_fmu(network_file: Path, folder: Path, backend: str = "numpy") -> Path:
     Raises ValueError with the message of the process, and for "native" without the engine.
     """
     check_backend(backend)
+    line = ["build_fmu", os.fspath(network_file), "--out", os.fspath(folder), "--quiet"]
     if _has_engine(backend):
-        code, said = run_module("build_fmu", os.fspath(network_file), "--native", "--out", os.fspath(folder))
+        code, said = run_module(*line, "--native")
         if code == 0 or backend == "native":
             return _built(network_file, folder, code, said)
-    return _built(network_file, folder, *run_module("build_fmu", os.fspath(network_file), "--out", os.fspath(folder)))
+    return _built(network_file, folder, *run_module(*line))
 
 
 def _has_engine(backend: str) -> bool:
@@ -65,3 +70,23 @@ def fmu_of(source: str | os.PathLike[str], backend: str) -> Iterator[Path]:
     network_file = find_network(source)
     with TemporaryDirectory(prefix="check_", ignore_cleanup_errors=True) as folder:
         yield build_fmu(network_file, Path(folder), backend)
+
+
+@contextmanager
+def with_starts(fmu: FMU, starts: Mapping[str, float | str]) -> Iterator[FMU]:
+    """The FMU; if it has the compiled engine and cannot take these start values, because it has the elements and the
+    terms of those that it was built with, another one that was built with them, which exists until the end."""
+    if not fmu.native or takes(fmu, starts):
+        yield fmu
+        return
+    with TemporaryDirectory(prefix="check_", ignore_cleanup_errors=True) as folder:
+        file = Path(folder) / "network.toml"
+        network = read_network(Path(fmu.path))
+        values = {name: float(value) for name, value in starts.items() if name in network.parameters()}
+        laws: dict[str, Any] = {key: starts[f"network.{key}"] for key in _LAWS if f"network.{key}" in starts}
+        try:
+            write_network(replace(network.with_parameters(values), **laws), file)
+            other = read_fmu(build_fmu(file, Path(folder), "native"))
+        except InputError:
+            other = fmu  # its run says why it does not take them
+        yield other

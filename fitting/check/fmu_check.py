@@ -40,7 +40,7 @@ from ..records.read.record import Record
 from ..results.parameter_set import ParameterSet
 from ..results.result_files import json_text
 from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
-from .fmu_build import fmu_of
+from .fmu_build import fmu_of, with_starts
 from .fmu_run import FMU, PERIODIC, Answer, RunFailed, fourier, periodic_answer, read_fmu, steps_per_beat
 
 Array = np.ndarray
@@ -155,20 +155,21 @@ def _check(
     drive = flowed(beats, network, source)
     if mode == "bench":
         starts = {**starts, "network.P_0": float(drive[0])}
-    tell("running the FMU")
-    try:
-        answer = periodic_answer(described, driver, drive, beats.T, starts)
-    except RunFailed as error:
-        raise RunFailed(" ".join((str(error), *_of_another(parameters, described)))) from None
     K = int(_TRUSTED * min(beats.N, steps_per_beat(described, beats.T)) / 2)
     noise = {name: beats.covariance((name, source))[: K + 1] for name in compared}
-    response: dict[str, Array] = {}
     noisy = tuple(name for name in compared if is_noisy(noise[name], beats, name))
-    if noisy:
-        tell("running the FMU with a slightly different beat")
-        response = _response(described, driver, drive, beats, starts, answer, noisy, K)
-        own = undoable(network, source, (omega := beats.omega * np.arange(K + 1)))
-        response = {name: H * filtered(network, name, omega) / own for name, H in response.items()}
+    with with_starts(described, starts) as running:
+        tell("running the FMU")
+        try:
+            answer = periodic_answer(running, driver, drive, beats.T, starts)
+        except RunFailed as error:
+            raise RunFailed(" ".join((str(error), *_of_another(parameters, described)))) from None
+        response: dict[str, Array] = {}
+        if noisy:
+            tell("running the FMU with a slightly different beat")
+            response = _response(running, driver, drive, beats, starts, answer, noisy, K)
+            own = undoable(network, source, (omega := beats.omega * np.arange(K + 1)))
+            response = {name: H * filtered(network, name, omega) / own for name, H in response.items()}
     waveforms = {
         name: Waveform(beats.mean(name), _shown(network, name, answer.values[name], beats), beats.scatter(name))
         for name in compared

@@ -261,6 +261,15 @@ def _answer(table: Mapping[str, Array]) -> Answer:
     return Answer(values, len(next(iter(table.values()))), change_of(last, before, tuple(table)))
 
 
+def takes(fmu: FMU, starts: Mapping[str, float | str]) -> bool:
+    """True if an FMU with the compiled engine can be initialised with these start values."""
+    try:
+        stepped(fmu.path, starts, {INFLOW: 0.0}, INFLOW, [], 1.0, ())
+    except FMUFailed:
+        return False
+    return True
+
+
 def fourier(beat: Array, M: int) -> Array:
     """The trigonometric interpolant of a beat (N,) at M equidistant phases: (M,), sampled without truncation."""
     every = -(-len(beat) // M)
