@@ -218,9 +218,10 @@ class _Work:
         self.progress(0.82, f"running the {'extended FMU' if naming.adds else 'model with this subject’s walls'}")
         base = subject_without(naming)
         judged = self.recordings.judged(naming, base, partial(self._free, given), partial(self._free, fmu))
+        found = naming.best.fit if naming.adds else None
         naming, before, after = judged.naming, judged.before, judged.after
-        study, best = weighted(self.study, naming), naming.best.fit if after else None
-        wave = drives(study, base, best)[after is not None]
+        study, best = weighted(self.study, naming), found if after else None
+        wave = drives(study, base, found)[after is not None]  # of the runs, also if they do not bear the name out
         shown = Shown(
             as_given[0], before, agreement=agreement(study, best or base, wave, after or before), gaps=judged.gaps
         )
