@@ -14,9 +14,9 @@ from test_check import inflow, slow_network
 
 from build_fmu import build, build_native
 from fitting.check import fmu_build, fmu_check, fmu_run
-from fitting.check.fmu_build import build_fmu
+from fitting.check.fmu_build import build_fmu, with_starts
 from fitting.check.fmu_check import check
-from fitting.check.fmu_run import RunFailed, periodic_answer, read_fmu
+from fitting.check.fmu_run import RunFailed, periodic_answer, read_fmu, takes
 from fitting.results.parameter_set import ParameterSet
 from solver import Network, Segment, Settings, Site, load, simulate_periodic
 from solver.network.files import write_network
@@ -114,3 +114,16 @@ def test_a_native_run_that_fails(stored: Store) -> None:
     assert fmu.native
     with pytest.raises(RunFailed, match=r"AA\.R0"):
         periodic_answer(fmu, "inlet.Q", np.full(N, 1e-5), T, {"AA.R0": -1.0}, 1)
+
+
+def test_start_values_that_need_other_elements(stored: Store) -> None:
+    """An FMU with the compiled engine has the elements of its own length: for three times that length another one is
+    built, with that start value and law; for another modulus it is the same."""
+    fmu = read_fmu(stored(build_native, tube("AA")))
+    starts: dict[str, float | str] = {"AA.L": 3.0 * float(fmu.starts["AA.L"]), "network.elastic_law": "regression"}
+    assert not takes(fmu, starts)
+    with with_starts(fmu, starts) as other:
+        assert {name: other.starts[name] for name in starts} == pytest.approx(starts)
+        assert takes(other, starts)
+    with with_starts(fmu, {"AA.E": 2.0 * float(fmu.starts["AA.E"])}) as same:
+        assert same is fmu

@@ -165,7 +165,7 @@ def test_a_record_that_an_improbable_animal_meets() -> None:
 
 
 def test_an_effect_of_high_harmonics_is_told() -> None:
-    """The gap falls by a third only, but from harmonic 8 on to a seventh: said; by less than half everywhere: nothing."""
+    """The gap falls by a third, but from harmonic 8 on to a seventh: said; by less than half everywhere: nothing."""
     before = Gap((18.0, 10.5), {}, above={4: (9.0, 9.0), 8: (17.0, 17.0)})
     after = Gap((12.0, 7.5), {}, above={4: (8.0, 7.0), 8: (3.0, 2.4)})
     assert _closed_above(before, after) == ", but from harmonic 8 on it falls from 17 to 2.4 times the noise"
