@@ -164,6 +164,13 @@ def test_a_record_that_an_improbable_animal_meets() -> None:
     assert confirmed(s, near, run, None) is near
 
 
+def test_means_that_wander_are_left_out_of_a_change() -> None:
+    """The gap falls, and the pulsation from 200 to 100 Pa, where the RMS with means rises: the pulsation is said."""
+    before = Gap((9.0, 9.0), {"A.P": (9.0, 9.0)}, {"A.P": (300.0, 370.0)}, {"A.P": (200.0, 200.0)})
+    after = Gap((4.0, 4.0), {"A.P": (4.0, 4.0)}, {"A.P": (500.0, 730.0)}, {"A.P": (100.0, 100.0)})
+    assert changed(before, after) == "falls from 9 to 4 times the noise (without the means A.P from 1.5 to 0.75 mmHg)"
+
+
 def test_an_effect_of_high_harmonics_is_told() -> None:
     """The gap falls by a third, but from harmonic 8 on to a seventh: said; by less than half everywhere: nothing."""
     before = Gap((18.0, 10.5), {}, above={4: (9.0, 9.0), 8: (17.0, 17.0)})

@@ -274,18 +274,27 @@ def change(before: Gap, after: Gap) -> str:
 
 
 def changed(before: Gap, after: Gap) -> str:
-    """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"."""
-    rms = changes(held_out(before.rms), held_out(after.rms), held_out(before.channels))
-    return f"{change(before, after)} times the noise" + (f" ({rms})" if rms else "")
+    """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"; of
+    the pulsation if means are most of a channel's, since these may rise where the gap falls, in which means that wander
+    count little."""
+    without = _of_means(before) or _of_means(after)
+    first, last = (held_out(each.pulsation if without else each.rms) for each in (before, after))
+    rms = changes(first, last, held_out(before.channels))
+    said = f"without the means {rms}" if without else rms
+    return f"{change(before, after)} times the noise" + (f" ({said})" if rms else "")
+
+
+def _of_means(gap: Gap) -> bool:
+    """True if means are most of the RMS of a channel on held-out beats."""
+    whole, pulsation = held_out(gap.rms), held_out(gap.pulsation)
+    return any(pulsation[name] ** 2 < 0.5 * whole[name] ** 2 for name in pulsation)
 
 
 def left(gap: Gap) -> str:
     """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P". That of
     the pulsation follows if means are most of a channel's: those of beats wander, and zeros of sensors are off."""
-    whole, pulsation = held_out(gap.rms), held_out(gap.pulsation)
-    means = any(pulsation[name] ** 2 < 0.5 * whole[name] ** 2 for name in pulsation)
-    shown = [sizes(each, held_out(gap.channels)) for each in (whole, pulsation)]
-    rms = "; without the means ".join(shown if means else shown[:1])
+    shown = [sizes(held_out(each), held_out(gap.channels)) for each in (gap.rms, gap.pulsation)]
+    rms = "; without the means ".join(shown if _of_means(gap) else shown[:1])
     return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
 
 
