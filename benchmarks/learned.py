@@ -20,6 +20,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 import json
 import math
 import tempfile
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,12 +33,12 @@ from rich.table import Table
 
 from benchmarks.table import Small
 from discrepancy.add.learning import Learnt, in_range, learns, learnt, stands
-from discrepancy.find.model_source import build_fmu
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.outcome import LearnedLaw
 from discrepancy.name.scoring import weighed
 from discrepancy.name.verdict import Naming
 from discrepancy.show.fmu_validation import Run, free_run
+from fitting.check.fmu_build import build_fmu
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.extended_network import extended
 from fitting.inference.fit import Fit
@@ -104,13 +105,13 @@ def rms(problem: Forward, fit: Fit) -> float:
     return math.sqrt(chi2 / n)
 
 
-def fmu_of(study: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
+def fmu_of(study: Study, network: Network, fit: Fit) -> tuple[Run, Callable[[], bytes]]:
     """The free run of the FMU of a network under the wave that a fit makes most probable."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "model.toml"
         write_network(study.problem.part(network), file)
-        fmu = build_fmu(file, Path(folder))
-        return free_run(fmu, study, fit, study.problem.wave(study.fitted, fit), {}), b""
+        fmu = build_fmu(file, Path(folder), "auto")
+        return free_run(fmu, study, fit, study.problem.wave(study.fitted, fit), {}), bytes
 
 
 def offered(study: Study, base: Fit, found: Learnt, record: Record) -> LearnedLaw | None:

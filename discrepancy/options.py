@@ -14,6 +14,7 @@ from fitting.records.read.record import Record
 from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
+from solver.tracing.native import check_backend
 
 from .name.model_selection import COMMON, INDIVIDUAL
 
@@ -25,7 +26,7 @@ class Asked:
     """period : of the beat [s], estimated by default. walls : "common" or "individual"; by default the more probable.
     prior : file of a calibration. time_limit : for naming and every later refit [s]. jobs : number of simulating
     processes. filters : known ones, by channel. further, hold_out : other recordings of the subject.
-    varies : parameters that each recording has of its own."""
+    varies : parameters that each recording has of its own. backend : of the FMUs that are built and run."""
 
     period: float | None = None
     walls: str | None = None
@@ -36,6 +37,7 @@ class Asked:
     further: tuple[str | os.PathLike[str], ...] = ()
     varies: tuple[str, ...] = ()
     hold_out: tuple[str | os.PathLike[str], ...] = ()
+    backend: str = "auto"
 
     @property
     def others(self) -> tuple[str | os.PathLike[str], ...]:
@@ -50,6 +52,7 @@ class Asked:
             raise InputError(f'time limit {self.time_limit:g} s: must be above 0 s and finite, such as "5 min".')
         if not (isinstance(self.jobs, int) and self.jobs >= 1):
             raise InputError(f"jobs {self.jobs!r}: must be a whole number of processes, at least 1.")
+        check_backend(self.backend)
         if self.varies and not self.further:
             raise InputError(f"--varies {self.varies[0]}: there is one recording; give others with --and.")
         if self.prior is not None and self.walls == COMMON:
@@ -82,7 +85,7 @@ class Asked:
     def plain(self) -> dict[str, Any]:
         """The options that the answer depends on, as plain data; a calibration by file and hash.
 
-        The number of processes is excluded: to the solver's resolution it does not change the answer.
+        The number of processes and the backend are excluded: to the solver's resolution they do not change the answer.
         """
         walls, prior = self.walls or "by evidence", None
         if self.prior is not None:

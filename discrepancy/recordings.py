@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -39,6 +40,7 @@ from .options import Asked
 from .show.fmu_validation import Gap, Run, confirmed, fall, held_out
 
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
+Key = TypeVar("Key")
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
 
@@ -246,11 +248,11 @@ def joined(gaps: Sequence[Gap]) -> Gap:
         fitted, held_out = np.sqrt(np.mean(np.square(pairs), axis=0))
         return float(fitted), float(held_out)
 
-    def by_channel(each: Sequence[Mapping[str, tuple[float, float]]]) -> dict[str, tuple[float, float]]:
+    def by_key(each: Sequence[Mapping[Key, tuple[float, float]]]) -> dict[Key, tuple[float, float]]:
         return {n: mean([own[n] for own in each if n in own]) for n in dict.fromkeys(n for own in each for n in own)}
 
-    rest = ([g.channels for g in gaps], [g.rms for g in gaps], [g.pulsation for g in gaps])
-    return Gap(mean([g.total for g in gaps]), *map(by_channel, rest))
+    rest = (by_key([g.channels for g in gaps]), by_key([g.rms for g in gaps]), by_key([g.pulsation for g in gaps]))
+    return Gap(mean([g.total for g in gaps]), *rest, by_key([g.above for g in gaps]))
 
 
 def _own(whole: Several, study: Study, fit: Fit) -> dict[str, float]:

@@ -18,7 +18,8 @@ from pathlib import Path
 from time import monotonic
 
 from fitting.calibrate.calibration_prior import Prior
-from fitting.check.fmu_run import RunFailed
+from fitting.check.fmu_build import build_fmu
+from fitting.check.fmu_run import RunFailed, read_fmu
 from fitting.first.spread import is_first, spread
 from fitting.inference.extended_network import extended
 from fitting.inference.fit import Array, Fit
@@ -41,7 +42,7 @@ from .add.described import NOTHING
 from .add.learning import law_of, learns
 from .assemble import Shown, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
-from .find.model_source import OF_FIRST, build_fmu, first_of, read_model
+from .find.model_source import OF_FIRST, first_of, read_model
 from .find.plausibility import check_record, check_waves
 from .find.study import Study, Unusable
 from .findings.map_marks import entry
@@ -79,6 +80,7 @@ def discover(
     reading: Reading | None = None,
     filters: Iterable[str] = (),
     as_measured: bool = False,
+    backend: str = "auto",
     progress: Progress = lambda fraction, label: None,
 ) -> Outcome:
     """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and model.toml and model.fmu
@@ -95,17 +97,20 @@ def discover(
     those of the network file and the stated spreads.
     time_limit : for naming and every later refit [s]; after it the best answer so far is given. Learning a law of the
     remaining misfit may take three tenths of it more. Single simulations for set-up and validation (FMUs, candidates on
-    held-out beats) are not included. jobs : number of simulating processes, this one included. The others import this
-    package and nothing of the calling script, which needs no ``if __name__ == "__main__"``. progress : called with the
-    fraction done and the stage. An interrupted study continues where it stopped.
+    held-out beats) are not included. backend : of the FMUs that validate, "numpy", "native" or "auto"
+    (:func:`fitting.check.fmu_build.build_fmu`); model.fmu is in any case the one that ``arterial-fmu build`` makes.
+    jobs : number of simulating processes, this one included. The others import this package and nothing of the calling
+    script, which needs no ``if __name__ == "__main__"``. progress : called with the fraction done and the stage. An
+    interrupted study continues where it stopped.
     Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
     readable record that cannot be used gives the verdict "unusable", which does not overwrite the study of a usable
     record; without a model it is refused.
     """
     started, folder = time.perf_counter(), Path(out)
     asked = Asked(
-        period, walls, prior, time_limit, jobs, tuple(filters), tuple(further), tuple(varies), tuple(hold_out)
-    )
+        period, walls, prior, time_limit, jobs, tuple(filters), tuple(further), tuple(varies), tuple(hold_out),
+        backend,
+    )  # fmt: skip
     asked.check()
     check_one(reading.beside if reading else (), len(asked.others) + 1)
     described = None if model is None else read_model(model)
@@ -189,7 +194,7 @@ class _Work:
         self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
     def run(self) -> tuple[Outcome, bytes | None]:
-        """All stages: the outcome, and the FMU of the extended network if an effect was added."""
+        """All stages: the outcome, and the FMU to deliver of the extended network if an effect was added."""
         try:
             return self._run()
         finally:
@@ -213,9 +218,10 @@ class _Work:
         self.progress(0.82, f"running the {'extended FMU' if naming.adds else 'model with this subject’s walls'}")
         base = subject_without(naming)
         judged = self.recordings.judged(naming, base, partial(self._free, given), partial(self._free, fmu))
+        found = naming.best.fit if naming.adds else None
         naming, before, after = judged.naming, judged.before, judged.after
-        study, best = weighted(self.study, naming), naming.best.fit if after else None
-        wave = drives(study, base, best)[after is not None]
+        study, best = weighted(self.study, naming), found if after else None
+        wave = drives(study, base, found)[after is not None]  # of the runs, also if they do not bear the name out
         shown = Shown(
             as_given[0], before, agreement=agreement(study, best or base, wave, after or before), gaps=judged.gaps
         )
@@ -226,7 +232,9 @@ class _Work:
         shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
         outcome = with_law(summary(self.record, self.model, self.study, naming, shown), law)
         said = (*outcome.warnings, *judged.warnings)
-        return replace(outcome, recordings=judged.recordings, warnings=said), shown.archive
+        ran = {"FMUs run": " and ".join(dict.fromkeys(read_fmu(each).tool for each in (given, fmu)))}
+        origin = {**outcome.provenance, **ran}
+        return replace(outcome, recordings=judged.recordings, warnings=said, provenance=origin), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
@@ -252,7 +260,7 @@ class _Work:
             ) from None
 
     def _with_model(self, shown: Shown, naming: Naming, ran: Path) -> Shown:
-        """Adds the effects, and the FMU of the extended network with its difference from the solver."""
+        """Adds the effects, and the FMU to deliver of the extended network with its difference from the solver."""
         assert shown.network is not None
         self.progress(0.9, "comparing the extended FMU with the solver")
         fmu = self._whole(shown.network, "model", ran)
@@ -271,11 +279,11 @@ class _Work:
         if len(self.recordings.studies) > 1 or not learns(naming):
             return None
 
-        def run(own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
+        def run(own: Study, network: Network, fit: Fit) -> tuple[Run, Callable[[], bytes]]:
             stage = "described" if network.sources else "learned"
             fmu = self._fmu(network, stage)
             run = self._kept(fmu, stage, fit, own.problem.wave(own.fitted, fit), {}, own)
-            return run, self._whole(network, f"{stage}_model", fmu).read_bytes()
+            return run, lambda: self._whole(network, f"{stage}_model", fmu).read_bytes()
 
         until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
         return law_of(self.study, naming, before, self.record, run, self.asked.jobs, until, self.journal.stage)
@@ -286,16 +294,22 @@ class _Work:
         """The FMU to run: of the network, or of the bench of its site."""
         part = self.study.problem.part(network)
         as_it_is = self.asked.prior is None and self.model.suffix.lower() == ".fmu"
-        return self.model if part is network and stage == "given" and as_it_is else self._built(part, stage)
+        return (
+            self.model
+            if part is network and stage == "given" and as_it_is
+            else self._built(part, stage, self.asked.backend)
+        )
 
     def _whole(self, network: Network, stage: str, ran: Path) -> Path:
-        """The FMU of the network: the one that ran, or another if that is of a bench."""
-        return ran if self.study.problem.part(network) is network else self._built(network, stage)
+        """The FMU to deliver, of the whole network and pythonfmu's: the one that ran, unless that is of a bench or
+        another kind."""
+        alike = self.asked.backend == "numpy" and self.study.problem.part(network) is network
+        return ran if alike else self._built(network, stage, "numpy")
 
-    def _built(self, network: Network, stage: str) -> Path:
+    def _built(self, network: Network, stage: str, backend: str) -> Path:
         file = self.place / f"{stage}.toml"
         write_network(network, file)
-        return build_fmu(file, self.place / stage)
+        return build_fmu(file, self.place / stage, backend)
 
     def _free(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
         """The free run of a stage; a failure makes the study unusable."""

@@ -42,7 +42,7 @@ def beat_harmonics(
     network: Network, names: Sequence[str], K: int, inflow: Inflows | None = None, period: float | None = None, *,
     parameters: Parameters | None = None, settings: Settings | None = None, tolerance: float = 1e-5, more: int = 8,
     sources: Sequence[Source] = (), amplitudes: Array | None = None, progress: Callable[[], None] | None = None,
-    backend: str = "auto", near: Sequence[int] | None = None,
+    backend: str = "auto", near: Sequence[int] | None = None, lengths: Sequence[float] | None = None,
 ) -> Array:  # fmt: skip
     """X : (B, K+1, m) complex harmonics of outputs of the periodic beat: x(t) = X_0 + 2 Re Σ X_k e^{2πikt/T}.
 
@@ -54,8 +54,9 @@ def beat_harmonics(
     progress : called after every correction; an exception from it ends the search. backend : "numpy"; "native", the
     compiled engine (:mod:`~solver.periodic.native_balance`), which agrees to 1e-9 of the largest harmonic of its kind;
     "auto", the engine if it is available and supports the network. near : (B,) the member at whose beat the corrections
-    of each one start, its own index for the steady state. A difference between two such beats, of similar parameters
-    and the same geometry of elements, is accurate to 1e-3 of itself, in a third of the time. Other arguments as there.
+    of each one start, its own index for the steady state; the difference between two such beats of similar parameters
+    is accurate to a few thousandths of itself. lengths : (n_segments,) [m] by which segments are cut into elements, so
+    that the beats are smooth in parameters L; default: the longest of the B. Other arguments as there.
 
     Members of a batch without a converged balance, or too large for one, are NaN; a simulation in time may find their
     beat. Raises ValueError as simulate_periodic, for names that are no outputs, and if a member has no steady state
@@ -65,7 +66,7 @@ def beat_harmonics(
     T = network.inlet.T if period is None else period
     if not (isinstance(T, (int, float, np.number)) and 0.0 < T < np.inf):
         raise InputError(f"period = {T!r} s: must be a positive number.")
-    model = build(network, parameters, settings)
+    model = build(network, parameters, settings, lengths)
     asked = _Asked(tuple(names), K, more, T, tolerance, progress, backend)
     beats = _Beats(model, drives_of(network, inflow, model.coefficients.B), tuple(sources), amplitudes, asked)
     if near is None:

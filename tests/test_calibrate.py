@@ -6,6 +6,7 @@ waveforms of an independent solver.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -69,6 +70,38 @@ def test_noisy_records() -> None:
         assert found.chi2 / found.dof == pytest.approx(1.0, abs=0.35)
         assert found.converged
     assert 3.07 <= squares <= 28.3, squares
+
+
+@pytest.mark.parametrize(("late", "side"), [(20e-3, "late"), (-16e-3, "early"), (0.0, "")])
+def test_a_late_flow_meter_is_told(late: float, side: str) -> None:
+    """One tube with a Windkessel, whose inlet.Q is late or early: a sentence with the delay from foot to foot, to a
+    hundredth of the beat, and with the filter that makes it known; of none, or of a known one, nothing is said."""
+    tube = Network(
+        "tube",
+        (Segment("Ao", L=0.3, R0=10e-3, h=1e-3, E=4e5, phi0=4e3),),
+        Inlet("Ao", T=0.8),
+        outlets=(Windkessel("Ao", R1=1e7, C=1e-8, R2=1.2e8),),
+        sites=(Site("Ao", "Ao", 0.0),),
+    )
+    Q = tube.inlet.Q(np.arange(400) * (0.8 / 400))
+    Q = np.fft.irfft(np.where(np.arange(201) <= 16, np.fft.rfft(Q), 0.0), 400)
+    X = beat_harmonics(
+        tube, ["Ao.P"], 24, lambda t: np.interp(t, np.arange(401) * 2e-3, np.append(Q, Q[0]), period=0.8)
+    )
+    P = np.fft.irfft(np.pad(X[0, :, 0], (0, 176)), 400, norm="forward")
+    waves = {"inlet.Q": np.roll(Q, round(late / 2e-3)), "Ao.P": P}
+    scatter = np.random.default_rng(3).normal(size=(2, 10, 400)) * 2e-3
+    values = {n: x + s * np.std(x) for (n, x), s in zip(waves.items(), scatter, strict=True)}
+    beats = Beats("made", "", 0.8, values, np.zeros(10))
+    said = [text for text in calibrate(beats, tube, ["all.E:1", "all.outlet.C:1"]).report if "seems" in text]
+    if not late:
+        assert said == []
+        return
+    (text,) = said
+    found = re.match(rf'inlet\.Q seems .* ms {side} against Ao\.P .* --filter "inlet\.Q=delay (.*) ms" leaves', text)
+    assert found and float(found[1]) == pytest.approx(1e3 * late, abs=8.0)
+    known = tube.with_terms({"inlet.Q.delay": late})
+    assert not [text for text in calibrate(beats, known, ["all.E:1", "all.outlet.C:1"]).report if "seems" in text]
 
 
 def test_few_beats() -> None:

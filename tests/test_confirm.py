@@ -20,7 +20,7 @@ from discrepancy.name.model_selection import name
 from discrepancy.name.verdict import Naming
 from discrepancy.report.verdict_text import late_drive
 from discrepancy.show import fmu_validation
-from discrepancy.show.fmu_validation import Gap, Run, agreement, change, changed, compared, fall, left
+from discrepancy.show.fmu_validation import Gap, Run, _closed_above, agreement, change, changed, compared, fall, left
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import sensor_terms
 from fitting.inference.models.network_record import network_problem
@@ -162,6 +162,23 @@ def test_a_record_that_an_improbable_animal_meets() -> None:
     assert sentence(found, (), run.gap, None).startswith("The model fits the record only with all.E 5.4 stated spreads")
     near = replace(far, base=replace(base, fit=replace(base.fit, x=0.7 * x)))
     assert confirmed(s, near, run, None) is near
+
+
+def test_means_that_wander_are_left_out_of_a_change() -> None:
+    """The gap falls, and the pulsation from 200 to 100 Pa, where the RMS with means rises: the pulsation is said."""
+    before = Gap((9.0, 9.0), {"A.P": (9.0, 9.0)}, {"A.P": (300.0, 370.0)}, {"A.P": (200.0, 200.0)})
+    after = Gap((4.0, 4.0), {"A.P": (4.0, 4.0)}, {"A.P": (500.0, 730.0)}, {"A.P": (100.0, 100.0)})
+    assert changed(before, after) == "falls from 9 to 4 times the noise (without the means A.P from 1.5 to 0.75 mmHg)"
+
+
+def test_an_effect_of_high_harmonics_is_told() -> None:
+    """The gap falls by a third, but from harmonic 8 on to a seventh: said; by less than half everywhere: nothing."""
+    before = Gap((18.0, 10.5), {}, above={4: (9.0, 9.0), 8: (17.0, 17.0)})
+    after = Gap((12.0, 7.5), {}, above={4: (8.0, 7.0), 8: (3.0, 2.4)})
+    assert _closed_above(before, after) == ", but from harmonic 8 on it falls from 17 to 2.4 times the noise"
+    assert _closed_above(before, replace(after, above={4: (8.0, 7.0), 8: (3.0, 9.4)})) == ""
+    quiet = replace(before, above={8: (1.0, 0.9)})
+    assert _closed_above(quiet, replace(after, above={8: (0.2, 0.2)})) == ""
 
 
 def test_words_follow_the_numbers() -> None:

@@ -83,7 +83,7 @@ def test_candidates_are_every_effect_at_every_place() -> None:
     found = candidates(NETWORK, NAMES)
     labels = [t.label for t in found]
     assert len(set(labels)) == len(labels)
-    known, learned = {"low_pass", "known_zero"}, {"learned_wall", "learned_outlet"}
+    known, learned = {"low_pass", "known_zero", "known_delay"}, {"learned_wall", "learned_outlet"}
     assert {t.effect for t in found} == {e.name for e in effects.ALL} - known - learned
     assert [t.place for t in found if t.effect == "wall_stiffness"] == ["A", "B", "C"]
     assert sorted(t.place for t in found if t.effect == "terminal_compliance") == ["B", "C"]

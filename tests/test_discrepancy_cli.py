@@ -21,10 +21,10 @@ from arterial_fmu.cli.discover import app
 from arterial_fmu.cli.tables.study import effects_table, plan_table
 from build_fmu import build
 from discrepancy import workflow
-from discrepancy.find.model_source import build_fmu
 from discrepancy.findings.isolability import isolability
 from discrepancy.findings.outcome import Isolability, NamedEffect, Outcome, OwnNumber, Walls
 from discrepancy.plan.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
+from fitting.check.fmu_build import build_fmu
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import Term
 from fitting.inference.models.bench_network import on_bench
@@ -359,7 +359,7 @@ def test_plan_of_the_sheep() -> None:
     """Three pressures: every effect but known filters has a column, the outlet that becomes a Windkessel, too; a fourth
     sensor helps."""
     found = plan_sensors(load("sheep"), ("AA.P", "CA.P", "FA.P"))
-    known, learned = {"low_pass", "known_zero"}, {"learned_wall", "learned_outlet"}
+    known, learned = {"low_pass", "known_zero", "known_delay"}, {"learned_wall", "learned_outlet"}
     assert set(found.table.labels) == {effect.name for effect in ALL} - known - learned
     assert found.table.visibility.min() > 0.0
     assert "terminal_compliance" not in found.table.invisible

@@ -139,7 +139,7 @@ def test_stages_are_told(study: Study) -> None:
 def test_verdict_json(study: Study) -> None:
     """The schema: every key with its kind; the true effect with the truth in its interval; numbers only, no NaN."""
     v = study.verdict
-    assert v["verdict"] == "effect"
+    assert v["verdict"] == "effect" and v["provenance"]["FMUs run"].startswith("arterial-fmu ")
     (effect,) = v["effects"]
     assert (effect["name"], effect["where"]) == (HIDDEN.name, [SITE])
     assert 0.85 < effect["confidence"] <= 1.0

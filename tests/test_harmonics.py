@@ -54,6 +54,26 @@ def error(X: Array, exact: Array) -> float:
     return float((np.abs(X - exact) / np.abs(exact[1:]).max(axis=0)).max())
 
 
+def test_elements_that_do_not_follow_a_length() -> None:
+    """A segment of 30 cm that is varied by 1e-6 about a multiple of the element length: with elements of its own the
+    beats jump, by 1e-7 and more of the pulse; with those of one length they move with it, by 1e-5 at most."""
+    network, names = load("sheep"), ["CA.P", "CA.Q"]
+    at = [i for i, s in enumerate(network.segments) if s.name == "CA"]
+    L = [s.L for s in network.segments]
+    step, edge = 1e-6, 2 * Settings().element_length
+    L[at[0]] = edge
+
+    def beat(length: float, lengths: list[float] | None) -> Array:
+        return beat_harmonics(
+            network, names, 8, parameters={"CA.L": length}, tolerance=1e-10, backend="numpy", lengths=lengths
+        )[0]
+
+    own, fixed = ([beat(edge * (1.0 + s * step), each) for s in (-1.0, 0.0, 1.0, 2.0)] for each in (None, L))
+    assert np.array_equal(own[1], fixed[1])  # those of the length itself
+    curved = [np.abs(X[0] - 2.0 * X[1] + X[2]).max() / np.abs(X[1][1:]).max() for X in (own, fixed)]
+    assert curved[1] <= 1e-3 * curved[0], curved
+
+
 # measured: 5.8e-8, 3.5e-6, 8.4e-6; with elements of 5 cm 2.1e-6, 2.9e-4, 7.6e-6
 @pytest.mark.parametrize(
     ("network", "expected"),

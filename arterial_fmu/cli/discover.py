@@ -17,6 +17,7 @@ from arterial_fmu.cli.terminal.record_options import (
     Columns,
     Decimal,
     Filters,
+    FMUBackend,
     Further,
     HeldOutFiles,
     Mapped,
@@ -88,6 +89,7 @@ def discover_command(
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
+    backend: FMUBackend = "auto",
     jobs: Annotated[int | None, typer.Option(help="Parallel processes; default: one per available core.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -111,7 +113,7 @@ def discover_command(
             record, model, out, further=further or (), varies=varies or (), hold_out=hold_out or (), period=seconds,
             walls=walls, prior=prior, time_limit=limit, jobs=cores() if jobs is None else jobs,
             reading=Reading.asked(mapped, decimal, beside), filters=filters or (), as_measured=as_measured,
-            progress=progress,
+            backend=backend, progress=progress,
         )  # fmt: skip
     if as_json:
         put(json_text(verdict_json(outcome)))

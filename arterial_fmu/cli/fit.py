@@ -13,7 +13,7 @@ import typer
 from rich.console import RenderableType
 
 from arterial_fmu.cli.terminal.console import faults, put, say, say_notes, say_written, sentences, show
-from arterial_fmu.cli.terminal.options import Force, Json, Quiet, files_for
+from arterial_fmu.cli.terminal.options import Force, Json, Quiet, networks_for
 from arterial_fmu.cli.terminal.progress import PACE, bar
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.models.bench_network import bench_network
@@ -39,7 +39,17 @@ from solver.quantities.text import typed_quantity
 from .calibrate import calibrate_command
 from .first import first_command
 from .tables.cohort import tables as cohort_tables
-from .terminal.record_options import AsMeasured, Beside, Columns, Decimal, Filters, Mapped, Period, seconds
+from .terminal.record_options import (
+    AsMeasured,
+    Beside,
+    Columns,
+    Decimal,
+    Filters,
+    FMUBackend,
+    Mapped,
+    Period,
+    seconds,
+)
 
 app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich_markup_mode=None)
 
@@ -209,7 +219,13 @@ app.command("calibrate")(calibrate_command)
 @app.command("check")
 def check_command(
     parameters: Annotated[Path, typer.Argument(help="Parameter set: .json, .ssv or the name of a bundled one.")],
-    fmu: Annotated[Path, typer.Argument(help="The FMU of a network or of a bench.", autocompletion=files_for)],
+    fmu: Annotated[
+        Path,
+        typer.Argument(
+            help="The FMU of a network or of a bench; or a network, of which an FMU is then built.",
+            autocompletion=networks_for,
+        ),
+    ],
     record: Annotated[
         Path, typer.Argument(is_eager=True, help="Record of the network, or P and R of the bench's site.")
     ],
@@ -221,6 +237,7 @@ def check_command(
     out: Annotated[Path, typer.Option(help="Folder for check.html and check.json.")] = Path("check"),
     period: Period = None,
     filters: Filters = None,
+    backend: FMUBackend = "auto",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -238,6 +255,7 @@ def check_command(
             period=seconds(period, "--period"),
             filters=filters or (),
             as_measured=as_measured,
+            backend=backend,
             progress=lambda what: progress(0.0, what),
         )
         page = write_check(report, out)

@@ -28,7 +28,7 @@ from ..findings.recorded import Pair
 from ..name.verdict import Naming
 from ..show.fmu_validation import Run, fall, gap
 
-Runner = Callable[[Study, Network, Fit], tuple[Run, bytes]]
+Runner = Callable[[Study, Network, Fit], tuple[Run, Callable[[], bytes]]]
 
 _NONE = np.zeros(0)
 NOTHING = Fit((), (), _NONE, _NONE, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))  # the network without changes
@@ -63,7 +63,7 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
         after=after.gap.total,
         record=(record.path, record.sha256),
         network=network,
-        archive=archive,
+        archive=archive(),
         explains=False,
     )
 

@@ -205,7 +205,8 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
     """The law if its FMU confirms it, otherwise None. The FMU must agree with the inferred model and shrink the gap to
     the held-out beats by more than chance; if it leaves more than noise, it must close most of the gap.
 
-    before : the run without it. run : runs a law's FMU under the record's wave and returns the FMU to deliver.
+    before : the run without it. run : runs a law's FMU under the record's wave; it also returns a
+    function that builds the FMU to deliver.
     """
     own = replace(study, problem=in_range(study.problem, found.ranges))
     network = extended(own.problem.network, found.fit)
@@ -229,7 +230,7 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
         after=after.gap.total,
         record=(record.path, record.sha256),
         network=network,
-        archive=archive,
+        archive=archive(),
     )
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from fitting.check.fmu_run import read_fmu, run_module
+from fitting.check.fmu_run import read_fmu
 from fitting.first.model import first_model
 from fitting.records.alignment.align import align
 from fitting.records.plausible import check_plausible
 from fitting.records.read.record import Record
 from fitting.records.read.sensors import UnusableRecord
 from solver.errors import InputError
-from solver.io.host_died import ended
 from solver.io.writing import check_new, write_whole
 from solver.network.description import Network
 from solver.network.files import find_network, read_network
@@ -37,17 +36,6 @@ def read_model(path: str | os.PathLike[str]) -> Network:
                 "build it anew, with --set where a value was changed."
             )
     return network
-
-
-def build_fmu(network_file: Path, folder: Path) -> Path:
-    """Build the FMU of a network file in a separate process: ``<folder>/<name>.fmu``.
-
-    Raises ValueError with the message of the process.
-    """
-    code, said = run_module("build_fmu", os.fspath(network_file), "--out", os.fspath(folder))
-    if code != 0:
-        raise InputError(said or f"{network_file}: its FMU could not be built; the process {ended(code)}.")
-    return folder / f"{read_network(network_file).name}.fmu"
 
 
 def first_of(

@@ -2,13 +2,15 @@
 
 A wrong minimum is recognisable, because its residual is a fraction of the pulsation rather than noise. A correct model
 leaves noise and sensor faults, gain errors of a few per cent: at most a twentieth of the pulsation. If more is left,
-other starts follow until one ends nearer, or until three have not: then the model is deficient, not the search, and the
-result from the network's own values stands. A wrong model has lower costs far away, at values that no artery has.
+other starts follow until one ends nearer, or until three have not, or two have come back to the first minimum: then the
+model is deficient, not the search, and the result from the network's own values stands. A wrong model has lower costs
+far away, at values that no artery has.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +30,9 @@ OTHER_STARTS = 8
 _SEED = 1
 _FIRST_ERROR = 1e-3  # of a channel's pulse: larger than the solver's own error
 FAR = 0.05  # of the RMS of the pulsation
+# Gain at which a search from another start ends: it shows whether it ends nearer, and the second search goes on there
+ROUGH = 1.0
+_ALIKE, _BACK = 0.02, 2  # relative difference of what two ends at one minimum leave; starts that came back to the first
 ENOUGH = 3  # 6 of 100 synthetic tubes need other starts (own start far off or without a beat), and none needs more
 
 
@@ -43,12 +48,12 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Prob
     for i, x in enumerate(_starts(problem) if x0 is None else [x0]):
         try:
             weighted = weighted or problem.weighted(x, [first_error(*each) for each in problem.records])
-            ended[i] = minimum(weighted, weighted.at(x), rules)
+            ended[i] = minimum(weighted, weighted.at(x), replace(rules, gain=ROUGH) if ended else rules)
         except BROKEN as error:
             failure = failure or error
             weighted = weighted if ended else None
             continue
-        if not far(weighted, ended[i]) or len(ended.keys() - {0}) == ENOUGH:
+        if not far(weighted, ended[i]) or _enough(weighted, ended):
             break
     if weighted is None:
         sources = " + ".join(beats.source for beats, _ in problem.records)
@@ -59,6 +64,13 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Prob
     best = min(near or ended, key=lambda i: (not near and i > 0, ended[i].history[-1]))
     asked = x0 is not None or list(ended) == [0]
     return weighted, ended[best], [] if asked else [_said(weighted, ended, best)]
+
+
+def _enough(problem: Problem, ended: Mapping[int, Ended]) -> bool:
+    """True if the ends of other starts, all of them far from the record, show that no start ends nearer."""
+    left = {i: problem.whole.left_of_pulsation(each.fit) for i, each in ended.items()}
+    back = [i for i in left if i and 0 in left and abs(left[i] - left[0]) < _ALIKE * left[0]]
+    return len(left.keys() - {0}) == ENOUGH or len(back) == _BACK
 
 
 def _starts(problem: Problem) -> Iterator[Array]:

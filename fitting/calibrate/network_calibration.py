@@ -51,7 +51,8 @@ from ..records.channels.amounts import sizes
 from ..records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
 from ..records.thresholds import MAX_HARMONICS
 from .calibrated import ALL_PRIOR, Calibration, Recording, labels_of, noise_known
-from .first_search import first_search
+from .first_search import ROUGH, first_search
+from .late_flow import late_flow
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -106,12 +107,23 @@ def calibrate(
     first, near, said = first_search(problem, x0, rules)
 
     told.begin(0.6, 1.0, "second search")
+    first, near = _cut(first, near)
     last, unmeasured = _weighted(first, near.fit)
     rules = rules if near.errors.any() else replace(rules, gain=_SETTLED)
     best = minimum(last, last.whole.restated([near.fit], first.whole)[0], rules)
+    said = [*said, *unmeasured, *late_flow(last, best, replace(rules, gain=ROUGH))]
     if progress:
         progress(1.0, "done")
-    return _result(last, near, best, [*said, *unmeasured], labels, found, meter, time.perf_counter() - started)
+    return _result(last, near, best, said, labels, found, meter, time.perf_counter() - started)
+
+
+def _cut(problem: Problem, near: Ended) -> tuple[Problem, Ended]:
+    """The problem and the end of its search with elements for the lengths there: the search kept those of its start."""
+    if not problem.moves_elements:
+        return problem, near
+    errors = [part.error for part in problem.parts]
+    problem = problem.cut(near.fit.x).weighted(near.fit.x, errors)
+    return problem, replace(near, fit=problem.at(near.fit.x))
 
 
 def _weighted(problem: Problem, near: Fit) -> tuple[Problem, list[str]]:

@@ -40,6 +40,7 @@ from ..records.read.record import Record
 from ..results.parameter_set import ParameterSet
 from ..results.result_files import json_text
 from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
+from .fmu_build import fmu_of, with_starts
 from .fmu_run import FMU, PERIODIC, Answer, RunFailed, fourier, periodic_answer, read_fmu, steps_per_beat
 
 Array = np.ndarray
@@ -119,43 +120,56 @@ def check(
     period: float | None = None,
     filters: Iterable[str] = (),
     as_measured: bool = False,
+    backend: str = "auto",
     progress: Progress | None = None,
 ) -> CheckReport:
     """Run the FMU with the set as start values, driven by the record, and compare all common channels.
 
+    fmu : an FMU, which is run as it is, or a network file or a bundled network, of which an FMU is built with the
+    ``backend`` (:func:`~fitting.check.fmu_build.build_fmu`).
     period : of the beat [s], by default found. filters : of channels, "inlet.Q=lowpass 10 Hz". as_measured : accept
     values that no artery has.
     progress : called with the current task.
-    Raises ValueError, one sentence, if set, FMU and record do not belong together; RunFailed with the FMU's sentence.
+    Raises ValueError, one sentence, if set, FMU and record do not belong together, or if no FMU can be built;
+    RunFailed with the FMU's sentence.
     """
     tell = progress or (lambda _: None)
-    described = read_fmu(fmu)
+    with fmu_of(fmu, backend) as file:
+        return _check(parameters, read_fmu(file), os.fspath(fmu), record, period, filters, as_measured, tell)
+
+
+def _check(
+    parameters: ParameterSet, described: FMU, given: str, record: Record, period: float | None,
+    filters: Iterable[str], as_measured: bool, tell: Progress,
+) -> CheckReport:  # fmt: skip
+    """given : the file as the user named it."""
     _check_arteries(parameters, described)
     if not as_measured:
         sites = {name.removesuffix(".R0") for name in described.starts if name.endswith(".R0")}
         numbers = {s: [float(described.starts[f"{s}.{key}"]) for key in ("R0", "h")] for s in sites}
         check_plausible(record, {site: Artery(*each) for site, each in numbers.items()})
     mode, driver, source, compared, starts = _plan(parameters, described, record)
-    network = with_filters(read_network(Path(fmu)), filters)
+    network = with_filters(read_network(Path(described.path)), filters)
     tell("aligning the beats")
     beats = align(record, period)
     drive = flowed(beats, network, source)
     if mode == "bench":
         starts = {**starts, "network.P_0": float(drive[0])}
-    tell("running the FMU")
-    try:
-        answer = periodic_answer(described, driver, drive, beats.T, starts)
-    except RunFailed as error:
-        raise RunFailed(" ".join((str(error), *_of_another(parameters, described)))) from None
     K = int(_TRUSTED * min(beats.N, steps_per_beat(described, beats.T)) / 2)
     noise = {name: beats.covariance((name, source))[: K + 1] for name in compared}
-    response: dict[str, Array] = {}
     noisy = tuple(name for name in compared if is_noisy(noise[name], beats, name))
-    if noisy:
-        tell("running the FMU with a slightly different beat")
-        response = _response(described, driver, drive, beats, starts, answer, noisy, K)
-        own = undoable(network, source, (omega := beats.omega * np.arange(K + 1)))
-        response = {name: H * filtered(network, name, omega) / own for name, H in response.items()}
+    with with_starts(described, starts) as running:
+        tell("running the FMU")
+        try:
+            answer = periodic_answer(running, driver, drive, beats.T, starts)
+        except RunFailed as error:
+            raise RunFailed(" ".join((str(error), *_of_another(parameters, described)))) from None
+        response: dict[str, Array] = {}
+        if noisy:
+            tell("running the FMU with a slightly different beat")
+            response = _response(running, driver, drive, beats, starts, answer, noisy, K)
+            own = undoable(network, source, (omega := beats.omega * np.arange(K + 1)))
+            response = {name: H * filtered(network, name, omega) / own for name, H in response.items()}
     waveforms = {
         name: Waveform(beats.mean(name), _shown(network, name, answer.values[name], beats), beats.scatter(name))
         for name in compared
@@ -168,7 +182,7 @@ def check(
         beats.T,
         channels,
         compare_loops(waveforms),
-        _sources(parameters, described, beats),
+        _sources(parameters, described, given, beats),
         _run(described, beats, answer, K),
         (*beats.warnings, *_warnings(parameters, described, record, compared, source, answer, starts)),
         waveforms,
@@ -324,11 +338,11 @@ def _response(
 # --- where it comes from ------------------------------------------------------------------------------------------
 
 
-def _sources(parameters: ParameterSet, fmu: FMU, beats: Beats) -> dict[str, Any]:
+def _sources(parameters: ParameterSet, fmu: FMU, given: str, beats: Beats) -> dict[str, Any]:
     return {
         "record": {"path": beats.source, "sha256": beats.sha256}
         | ({"columns": dict(beats.told)} if beats.told else {}),
-        "fmu": {"path": fmu.path, "name": fmu.name, "guid": fmu.guid},
+        "fmu": {"path": given, "name": fmu.name, "guid": fmu.guid, "tool": fmu.tool},
         "parameter_set": {
             "name": parameters.name,
             "texts": dict(parameters.texts),

@@ -1,6 +1,6 @@
 """An FMU from the outside: its description, and its periodic response to a periodic input.
 
-Each run uses a new process, because a process that has run one FMU keeps its code.
+Each run of an FMU of pythonfmu uses a new process, because a process that has run one keeps its code.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from solver.simulate import change_of
 
 from ..parallel.threads import ENVIRONMENT
 from ..records.channels.spectral import resample, shift
+from .native_run import FMUFailed, stepped
 
 Array = np.ndarray
 
@@ -38,7 +39,7 @@ BEATS = (5, 10, 20, 40, 60)  # numbers of beats of successive runs, until the la
 PERIODIC = 1e-4  # largest relative change of an output between them
 _SHOTS = 4  # runs with the fewest beats, to correct the start
 _SLOW = 0.3, 0.99  # range of λ for slow filling, where more than 1e-3 remains after five beats
-_START = ("network.start", "inlet.Q_mean", "inlet.T")
+_START, _P_0 = ("network.start", "inlet.Q_mean", "inlet.T"), "network.P_0"
 
 
 class RunFailed(RuntimeError):
@@ -47,7 +48,8 @@ class RunFailed(RuntimeError):
 
 @dataclass(frozen=True)
 class FMU:
-    """The content of modelDescription.xml. inputs, parameters : names.
+    """The content of modelDescription.xml. tool : the generation tool, which names the kind of FMU, pythonfmu's or the
+    one with the compiled engine. inputs, parameters : names.
 
     starts : values of inputs and parameters; for an Enumeration the name of its item.
     outputs : names of pressures, flows and radii, without ports and volumes, which accumulate from beat to beat.
@@ -56,10 +58,17 @@ class FMU:
     path: str
     name: str
     guid: str
+    fmi: int
+    tool: str
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
     outputs: tuple[str, ...]
     starts: Mapping[str, float | str]
+
+    @property
+    def native(self) -> bool:
+        """True if it has the compiled engine, and this process can run it."""
+        return self.fmi == 2 and self.tool.endswith("compiled engine")
 
     @property
     def dt(self) -> float:
@@ -101,6 +110,8 @@ def read_fmu(path: str | os.PathLike[str]) -> FMU:
         source,
         description.modelName,
         description.guid,
+        int(float(description.fmiVersion)),
+        description.generationTool or "an unknown tool",
         names["input"],
         names["parameter"],
         tuple(name for name in names["output"] if name.endswith((".P", ".Q", ".R")) and not name.startswith("venous.")),
@@ -131,8 +142,9 @@ def periodic_answer(
 
     driver : an input. beat : (N,) [SI], its samples at j T/N, Fourier-interpolated. The internal step is T over a
     whole number, so that beats fall on the grid. beats : run exactly this number from rest; otherwise 5 to 60, until
-    two agree to 1e-4. If the inflow drives it, it starts near the periodic state if there is one, at the phase of the
-    network's own pulse; else where the flow is least, because a run from rest begins with a jump to that flow.
+    two agree to 1e-4. If the inflow drives it, it starts near the periodic state if the FMU can, at the phase of the
+    network's own pulse; else at rest, at a pressure near the mean one, where the flow is least, because such a run
+    begins with a jump to that flow.
     Raises RunFailed with the FMU's sentence, HostDied if it ended the process that ran it.
     """
     n = steps_per_beat(fmu, T)
@@ -147,9 +159,10 @@ def periodic_answer(
         network = read_network(Path(fmu.path))
         if not network.sources:  # tables begin with the beat
             first, least = _in_phase(beat, network), int(np.argmin(np.abs(beat)))
-        if {*_START} <= {*fmu.parameters}:
-            with suppress(RunFailed):  # without a steady state at that mean flow, start from rest
-                return _from_periodic(partial(run_from, first), float(beat.mean()), T)
+        for start in (_Periodic(float(beat.mean()), T, first), _Level(_level(fmu, start_values), least)):
+            if {*start.values(0.0)} <= {*fmu.parameters}:
+                with suppress(RunFailed):  # without a steady state at that mean flow, or that FMU's own alone
+                    return _from(start, partial(run_from, start.first))
     for m in (beats,) if beats else BEATS:
         answer = _answer(run_from(least, m, {}))
         if answer.change <= PERIODIC:
@@ -163,39 +176,82 @@ def _in_phase(beat: Array, network: Network) -> int:
     return int(np.argmax(np.fft.irfft(np.fft.rfft(beat) * np.fft.rfft(pulse).conj(), len(beat))))
 
 
-def _from_periodic(run: Callable[[int, Mapping[str, float | str]], dict[str, Array]], mean: float, T: float) -> Answer:
-    """The response from network.start = periodic, the beats of the network's own pulse.
+def _level(fmu: FMU, start_values: Mapping[str, float | str]) -> float:
+    return float(start_values.get(_P_0, fmu.starts.get(_P_0, 0.0)))
 
-    Another pulse fills Windkessels to another mean, slowly. The secant method therefore corrects the mean Q of the
-    start until the mean pressure does not drift between the last two beats of the shortest run, D(Q) = 0. The drive of
-    the FMU does not change.
+
+@dataclass(frozen=True)
+class _Periodic:
+    """Start from network.start = periodic, the beats of the network's own pulse, by its mean flow x [m³/s]."""
+
+    x: float
+    T: float
+    first: int
+
+    def values(self, x: float) -> dict[str, float | str]:
+        return dict(zip(_START, ("periodic", x, self.T), strict=True))
+
+    def per_pressure(self, x: float, P: float) -> float:
+        """dx/dP of the mean pressure P [Pa] at which the run starts: P ~ Q."""
+        return x / (P or 1.0)
+
+    def within(self, x: float, P: float, shots: int) -> float:
+        span = (0.5 if shots == 1 else 1.0) * abs(self.x)
+        return float(np.clip(x, self.x - span, self.x + span))
+
+
+@dataclass(frozen=True)
+class _Level:
+    """Start at rest, by the common pressure x [Pa]."""
+
+    x: float
+    first: int
+
+    def values(self, x: float) -> dict[str, float | str]:
+        return {_P_0: x}
+
+    def per_pressure(self, x: float, P: float) -> float:
+        return 1.0
+
+    def within(self, x: float, P: float, shots: int) -> float:
+        return float(np.clip(x, P - abs(P), P + abs(P)))
+
+
+def _from(start: _Periodic | _Level, run: Callable[[int, Mapping[str, float | str]], dict[str, Array]]) -> Answer:
+    """The response from a start with one number x.
+
+    Windkessels fill slowly to the mean of the drive, which is not that of the start. The secant method therefore
+    corrects x until the mean pressure does not drift between the last two beats of the shortest run, D(x) = 0. The
+    drive of the FMU does not change.
     """
-    Q, shots = mean, list[tuple[float, float]]()
+    x, shots = start.x, list[tuple[float, float]]()
     for m in (*BEATS[:1] * _SHOTS, *BEATS[1:]):
-        table = run(m, dict(zip(_START, ("periodic", Q, T), strict=True)))
+        table = run(m, start.values(x))
         answer = _answer(table)
         if answer.change <= PERIODIC:
             break
-        Q = _corrected(table, mean, Q, shots)
+        x = _corrected(start, table, x, shots)
     return answer
 
 
-def _corrected(table: Mapping[str, Array], mean: float, Q: float, shots: list[tuple[float, float]]) -> float:
-    """The next Q after a run with start Q, which is appended to the ``shots`` (Q, D).
+def _corrected(
+    start: _Periodic | _Level, table: Mapping[str, Array], x: float, shots: list[tuple[float, float]]
+) -> float:
+    """The next x after a run from x, which is appended to the ``shots`` (x, D).
 
     The distance of the mean pressure P in beat m from its limit is λ^m e_0, so λ is the ratio of two drifts. After the
-    first run the last drift gives e_0, and P ~ Q gives Q.
+    first run the last drift gives e_0, and with dx/dP the change of x.
     """
     P = np.mean([x.mean(axis=1) for name, x in table.items() if name.endswith(".P")], axis=0)[: BEATS[0]]
     before, drift = np.diff(P)[-2:]
     if shots:
-        (Q_0, drift_0), span = shots[-1], abs(mean)
-        change = 0.0 if drift == drift_0 else -drift * (Q - Q_0) / (drift - drift_0)
+        x_0, drift_0 = shots[-1]
+        change = 0.0 if drift == drift_0 else -drift * (x - x_0) / (drift - drift_0)
     else:
-        ratio, span = float(np.clip(drift / before if before else 0.0, *_SLOW)), 0.5 * abs(mean)
-        change = Q / (P[-1] or 1.0) * drift / (1.0 - ratio) / ratio ** (len(P) - 1)
-    shots.append((Q, float(drift)))
-    return float(np.clip(Q + change, mean - span, mean + span))
+        ratio = float(np.clip(drift / before if before else 0.0, *_SLOW))
+        change = start.per_pressure(x, P[-1]) * drift / (1.0 - ratio) / ratio ** (len(P) - 1)
+    shots.append((x, float(drift)))
+    return start.within(x + change, float(P[-1]), len(shots))
 
 
 def _answer(table: Mapping[str, Array]) -> Answer:
@@ -203,6 +259,15 @@ def _answer(table: Mapping[str, Array]) -> Answer:
     before, last = (np.column_stack([x[beat] for x in table.values()]) for beat in (-2, -1))
     values = {name: x[-1] for name, x in table.items()}
     return Answer(values, len(next(iter(table.values()))), change_of(last, before, tuple(table)))
+
+
+def takes(fmu: FMU, starts: Mapping[str, float | str]) -> bool:
+    """True if an FMU with the compiled engine can be initialised with these start values."""
+    try:
+        stepped(fmu.path, starts, {INFLOW: 0.0}, INFLOW, [], 1.0, ())
+    except FMUFailed:
+        return False
+    return True
 
 
 def fourier(beat: Array, M: int) -> Array:
@@ -214,15 +279,38 @@ def fourier(beat: Array, M: int) -> Array:
 def _run(
     fmu: FMU, driver: str, beat: Array, h: float, n: int, beats: int, starts: Mapping[str, float | str]
 ) -> dict[str, Array]:
-    """All beats of a run in a new process : (beats, n) of every output.
+    """All beats of a run : (beats, n) of every output. Raises RunFailed, or HostDied if a process of its own died.
 
-    Raises RunFailed, or HostDied if that process died.
+    During each step the inflow is linear; another input has its mid-step value.
     """
-    # an input other than the inflow has its mid-step value during each step: half steps represent it exactly
     parts = 1 if driver == INFLOW else 2
     values = np.tile(fourier(beat, parts * n), beats)
     values = np.append(values, values[0])
-    time = np.arange(len(values)) * (h / parts)
+    if not fmu.native:
+        return _run_apart(fmu, driver, values, h / parts, beats, n, starts)
+    first = {INFLOW: 0.0, driver: float(values[0])}
+    try:
+        table = stepped(
+            fmu.path,
+            {"inlet.interpolation": "linear", **starts},
+            first,
+            driver,
+            values[1::parts].tolist(),
+            h,
+            fmu.outputs,
+        )
+    except FMUFailed as error:
+        raise RunFailed(str(error)) from None
+    return {name: column[:-1].reshape(beats, n) for name, column in zip(fmu.outputs, table.T, strict=True)}
+
+
+def _run_apart(
+    fmu: FMU, driver: str, values: Array, part: float, beats: int, n: int, starts: Mapping[str, float | str]
+) -> dict[str, Array]:
+    """The same in a new process, which has its input and gives its result as files. values : at multiples of ``part``,
+    an input other than the inflow at every half step, which represents it exactly."""
+    h = part if driver == INFLOW else 2.0 * part
+    time = np.arange(len(values)) * part
     stop = beats * n * h
     time[-1] = max(time[-1], stop)
     with TemporaryDirectory(prefix="check_", ignore_cleanup_errors=True) as folder:

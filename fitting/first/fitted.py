@@ -25,7 +25,7 @@ from solver.quantities.units import INFLOW
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from .tubes import keyed
-from .waves import foot, heard, later, smooth
+from .waves import FEET, heard, late
 
 Array = np.ndarray
 
@@ -46,8 +46,6 @@ _LENGTHS = (0.2, 0.5, 1.0, 2.0)  # the same of all lengths
 _SEARCHES = 3  # that are begun
 _HARMONICS = 16  # at most: they hold the pulse
 _ERROR = 0.005  # of the pulsation: an error of the model in each harmonic
-_LATEST = 0.1  # of the period: the range of the lag; beyond it the clocks differ (doubts.py)
-_FEET = 0.01  # of the period: by which a lag between feet may be off
 _CLOSES = 0.7  # of the residual: a lag that leaves more is not told
 _MATTERS = 0.05  # of the pulsation: nor is one where the model leaves less without it
 _STEP = 1e-4  # of the finite differences
@@ -69,13 +67,12 @@ def fitted(network: Network, beats: Beats, root: str, known: bool) -> Fitted:
     gives the lengths, which then stay."""
     problem = _Problem(network, beats, root, known)
     plain = problem.search(0.0, 0.0)
-    before, T = problem.rms(plain, root), beats.T
-    late, error = later(foot(smooth(beats, INFLOW), T) - foot(smooth(beats, root), T), T), _FEET * T
-    if before > _MATTERS * problem.size(root) and max(error, T / beats.N) < abs(late) < _LATEST * T:
-        moved = problem.search(late, error)
+    before, feet = problem.rms(plain, root), late(beats, root)
+    if before > _MATTERS * problem.size(root) and feet:
+        moved = problem.search(feet, FEET * beats.T)
         if (after := problem.rms(moved, root)) < _CLOSES * before:
-            return Fitted(problem.factors(moved), float(moved[-1]), late, (before, after))
-    return Fitted(problem.factors(plain), 0.0, late, (before, before))
+            return Fitted(problem.factors(moved), float(moved[-1]), feet, (before, after))
+    return Fitted(problem.factors(plain), 0.0, feet, (before, before))
 
 
 def of_owner(factor: Mapping[str, float], owner: str) -> dict[str, float]:

@@ -131,7 +131,7 @@ def network_file(
     lines += [f'{site} = {{ segment = "{segment}", position = {at:g} }}' for site, segment, at in places]
     if late:
         lines += ["", f'# [channels."{INFLOW}"]  # remove the signs # in front to keep the delay in the model']
-        lines += [f'# lag = "{1e3 * late:.3g} ms"']
+        lines += [f'# delay = "{1e3 * late:.3g} ms"']
     return "\n".join(lines) + "\n"
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver.quantities.units import INFLOW
+
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, derivative, resample, without_high
 
@@ -13,6 +15,8 @@ _POINTS = 2048  # a beat, to resolve a foot to less than a millisecond
 _HIGHEST = 40  # harmonic
 _NOISE, _SMALL = 3.0, 0.01  # standard deviations, and fraction of the largest harmonic: thresholds for a harmonic
 _BACK = 0.3  # of the period before the steepest rise: search range for the end of diastole
+FEET = 0.01  # of the period: by which a delay between feet may be off
+_LATEST = 0.1  # of the period: the largest delay of a meter; beyond it the clocks differ (doubts.py)
 _EARLY = (0.1, 0.3)  # of the rise: the part extrapolated to the foot
 
 
@@ -29,10 +33,24 @@ def heard(beats: Beats, name: str, small: float = _SMALL) -> Array:
     return np.flatnonzero(loud)[int(loud[0]) :]
 
 
-def smooth(beats: Beats, name: str, most: int | None = None) -> Array:
-    """The mean beat with the harmonics up to the last that is heard, or ``most``, on many points : (n,)."""
+def smooth(beats: Beats, name: str, most: int | None = None, wave: Array | None = None) -> Array:
+    """The mean beat with the harmonics up to the last that is heard, or ``most``, on many points : (n,).
+
+    wave : (N,) instead of the mean beat, such as that before a known filter.
+    """
     most = int(max(heard(beats, name), default=1)) if most is None else most
-    return without_high(resample(beats.mean(name), _POINTS), most)
+    return without_high(resample(beats.mean(name) if wave is None else wave, _POINTS), most)
+
+
+def late(beats: Beats, root: str, wave: Array | None = None) -> float:
+    """The delay [s] of inlet.Q against the pressure at the same place, foot to foot; 0 if it may be none, or is so
+    large that the clocks differ.
+
+    wave : (N,) of inlet.Q before known filters; default: as recorded.
+    """
+    T = beats.T
+    found = later(foot(smooth(beats, INFLOW, wave=wave), T) - foot(smooth(beats, root), T), T)
+    return found if max(FEET * T, T / beats.N) < abs(found) < _LATEST * T else 0.0
 
 
 def foot(x: Array, T: float) -> float:

@@ -34,7 +34,7 @@ from .effect import (
 from .learned import LearnedOutlet, LearnedWall
 from .localised import SideBranch, Stenosis, WallStiffness
 from .outlets import Reflection, Windkessel
-from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset, KnownZero, LowPass
+from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset, KnownDelay, KnownZero, LowPass
 from .springpot import FractionalViscosity
 from .wall import Wall
 
@@ -367,5 +367,6 @@ ALL: tuple[Effect, ...] = (
     CatheterResonance(),
     LowPass(),
     KnownZero(),
+    KnownDelay(),
 )
 BY_NAME: dict[str, Effect] = {effect.name: effect for effect in ALL}

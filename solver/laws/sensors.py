@@ -216,6 +216,31 @@ class KnownZero(Sensor):
         return values["zero"]
 
 
+class KnownDelay(Sensor):
+    """The delay of a meter, known from its data sheet or found in a recording; never a candidate of a search, which has
+    :class:`ChannelLag`."""
+
+    name = "known_delay"
+    equation = "y(t) = x(t - delay), known"
+    terms = {"delay": Quantity("s", "known delay of the channel", -1.0, 1.0, display="ms")}
+    neutral = {"delay": 0.0}
+    refuses_neutral = "its delay must not be 0 s"
+    signature = "one channel only: phase linear in frequency"
+    confusable = ("channel_lag", "low_pass")
+    separator = "calibration of the sensor"
+
+    def searched(self, channel: str) -> Mapping[str, Quantity]:
+        return {}
+
+    def said(self, words: str) -> Mapping[str, str] | None:
+        """delay TIME, such as delay 20 ms."""
+        match = re.fullmatch(r"delay\s+(.+)", words, re.IGNORECASE)
+        return match and {"delay": match[1]}
+
+    def transfer(self, values: Values, omega: Array) -> Array:
+        return np.exp(-1j * omega * np.asarray(values["delay"], float))
+
+
 _HIGHEST_ORDER = 8
 
 

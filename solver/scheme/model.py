@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -115,14 +115,19 @@ class Model:
         return y
 
 
-def build(network: Network, parameters: Parameters | None = None, settings: Settings | None = None) -> Model:
+def build(
+    network: Network, parameters: Parameters | None = None, settings: Settings | None = None,
+    lengths: Sequence[float] | None = None,
+) -> Model:  # fmt: skip
     """The model of a network with some parameters replaced by numbers or by arrays of B numbers.
 
+    lengths : (n_segments,) [m] by which segments are cut into elements; default: the longest of the B.
     Raises ValueError for parameters that are not allowed.
     """
     settings = settings or Settings()
     c = coefficients(network, parameters)
-    mesh = build_mesh(network, c.L.max(axis=0), settings.element_length, settings.degree, c.cuts)
+    L = c.L.max(axis=0) if lengths is None else np.array(lengths, float)
+    mesh = build_mesh(network, L, settings.element_length, settings.degree, c.cuts)
     return _possible(lay_out(network, dict(parameters or {}), settings, c, mesh))
 
 

@@ -62,7 +62,8 @@ Filters = Annotated[
     typer.Option(
         "--filter",
         metavar="CHANNEL=FILTER",
-        help='A known filter of the recorder, repeatable: "inlet.Q=lowpass 10 Hz", "AA.P=lowpass 55 Hz order 2".',
+        help='A known filter, delay or zero of a sensor, repeatable: "inlet.Q=lowpass 10 Hz", '
+        '"AA.P=lowpass 55 Hz order 2", "inlet.Q=delay 20 ms", "AA.P=zero 4 mmHg".',
     ),
 ]
 Decimal = Annotated[
@@ -73,6 +74,14 @@ AsMeasured = Annotated[
     typer.Option("--as-measured", help="Accept values outside the range of arteries, e.g. of a phantom or a vein."),
 ]
 Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: from the record.')]
+FMUBackend = Annotated[
+    str,
+    typer.Option(
+        "--backend",
+        help="Kind of the FMUs that are built and run: numpy (that of build), native (with the compiled engine), or "
+        "auto (native if it can be built here). Both give the same numbers.",
+    ),
+]
 Columns = Annotated[
     bool, typer.Option("--columns", callback=_look, help="Show the columns of the record and exit; also with --json.")
 ]

@@ -57,6 +57,9 @@ TOLERANCE = 1e-7  # of periodic beats, whose small differences give the derivati
 # harmonics, and with them all that only other flows show
 MEANS = 0.1
 CHANCE = 4.0  # standard deviations of χ² above which more than noise remains
+# Predicted gain of a search that ended without a better step, which moves no value by more than a third of its standard
+# deviation. Beside a large residual, whose curvature the linear problem leaves out, the prediction is not reached
+_NEGLIGIBLE = 0.1
 _ALTERNATIONS = 12  # of search and error estimate, at most
 _SAME = 0.1  # relative change of an error that is negligible
 
@@ -102,6 +105,20 @@ class Problem:
         )
         return replace(self, whole=replace(self.whole, parts=parts))
 
+    def cut(self, x: Array) -> Problem:
+        """The problem with elements for the lengths at x : (p,), not yet weighted."""
+        records = list[tuple[Beats, Simulator]]()
+        for i, (beats, simulator) in enumerate(self.records):
+            unknowns, mine = self.own(i)
+            values = parameter_values(unknowns, simulator.network, x[mine])
+            records.append((beats, simulator.cut({name: float(value) for name, value in values.items()})))
+        return replace(self, records=tuple(records), whole=replace(self.whole, parts=()))
+
+    @property
+    def moves_elements(self) -> bool:
+        """True if an unknown changes lengths of segments."""
+        return any(name.endswith(".L") for u in self.unknowns for name in u.variables)
+
     def at(self, x: Array) -> Fit:
         """The point x : (p,) as a fit. Raises the error of the recording whose simulation fails."""
         member = Member((), self.unknowns, x)
@@ -130,7 +147,7 @@ def recorded(
     beyond = HARMONICS_BEYOND if has_room(network, K + HARMONICS_BEYOND, settings) else 0
     simulator = Simulator(network, inflow(beats, settings.dt, network), beats.T, tuple(names), K, settings,
                           tolerance=TOLERANCE, beyond=beyond)  # fmt: skip
-    return beats, simulator
+    return beats, simulator.cut({})
 
 
 # --- errors of the model ----------------------------------------------------------------------------------------------
@@ -162,7 +179,8 @@ def minimum(problem: Problem, fit: Fit, rules: Rules) -> Ended:
         (fit,) = problem.whole.restated([found.fit(*problem.whole.entries)], wide.whole)
         pairs = zip(wide.parts, problem.parts, strict=True)
         volume = sum(part.target.log_volume - exact.target.log_volume for part, exact in pairs)
-        history, converged = [*history, *(cost + volume for cost in found.history)], found.converged
+        history = [*history, *(cost + volume for cost in found.history)]
+        converged = found.converged or found.cost - found.promised() < _NEGLIGIBLE
     return Ended(fit, errors, tuple(history), converged)
 
 

@@ -46,7 +46,8 @@ class Simulator:
     beyond : harmonics above K in a harmonic balance (:func:`~solver.beat_harmonics`); 0 for a model without balance,
     whose beat is run in time with steps of settings.dt. start : time [s] in the beat at which such runs begin, where
     the flow is least: a run begins at rest, and a sudden flow would strain the walls more than any heart. tolerance,
-    resolved : of the periodic beat. forced : sources, which only a balance can include.
+    resolved : of the periodic beat. lengths : [m] by which balances cut the segments into elements (:meth:`cut`); None:
+    the parameters'. forced : sources, which only a balance can include.
     """
 
     network: Network
@@ -59,6 +60,7 @@ class Simulator:
     tolerance: float = 1e-5
     resolved: float = 0.0
     beyond: int = 0
+    lengths: tuple[float, ...] | None = None
     forced: Forced | None = None
 
     def halved(self) -> Simulator:
@@ -69,6 +71,17 @@ class Simulator:
         """The same with half the step and half the element length, to measure the errors of both."""
         half = self.halved()
         return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
+
+    def cut(self, parameters: Mapping[str, float]) -> Simulator:
+        """The same with elements for these parameters, whatever it simulates: harmonics are then smooth in lengths, of
+        which the number of elements is a step function."""
+        own = self.network.segments
+        return replace(self, lengths=tuple(float(parameters.get(f"{s.name}.L", s.L)) for s in own))
+
+    def delayed(self, network: Network, delay: float) -> Simulator:
+        """The same with a network that knows a further delay [s] of the meter: the flow was earlier."""
+        turned = self.drive.X * np.exp(1j * self.drive.omega * delay)
+        return replace(self, network=network, drive=replace(self.drive, X=turned))
 
     def coefficients(
         self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
@@ -99,8 +112,8 @@ class Simulator:
         forced = self.forced if self.forced and self.forced.sources else None
         sources, amplitudes = (forced.sources, forced.amplitudes) if forced else ((), None)
         return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
-                              settings=self.settings, tolerance=self.tolerance, more=self.beyond,
-                              sources=sources, amplitudes=amplitudes, progress=runs.check,
+                              settings=self.settings, tolerance=self.tolerance, more=self.beyond, sources=sources,
+                              amplitudes=amplitudes, progress=runs.check, lengths=self.lengths,
                               near=None if near is None else near.tolist())  # fmt: skip
 
     def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:

@@ -1,4 +1,4 @@
-"""Filters and zeros that sensors are known to have: ``inlet.Q=lowpass 10 Hz order 2``, ``C.P=zero 4 mmHg``."""
+"""What sensors are known to have: ``inlet.Q=lowpass 10 Hz order 2``, ``inlet.Q=delay 20 ms``, ``C.P=zero 4 mmHg``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ def with_filters(network: Network, filters: Iterable[str]) -> Network:
         if not found:
             raise InputError(
                 f'--filter "{text}": must be CHANNEL=lowpass FREQUENCY, such as "inlet.Q=lowpass 10 Hz", with order 2 '
-                "behind it if it is not of first order, or CHANNEL=zero AMOUNT, such as C.P=zero 4 mmHg."
+                "behind it if it is not of first order, CHANNEL=delay TIME, such as inlet.Q=delay 20 ms, or "
+                "CHANNEL=zero AMOUNT, such as C.P=zero 4 mmHg."
             )
         if channel not in network.channel_names():
             raise InputError(
