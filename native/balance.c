@@ -368,8 +368,8 @@ static double product(const arterial_balance *b, const arterial_period *period, 
     return sum;
 }
 
-/* Mixes n earlier corrections into s->corrected, so that the mixed correction of the flows is least: _mixed in
-   solver/periodic/harmonic_balance.py. */
+/* Mixes n earlier corrections into s->corrected, so that the mixed correction of the flows is least:
+   solver/periodic/mixing.py. */
 static void mix(const arterial_balance *b, const arterial_period *period, int32_t n, const double *X,
                 const scratch_parts *s)
 {

@@ -175,10 +175,10 @@ def test_a_law_must_shrink_the_gap() -> None:
 
     source = Record("made.csv", "ab", made.time, made.channels, {})
     before = run(naming.base.fit, study)
-    kept = stands(study, law, before, source, lambda own, network, fit: (run(fit, own), b"fmu"))
+    kept = stands(study, law, before, source, lambda own, network, fit: (run(fit, own), lambda: b"fmu"))
     assert kept is not None and kept.archive == b"fmu" and kept.after[1] < 0.5 * kept.before[1]
     assert kept.network.segment(SITE).terms["learned_cubic"] == pytest.approx(kept.parameters["AA.learned_cubic"].value)
-    assert stands(study, law, before, source, lambda own, network, fit: (before, b"")) is None
+    assert stands(study, law, before, source, lambda own, network, fit: (before, lambda: b"")) is None
     assert own.problem.site == SITE
 
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver.laws.catalogue import DELAY
 from solver.network.description import Network
 from solver.quantities.legible import number
 from solver.quantities.units import INFLOW, MMHG
@@ -36,8 +37,8 @@ def late_flow(problem: Problem, ended: Ended, rules: Rules) -> list[str]:
     before, size = _left(problem, ended, root)
     if not all(each * delay > 0.0 for each in delays) or before < _MATTERS * size:
         return []
-    known = next((c.terms.get("delay", 0.0) for c in networks[0].channels if c.name == INFLOW), 0.0)
-    term = {f"{INFLOW}.delay": known + delay}
+    known = next((c.terms.get(DELAY, 0.0) for c in networks[0].channels if c.name == INFLOW), 0.0)
+    term = {f"{INFLOW}.{DELAY}": known + delay}
     records = tuple(
         (b, s.delayed(n.with_terms(term), delay)) for (b, s), n in zip(problem.records, networks, strict=True)
     )

@@ -5,10 +5,13 @@ from __future__ import annotations
 import io
 from html import escape
 
+import numpy as np
+
 from solver.layout import BEND, Lane, lanes
 from solver.network.description import Network
 
 ARTERY, OUTLET, TEXT, FAINT = "#b3363b", "#27496d", "#1d1f22", "#6b7078"
+_COLOURS = 64  # of the PNG
 
 
 def network_svg(network: Network) -> str:
@@ -80,6 +83,7 @@ def model_png(network: Network) -> bytes:
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from PIL import Image
 
     drawn = lanes(network)
     named = {lane.segment.name: lane for lane in drawn}
@@ -91,7 +95,7 @@ def model_png(network: Network) -> bytes:
     widest = min(7.0, 1.2 * 72 / (rows + 1.0))
     with matplotlib.rc_context(dict(matplotlib.rcParamsDefault)):
         figure = Figure(figsize=(4.0, 2.5), dpi=100)
-        FigureCanvasAgg(figure)
+        canvas = FigureCanvasAgg(figure)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
         axes.set_xlim(-0.07 * (columns + 0.2) - 0.1, 1.04 * columns + 0.1)
@@ -117,6 +121,9 @@ def model_png(network: Network) -> bytes:
                 textcoords="offset points",
                 arrowprops={"arrowstyle": "-|>", "color": OUTLET, "lw": 1.5, "shrinkB": widest / 2 + 1},
             )
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", metadata={"Software": None})
+        canvas.draw()
+        # a few colours and the steps between them: half the bytes
+        image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(_COLOURS)
+    buffer = io.BytesIO()
+    image.save(buffer, format="png", optimize=True)
     return buffer.getvalue()

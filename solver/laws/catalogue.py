@@ -12,9 +12,10 @@ from ..errors import InputError
 from ..quantities.quantity import Quantity, quantities
 from . import effects
 from .effect import Array, Described, Effect, check_known
-from .sensors import KnownZero, Sensor
+from .sensors import KnownDelay, KnownZero, Sensor
 
 (ZERO,) = KnownZero.terms  # its key
+(DELAY,) = KnownDelay.terms
 
 # --- terms of an owner --------------------------------------------------------------------------------------------
 

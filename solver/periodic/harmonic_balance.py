@@ -41,6 +41,7 @@ from ..scheme.stage import (
     start,
 )
 from ..scheme.step import State, initial_state
+from .mixing import EARLIER, SLOW, mixed
 from .waves import SAMPLES, Near, Waves, amplitudes, constant, samples, taus_of
 
 Array = np.ndarray
@@ -52,11 +53,6 @@ _FINE = 4096  # samples of the drive, whose mean must be accurate
 MOST = _FINE // 4  # harmonics
 LONG = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
 _MINUTE = 1e-3  # of the tolerance: a first correction below it may be round-off, which no further one makes less
-_MIXED = (
-    2  # earlier corrections that are mixed into one: a third one saves no further correction of any bundled network
-)
-_SLOW = 0.25  # of the last correction: a smaller one needs no mixing
-_INDEPENDENT = 1e-10  # of the corrections' squares, added to the normal equations
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
@@ -201,8 +197,8 @@ def balanced(
         less = size < last
         better = active & less
         history.append((model.layout.part(y, "Q"), Waves(omega, filled.y + y, filled.H + H)))
-        history = history[-1 - _MIXED :]
-        corrected = _remembering(model, _mixed(history, size > _SLOW * last), taus_of(omega))
+        history = history[-1 - EARLIER :]
+        corrected = _remembering(model, mixed(history, size > SLOW * last), taus_of(omega))
         waves, before = corrected.where(better, before.where(active & ~less, waves)), waves.where(better, before)
         last = np.where(active, np.where(less, size, np.inf), last)
         active = better & (size > (of_first * np.maximum(first, _MINUTE * tolerance) if of_first else tolerance))
@@ -212,27 +208,6 @@ def balanced(
             break
     kept = Near.of(waves, rest, *left(waves)[1:]) if keep else None
     return waves, np.where(active, np.inf, last), kept
-
-
-def _mixed(history: Sequence[tuple[Array, Waves]], slow: Array) -> Waves:
-    """The last corrected waves, mixed with those before them for members whose corrections fall slowly : (B,).
-
-    D. G. Anderson's extrapolation, J. ACM 12 (1965) 547: the weights, of sum 1, make the mixed corrections of the flows
-    least. Equations that all waves fulfil and that are linear stay fulfilled.
-    """
-    last, g = history[-1]
-    if len(history) == 1 or not slow.any():
-        return g
-    apart = np.stack([last - flows for flows, _ in history[:-1]])
-    gram = np.einsum("ikbeq,jkbeq->bij", apart.conj(), apart).real
-    gram += (_INDEPENDENT * np.trace(gram, axis1=1, axis2=2) + np.finfo(float).tiny)[:, None, None] * np.eye(len(apart))
-    right = np.einsum("ikbeq,kbeq->bi", apart.conj(), last).real
-    weight = np.where(slow[:, None], np.linalg.solve(gram, right[..., None])[..., 0], 0.0)
-    y, H = g.y.copy(), g.H.copy()
-    for w, (_, before) in zip(weight.T[..., None], history[:-1], strict=True):
-        y -= w * (g.y - before.y)
-        H -= w * (g.H - before.H)
-    return Waves(g.omega, y, H)
 
 
 def started(model: Model, rest: State, omega: Array, near: Near | None = None) -> Waves:
