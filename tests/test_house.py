@@ -16,7 +16,7 @@ from test_layout import imports as imports_of
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in PRODUCT}
 MAY_IMPORT = {
     "solver": {"solver", "numpy", "scipy", "pint", "yaml"},
-    "fmu_src": {"fmu_src", "solver", "numpy", "pythonfmu", "fmpy", "matplotlib"},
+    "fmu_src": {"fmu_src", "solver", "numpy", "pythonfmu", "fmpy", "matplotlib", "PIL"},
     "fitting": {"fitting", "solver", "numpy", "scipy", "polars", "threadpoolctl", "fmpy", "matplotlib",
                 "jinja2", "pyedflib", "distributed"},
     "discrepancy": {"discrepancy", "fitting", "solver", "numpy", "scipy", "matplotlib", "jinja2"},

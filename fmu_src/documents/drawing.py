@@ -5,8 +5,6 @@ from __future__ import annotations
 import io
 from html import escape
 
-import numpy as np
-
 from solver.layout import BEND, Lane, lanes
 from solver.network.description import Network
 
@@ -123,7 +121,11 @@ def model_png(network: Network) -> bytes:
             )
         canvas.draw()
         # a few colours and the steps between them: half the bytes
-        image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(_COLOURS)
+        image = (
+            Image.frombytes("RGBA", canvas.get_width_height(), bytes(canvas.buffer_rgba()))
+            .convert("RGB")
+            .quantize(_COLOURS)
+        )
     buffer = io.BytesIO()
     image.save(buffer, format="png", optimize=True)
     return buffer.getvalue()
