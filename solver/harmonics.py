@@ -55,8 +55,9 @@ def beat_harmonics(
     compiled engine (:mod:`~solver.periodic.native_balance`), which agrees to 1e-9 of the largest harmonic of its kind;
     "auto", the engine if it is available and supports the network. near : (B,) the member at whose beat the corrections
     of each one start, its own index for the steady state; the difference between two such beats of similar parameters
-    is accurate to a few thousandths of itself. lengths : (n_segments,) [m] by which segments are cut into elements, so
-    that the beats are smooth in parameters L; default: the longest of the B. Other arguments as there.
+    is accurate to a few thousandths of itself (with leaks, which correct areas too, every beat starts by itself).
+    lengths : (n_segments,) [m] by which segments are cut into elements, so that the beats are smooth in parameters L;
+    default: the longest of the B. Other arguments as there.
 
     Members of a batch without a converged balance, or too large for one, are NaN; a simulation in time may find their
     beat. Raises ValueError as simulate_periodic, for names that are no outputs, and if a member has no steady state
@@ -120,12 +121,13 @@ class _Beats:
     asked: _Asked
 
     def near(self, near: Array) -> Array:
-        """X : (B, K+1, m), the beats of most members from those of others."""
+        """X : (B, K+1, m), the beats of most members from those of others; not with leaks, whose residual of mass is
+        corrected in each beat by itself."""
         B = len(near)
         first, others = np.flatnonzero(near == np.arange(B)), np.flatnonzero(near != np.arange(B))
         X = np.empty((B, self.asked.K + 1, len(self.asked.names)), complex)
-        if not len(others):
-            return self.of(first)[0]
+        if not (len(others) and self.model.storage.proportional):
+            return self.of(np.arange(B))[0]
         X[first], kept = replace(self, asked=self.asked._replace(keep=True)).of(first)
         begun = kept and kept.members(np.searchsorted(first, near[others]))
         X[others], _ = replace(self, asked=self.asked._replace(of_first=_OF_FIRST)).of(others, begun)

@@ -12,8 +12,8 @@ from solver.laws.effect import Array, Effect
 
 K = 8
 ROUGH, SHARP = 1e-5, 1e-10  # tolerances: of the compared beats, and of those they are compared with
-WITHIN = 2e-3  # of the largest change of its kind of output; 1.4e-3 was measured with a leak, 9e-5 without
-EQUAL = 1e-5  # of the largest change of its kind, a thousandth of the pulse or less: engine and NumPy
+WITHIN = 1e-4  # of the largest change of its kind of output; 7e-5 was measured
+EQUAL = 1e-7  # of the largest change of its kind: engine and NumPy; 5e-8 was measured with a leak
 
 
 def names(network: Network) -> list[str]:
