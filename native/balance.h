@@ -55,9 +55,9 @@ ARTERIAL_API void arterial_answer(const arterial_balance *b, const double *fixed
 ARTERIAL_API int64_t arterial_scratch(const arterial_balance *b, const arterial_period *period);
 
 /* Corrections of the waves X : (K + 1, 2, n_y + n_H) until one is within the tolerance, or with of_first > 0 within
-   this part of the first one, or as many as most; last : its size, infinite where they grew or did not end. drive : amplitudes, n_inlets.
-   forced : n_left, and let_out : n_stored, or null. left : n_left, what the equations leave after the last one, or
-   null. Returns how many were made. */
+   this part of the first one, or as many as most; last : its size, infinite where they grew or did not end. drive :
+   amplitudes, n_inlets. forced : n_left, and let_out : n_stored, or null. left : n_left, what the equations leave after
+   the last one, or null; not written where last is infinite. Returns how many were made. */
 ARTERIAL_API int32_t arterial_balanced(const arterial_balance *b, const arterial_period *period, const double *fixed,
                                        double *work, double *held, const double *drive, const double *forced,
                                        const double *let_out, double tolerance, double of_first, int32_t most,

@@ -13,14 +13,7 @@ from .mesh.sources import NO_FORCING, Forcing, Source, shown
 from .network.coefficients import Parameters
 from .network.description import Network
 from .network.inflow import Drives, Inflows, drives_of
-from .periodic.harmonic_balance import (
-    MOST,
-    balanced,
-    moments_of,
-    spectrum,
-    steady,
-    storable,
-)
+from .periodic.harmonic_balance import MOST, balanced, moments_of, spectrum, steady, storable
 from .periodic.native_balance import BalanceEngine, Beat, Unsolved, engine_for
 from .periodic.waves import Near, Waves, amplitudes, samples
 from .scheme.guards import physical
@@ -55,7 +48,7 @@ def beat_harmonics(
     compiled engine (:mod:`~solver.periodic.native_balance`), which agrees to 1e-9 of the largest harmonic of its kind;
     "auto", the engine if it is available and supports the network. near : (B,) the member at whose beat the corrections
     of each one start, its own index for the steady state; the difference between two such beats of similar parameters
-    is accurate to a few thousandths of itself (with leaks, which correct areas too, every beat starts by itself).
+    is accurate to a few thousandths of itself; it is NaN if the other is. With leaks every beat starts by itself.
     lengths : (n_segments,) [m] by which segments are cut into elements, so that the beats are smooth in parameters L;
     default: the longest of the B. Other arguments as there.
 
@@ -129,8 +122,12 @@ class _Beats:
         if not (len(others) and self.model.storage.proportional):
             return self.of(np.arange(B))[0]
         X[first], kept = replace(self, asked=self.asked._replace(keep=True)).of(first)
-        begun = kept and kept.members(np.searchsorted(first, near[others]))
+        if kept is None:
+            X[others], _ = self.of(others)
+            return X
+        begun = kept.members(np.searchsorted(first, near[others]))
         X[others], _ = replace(self, asked=self.asked._replace(of_first=_OF_FIRST)).of(others, begun)
+        X[np.isnan(X[near]).any(axis=(1, 2))] = np.nan  # the residual of a beat that is lost is none to share
         return X
 
     def of(self, members: Array, near: Near | None = None) -> Found:

@@ -164,7 +164,7 @@ class BalanceEngine:
         for b, (y, H) in enumerate(rest):
             held = self.held(b, taus, y, H)
             own, X = (self._bound.fixed[b], self._bound.work), begins[b]
-            left = np.empty((K + 1, 2, self._size.left)) if keep else None
+            left = np.full((K + 1, 2, self._size.left), np.nan) if keep else None
             made = self._run("arterial_balanced", period, *own, held, drives[b], forced and forced[b],
                              let_out and let_out[b], tolerance, of_first, most, X, scratch, ctypes.byref(last),
                              left)  # fmt: skip
