@@ -22,7 +22,7 @@ from c_host import CHost, compiled
 from commands import in_process
 from fmus import COARSE, TIGHT, Instance, Store, mixed
 from native_fmus import can_build
-from snippets import Lines
+from snippets import Lines, documents
 
 from build_fmu import build, build_native
 from solver import Network, Settings, load
@@ -92,6 +92,12 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def lines(shared_folder: Path) -> Lines:
     """Lines of shell in documents."""
     return Lines(shared_folder / "lines")
+
+
+@pytest.fixture(scope="module")
+def folders(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A directory for each document whose snippets run in the module."""
+    return {document: tmp_path_factory.mktemp("snippets") for document in documents(str(request.path))}
 
 
 @pytest.fixture(scope="session")

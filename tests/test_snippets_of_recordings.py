@@ -5,13 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from snippets import Lines, cases, documents, run_snippet
-
-
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A directory a document."""
-    return {document: tmp_path_factory.mktemp("snippets") for document in documents(__file__)}
+from snippets import Lines, cases, run_snippet
 
 
 @pytest.mark.parametrize(("document", "number"), cases(__file__))
