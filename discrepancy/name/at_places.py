@@ -136,7 +136,7 @@ def refitted(
     members = [begin.with_laws(problem, laws) for laws in hypotheses]
     seen = there(wide.searched_from(members, runs, known))
     seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
-    return there(problem.relaxed(problem.restated(seen, wide), runs))
+    return there(problem.relaxed(problem.restated(seen, wide), runs, rough=True))
 
 
 def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
@@ -249,7 +249,7 @@ def with_moves(result: Compared, runs: Runs, left: bool = False, more: bool = Fa
     if left:
         wide = problem.granted(at.AFAR)
         seen = problem.restated(there(wide.searched_from(chosen, runs)), wide)
-        return result.joined_by(problem.relaxed(seen, runs)).polished(runs)
+        return result.joined_by(problem.relaxed(seen, runs, rough=True)).polished(runs)
     return result.joined_by(problem.searched_from(chosen, runs, best.columns, best.cost)).polished(runs)
 
 

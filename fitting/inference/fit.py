@@ -37,7 +37,8 @@ class Fit:
     unknowns : nuisances first, then those of ``terms``; x : (p,). z : (n,) whitened residual, N(0, 1) if the hypothesis
     is true; J : (n, p) its derivatives. order : (n,) the harmonic of each entry of z. signal : (n,) the channel of each
     entry. converged : whether the search converged. log_volume : log det of the covariance of z, if it depends on the
-    hypothesis. widths : of the priors of groups, in their stated spreads, if they were estimated.
+    hypothesis. widths : of the priors of groups, in their stated spreads, if they were estimated. derived_at : (p,)
+    the point at which all of J was computed; None if it was updated since.
     """
 
     terms: tuple[Term, ...]
@@ -50,6 +51,13 @@ class Fit:
     converged: bool = True
     log_volume: float = 0.0
     widths: Mapping[str, float] = field(default_factory=dict)
+    derived_at: Array | None = None
+
+    @property
+    def derived(self) -> bool:
+        """True if z and J were computed at x, not predicted or updated."""
+        at = self.derived_at
+        return at is not None and self.J.shape[1] == len(at) and np.array_equal(at, self.x)
 
     @property
     def member(self) -> Member:

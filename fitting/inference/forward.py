@@ -75,6 +75,11 @@ class Forward(Protocol):
         return self.first.rules
 
     @property
+    def fine(self) -> Rules:
+        """The rules of its refinements."""
+        return self.first.fine
+
+    @property
     def entries(self) -> tuple[Array, Array]:
         """(n,) harmonic and channel of every entry of the whitened residual."""
 
@@ -95,11 +100,12 @@ class Forward(Protocol):
         """The most probable unknowns of every hypothesis; searches far above a ``known`` cost may end early."""
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        """Continue every fit from its point with fresh derivatives, to the precision that intervals need."""
+        """Continue every fit from its point with derivatives computed there, to the precision that intervals need."""
         return list(fits)
 
-    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        """Continue every fit from its point with its stored Jacobian; parameters with equal bounds stay fixed."""
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None, rough: bool = False) -> list[Fit | None]:
+        """Continue every fit from its point with its stored Jacobian; parameters with equal bounds stay fixed. rough :
+        to the precision that a comparison needs."""
 
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> Self:
         """The same problem with the weights and the mesh that a fit requires."""

@@ -31,8 +31,6 @@ LARGEST = 2.0  # of a step, in typical sizes
 # four benches with a flat valley of R0 and an external pressure ended 4 above the lowest cost known, with 0.3 none
 _BROKEN, _VAIN = 0.5, 0.3
 _MOST_DAMPING = 1e6  # λ that leaves no step
-_ALL_FRESH = 2  # times that derivatives are found anew without those of every artery's own: many that change little
-_FEW = 100  # derivatives, which are all found anew at once
 _ABSURD = 1e6  # times the root of the cost: a residual as good as broken down, which carries no information on slopes
 _STEEPEST = 1e100  # slope of a residual: a steeper one indicates a failed neighbour, and its square overflows
 
@@ -72,6 +70,11 @@ def linear_step(fit: Fit, J: Array, z: Array) -> Array:
     return bounded_step(J, z, fit.prior, fit.x, *bounds(fit.unknowns))
 
 
+def linear_problem(fit: Fit) -> Point | None:
+    """The linear problem of a fit whose derivatives were computed at its point, from which a search can go on."""
+    return Point(fit.z, fit.J, fit.log_volume) if fit.derived else None
+
+
 def promised(z: Array, start: Fit | None) -> float:
     """χ² of a residual (n,), or its prediction by the linear problem if the unknowns of ``start`` are refitted."""
     if start is not None and len(start.x):
@@ -90,7 +93,7 @@ class Rules:
     latent : a point has hidden unknowns, which change with every step; the search then ends after a step with too
     small a gain, and relaxes them once after a step without gain. hopeless : a search continues only if its predicted
     cost is at most this far above the best of its batch. damped : λ where the cost rises again. afar : the search
-    starts far from its minimum, so that its prediction counts only after all derivatives were recomputed.
+    starts far from its minimum, so that its prediction counts only after the derivatives were recomputed.
     """
 
     gain: float
@@ -105,7 +108,7 @@ class Rules:
 
     def goes_on(self, promise: float, best: float, turn: int) -> bool:
         """True if a search with this predicted cost deserves another evaluation, given the best of its batch."""
-        return (self.afar and turn < _ALL_FRESH * self.fresh) or promise < best + self.hopeless
+        return (self.afar and turn < self.fresh) or promise < best + self.hopeless
 
 
 @dataclass(frozen=True)
@@ -156,6 +159,7 @@ class Search:
 
     known : whitened derivatives (n,) by name of the unknown, known at the start.
     history : the cost at every accepted point. failed : no residual at the start. converged : ended at a minimum.
+    derived : all derivatives were computed at the present point; ``here`` of a start has such derivatives.
     """
 
     def __init__(
@@ -169,6 +173,7 @@ class Search:
         self.settling = self.settled = False
         self.failed = self.ended = self.converged = False
         self.history: list[float] = []
+        self.derived = here is not None
         self.cost = self.promise = np.inf
         if here is not None:
             self.settle(member.x, here)
@@ -187,12 +192,14 @@ class Search:
         """The present point as a fit. order, signal : (n,) harmonic and channel of every entry of z."""
         assert self.here is not None
         m, here = self.member, self.here
-        return Fit(m.terms, m.unknowns, m.x, here.z, here.J, order, signal, self.converged, here.log_volume)
+        return Fit(
+            m.terms, m.unknowns, m.x, here.z, here.J, order, signal, self.converged, here.log_volume,
+            derived_at=m.x if self.derived else None,
+        )  # fmt: skip
 
-    def asked(self, everything: bool) -> Array:
-        """(q,) the unknowns whose derivatives are needed at the present point."""
-        new = [everything or not u.group if self.here else u.name not in self.known for u in self.member.unknowns]
-        return np.flatnonzero(new)
+    def asked(self) -> Array:
+        """(q,) the unknowns whose derivatives are needed at the present point: at the start those that are not known."""
+        return np.flatnonzero([self.here is not None or u.name not in self.known for u in self.member.unknowns])
 
     def proposes(self) -> bool:
         """Whether another step is worth an evaluation; the step."""
@@ -245,7 +252,7 @@ class Search:
         if self.rules.fresh:  # Broyden: the Jacobian that would have predicted the residual
             missed = found.z - self.here.z - self.here.J @ self.step
             J = self.here.J + np.outer(missed, self.step) / float(self.step @ self.step)
-            found, self.here = replace(found, J=J), replace(self.here, J=J)
+            found, self.here, self.derived = replace(found, J=J), replace(self.here, J=J), False
         else:  # neither up nor down
             self.ended = self.converged = abs(gained) < enough and self.reach == LARGEST
         if gained > 0.0:
@@ -275,8 +282,7 @@ def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf
             break
         fresh = active[0].rules.fresh
         if fresh and turn and turn % fresh == 0:
-            few = sum(len(s.x) for s in active) <= _FEW
-            derive(evaluate, active, everything=few or turn >= _ALL_FRESH * fresh)
+            derive(evaluate, active)
             active = [s for s in active if s.proposes()]
         by = [np.arange(0 if fresh else len(s.x)) for s in active]
         trials = [
@@ -287,12 +293,9 @@ def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf
             s.answer(found)
 
 
-def derive(evaluate: Evaluate, searches: Sequence[Search], everything: bool = True) -> None:
-    """Residuals and derivatives of searches at their points; at the start only the unknown derivatives.
-
-    everything : recompute all columns; else the columns of individual deviations are updated, not recomputed.
-    """
-    by = [s.asked(everything) for s in searches]
+def derive(evaluate: Evaluate, searches: Sequence[Search]) -> None:
+    """Residuals and derivatives of searches at their points; at the start only the unknown derivatives."""
+    by = [s.asked() for s in searches]
     trials = [Trial(s.member, i, s.here, np.zeros(len(s.x))) for s, i in zip(searches, by, strict=True)]
     for s, i, found in zip(searches, by, evaluate(trials), strict=True):
         if found is None or not np.abs(found.J).max(initial=0.0) < _STEEPEST:
@@ -300,6 +303,7 @@ def derive(evaluate: Evaluate, searches: Sequence[Search], everything: bool = Tr
         else:
             J = np.empty((len(found.z), len(s.x)))
             for j, u in enumerate(s.member.unknowns):
-                J[:, j] = s.known.get(u.name, 0.0) if s.here is None else s.here.J[:, j]
+                J[:, j] = s.known.get(u.name, 0.0)
             J[:, i] = found.J
             s.settle(s.x, replace(found, J=J))
+            s.derived = len(i) == len(s.x)

@@ -26,7 +26,7 @@ from ...records.alignment.beats import Beats
 from ..extended_network import allowed
 from ..fit import Array, Fit, Member, begun, taken_over
 from ..forward import Forward, Single
-from ..gauss_newton import Point, Search, Trial, promised, search
+from ..gauss_newton import Point, Search, Trial, linear_problem, promised, search
 from ..hypothesis import Term
 from ..jackknife import Rest
 from ..model_discrepancy import Beside, settled
@@ -149,7 +149,8 @@ class Several(Forward):
         unknowns, which = self.own(fit.unknowns, i)
         rows, (order, signal) = self.rows[i], self.parts[i].entries
         return replace(fit, unknowns=unknowns, x=fit.x[which], z=fit.z[rows], J=fit.J[rows][:, which],
-                       order=order, signal=signal, log_volume=0.0)  # fmt: skip
+                       order=order, signal=signal, log_volume=0.0,
+                       derived_at=fit.x[which] if fit.derived else None)  # fmt: skip
 
     @cached_property
     def rows(self) -> list[slice]:
@@ -204,6 +205,9 @@ class Several(Forward):
         derivatives (n,) by unknown, which save the first simulations."""
         rules = self.rules if known < np.inf else replace(self.rules, hopeless=np.inf)
         searches = [Search(m, rules, known=columns if rules.fresh else None) for m in members]
+        return self._ended(searches, runs, known)
+
+    def _ended(self, searches: Sequence[Search], runs: Runs, known: float = np.inf) -> list[Fit | None]:
         search(partial(self.points, runs=runs), searches, known)
         found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
         each = range(len(self.parts))
@@ -240,9 +244,11 @@ class Several(Forward):
         return self.searched(self.nearest([self.begin(t, start) for t in hypotheses], runs, start), runs, known)
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        return self.searched([f.member for f in fits], runs or Runs())
+        rules = replace(self.fine, hopeless=np.inf)
+        start = linear_problem if rules.fresh else lambda fit: None  # without Broyden a point has a memory
+        return self._ended([Search(f.member, rules, start(f)) for f in fits], runs or Runs())
 
-    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None, rough: bool = False) -> list[Fit | None]:
         return self.refine(fits, runs)
 
     # --- weights ------------------------------------------------------------------------------------------------------
@@ -257,7 +263,8 @@ class Several(Forward):
         for fit, *own in zip(fits, *each, strict=True):
             J = self._jacobian(fit.unknowns, np.arange(len(fit.x)), own)
             z = np.concatenate([f.z for f in own])
-            found.append(replace(fit, z=z, J=J, log_volume=sum(f.log_volume for f in own)))
+            at = fit.derived_at if all(f.derived for f in own) else None
+            found.append(replace(fit, z=z, J=J, log_volume=sum(f.log_volume for f in own), derived_at=at))
         return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:

@@ -104,7 +104,7 @@ class Bench(Single):
 
     kind = "bench"
     deviations = ()
-    rules = _RULES
+    rules = fine = _RULES
 
     network: Network
     site: str
@@ -180,7 +180,7 @@ class Bench(Single):
             return None if found.here is None else found.fit(*self.entries)
         return None
 
-    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None, rough: bool = False) -> list[Fit | None]:
         found = list[Fit | None]()
         for f in fits:
             (runs or Runs()).check()
