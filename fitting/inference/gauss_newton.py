@@ -198,7 +198,7 @@ class Search:
         )  # fmt: skip
 
     def asked(self) -> Array:
-        """(q,) the unknowns whose derivatives are needed at the present point: at the start those that are not known."""
+        """(q,) the unknowns whose derivatives are needed: at the start only those that are not known."""
         return np.flatnonzero([self.here is not None or u.name not in self.known for u in self.member.unknowns])
 
     def proposes(self) -> bool:

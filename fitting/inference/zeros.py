@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
@@ -29,11 +30,13 @@ def is_zero(name: str) -> bool:
 
 def zero_quantities(network: Network) -> dict[str, Quantity]:
     """The zero of every output, by name."""
-    found = {}
-    for channel in network.output_units():
-        size = _SIZES[channel.rpartition(".")[2]]
-        found[zero_name(channel)] = replace(Channel(channel).quantities()[ZERO], nominal=size, spread=1.0)
-    return found
+    return {zero_name(channel): _quantity(channel.rpartition(".")[2]) for channel in network.output_units()}
+
+
+@cache
+def _quantity(signal: str) -> Quantity:
+    """The zero of a sensor of P, Q or R."""
+    return replace(Channel(signal).quantities()[ZERO], nominal=_SIZES[signal], spread=1.0)
 
 
 def zero_values(network: Network) -> dict[str, float]:

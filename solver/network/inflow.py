@@ -71,14 +71,16 @@ class Drives:
     def members(self, part: Array) -> Drives:
         """The drives of some members of a batch."""
 
-        def own(inflow: Inflow) -> Inflow:
-            def some(t: Array) -> Array:
-                Q = np.asarray(inflow(t), float)
-                return Q if Q.ndim == t.ndim else Q[..., part]
+        return Drives({name: _Some(inflow, part) for name, inflow in self.inflows.items()}, len(part))
 
-            return some
-
-        return Drives({name: own(inflow) for name, inflow in self.inflows.items()}, len(part))
+    def harmonics(self, T: float, K: int) -> Array | None:
+        """(K+1, B or 1, n_inlets) complex harmonics, if all inflows know their own for the period T [s]: those with a
+        method ``harmonics(T, K)``, which gives (K+1,), or (B, K+1), or None."""
+        found = [known_harmonics(inflow, T, K) for inflow in self.inflows.values()]
+        if any(X is None for X in found):
+            return None
+        each = np.broadcast_arrays(*(np.atleast_2d(X) for X in found if X is not None))
+        return np.stack(each, axis=-1).swapaxes(0, 1)
 
     def values(self, name: str, t: Array) -> Array:
         """The flow [m³/s] or pressure [Pa] that drives an inlet at times t [s] : t.shape, or t.shape + (B,)."""
@@ -93,3 +95,25 @@ class Drives:
             first = tuple(bad[0])
             raise InputError(f"inflow {name}: {Q[first]} at t = {t.ravel()[first[0]]:g} s; all values must be finite.")
         return Q.reshape(t.shape + Q.shape[1:])
+
+
+@dataclass(frozen=True)
+class _Some:
+    """An inflow of some members of a batch."""
+
+    inflow: Inflow
+    part: Array
+
+    def __call__(self, t: Array) -> Array:
+        Q = np.asarray(self.inflow(t), float)
+        return Q if Q.ndim == t.ndim else Q[..., self.part]
+
+    def harmonics(self, T: float, K: int) -> Array | None:
+        X = known_harmonics(self.inflow, T, K)
+        return X if X is None or X.ndim == 1 else X[self.part]
+
+
+def known_harmonics(inflow: Inflow, T: float, K: int) -> Array | None:
+    """(K+1,) or (B, K+1) complex harmonics of an inflow that knows them for the period T [s]; otherwise None."""
+    own = getattr(inflow, "harmonics", None)
+    return None if own is None else own(T, K)

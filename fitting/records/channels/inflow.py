@@ -54,6 +54,16 @@ class Inflow:
         by_ab = by_a * np.exp(turn * few * k)[..., *[None] * (self.X.ndim - 1), :]
         return np.asarray(by_ab.sum(axis=-1).real)
 
+    def harmonics(self, T: float, K: int) -> Array | None:
+        """(…, K+1) Q_0 … Q_K, for its own period only."""
+        if self.T != T:
+            return None
+        X = np.zeros((*self.X.shape[:-1], K + 1), complex)
+        n = min(K + 1, self.X.shape[-1])
+        X[..., :n] = self.X[..., :n]
+        X[..., 0] = X[..., 0].real
+        return X
+
     def members(self, which: slice) -> Inflow:
         """That of some members of a batch; one inflow is that of all of them."""
         return self if self.X.ndim == 1 else replace(self, X=self.X[which])
