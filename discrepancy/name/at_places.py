@@ -192,7 +192,7 @@ def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     plain, walls = found.forced(problem, []), replace(found, x=np.zeros(len(found.x)))
     laws = [t for t in result.terms if t.rewires or t in result.sought]
     wide = plain.granted(at.AFAR)
-    chosen = fewest(nearest(wide, base(wide, walls), laws, runs, TYPICAL))
+    chosen = promising(wide, base(wide, walls), laws, np.inf, runs)
     return result.joined_by(refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)).polished(runs)
 
 

@@ -211,14 +211,16 @@ class PlaceModel:
 
     # --- points -------------------------------------------------------------------------------------------------------
 
-    def linearised(self, point: Point, fresh: bool) -> Point | None:
-        """The same point with its simulation; fresh : also with new derivatives by the unknowns."""
+    def simulated(self, point: Point) -> Point | None:
+        """The same point with its residual; None if it cannot be simulated."""
         D = self.residual(point.active, point.x, point.g)
-        if D is None:
-            return None
-        J = self.jacobian(point.active, point.x, point.g) if fresh else point.J
+        return None if D is None else replace(point, D=D)
+
+    def linearised(self, point: Point) -> Point | None:
+        """The same point with its derivatives by the unknowns and the responses to sources; None if it has none."""
+        J = self.jacobian(point.active, point.x, point.g)
         try:
-            return None if J is None else replace(point, D=D, J=J, G=self.responses(point.x))
+            return None if J is None else replace(point, J=J, G=self.responses(point.x))
         except (NoSteadyState, np.linalg.LinAlgError):
             return None
 

@@ -139,9 +139,11 @@ class _Search:
         x, g = self.model.most_probable(normal, point)
         enough = max(_WORSE * self.model.chi2(point.D, error), 3.0 * 2.0 * point.D.size)
         for _ in range(_BACK):
-            there = self.model.linearised(replace(point, x=x, g=g), fresh)
+            there = self.model.simulated(replace(point, x=x, g=g))
             if there is not None and self.model.chi2(there.D, error) < enough:
-                return there
+                there = self.model.linearised(there) if fresh else there
+                if there is not None:
+                    return there
             x, g = (_SHORTER * a + (1.0 - _SHORTER) * b for a, b in ((x, point.x), (g, point.g)))
         return point
 
@@ -152,7 +154,8 @@ class _Search:
         model, rest = self.model, np.zeros(len(self.model.unknowns))
         widths = {u.group: 1.0 for u in model.unknowns if u.group and not u.stated}
         nothing = np.zeros(0)  # placeholder: simulated next
-        point = model.linearised(Point((), rest, self.none, widths, nothing, nothing, nothing), True)
+        point = model.simulated(Point((), rest, self.none, widths, nothing, nothing, nothing))
+        point = point and model.linearised(point)
         if point is None:
             raise InputError(
                 f"network {model.problem.network.name}: as given it has no beat that repeats with this inflow; check "
@@ -211,8 +214,7 @@ class _Search:
         return self.relinearised(self.with_places(point, best[1]))
 
     def relinearised(self, point: Point) -> Point:
-        D = self.model.residual(point.active, point.x, point.g)
-        return point if D is None else replace(point, D=D)
+        return self.model.simulated(point) or point
 
     def pruned(self, point: Point) -> Point:
         """Drop places that are not worth their price after a refit."""
