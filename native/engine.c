@@ -180,27 +180,29 @@ static void inverse(double *a, double *pivot, int32_t n)
 
 /* --- groups ---------------------------------------------------------------------------------------------------------- */
 
-/* Some parts of one operation of a group: 8 words, of the operation, flags, width, out, three places, and one more. */
+/* Some parts of one operation of a group: 8 words, of the operation, flags, width, out, three places, and one more. The
+   flags from 8 on are of out and places that only the group uses, which have room for these parts alone. */
 static void part(const memory *m, const int32_t *w, int32_t from, int32_t many)
 {
-    const int32_t width = w[2], k = w[7] >> 8, n = w[7] & 255, *const index = m->index + w[5];
-    const int64_t skip = (int64_t)from * width;
+    const int32_t flags = w[1], width = w[2], k = w[7] >> 8, n = w[7] & 255, *const index = m->index + w[5];
+    const int64_t skip = (int64_t)from * width, so = flags & 8 ? 0 : skip, sa = flags & 16 ? 0 : skip,
+                  sb = flags & 32 ? 0 : skip, sc = flags & 64 ? 0 : skip;
     double *o = at(m, w[3]);
     const double *a = at(m, w[4]), *b;
     int32_t i;
     if (w[0] == OP_gather) {
-        for (i = 0; i < many * width; i++) o[skip + i] = a[index[skip + i]];
-    } else if (w[0] == OP_product && (w[1] & 4)) { /* rows times one matrix */
-        product(o + skip * n, a + skip * k, at(m, w[5]), many * width, k, n);
+        for (i = 0; i < many * width; i++) o[so + i] = a[index[skip + i]];
+    } else if (w[0] == OP_product && (flags & 4)) { /* rows times one matrix */
+        product(o + so * n, a + sa * k, at(m, w[5]), many * width, k, n);
     } else if (w[0] == OP_product) { /* matrices of w[6] rows; flags: whether a, b differ */
         b = at(m, w[5]);
         for (i = 0; i < many * width; i++)
-            product(o + (skip + i) * w[6] * n, a + (w[1] & 1 ? (skip + i) * w[6] * k : 0),
-                    b + (w[1] & 2 ? (skip + i) * k * n : 0), w[6], k, n);
+            product(o + (so + i) * w[6] * n, a + (flags & 1 ? (sa + i) * w[6] * k : 0),
+                    b + (flags & 2 ? (sb + i) * k * n : 0), w[6], k, n);
     } else { /* flags: which operands are one number */
-        const int sa = !(w[1] & 1), sb = !(w[1] & 2), sc = !(w[1] & 4);
-        elementwise(w[0], many * width, o + skip, a + (sa ? skip : 0), sa, at(m, w[5]) + (sb ? skip : 0), sb,
-                    at(m, w[6]) + (sc ? skip : 0), sc);
+        const int va = !(flags & 1), vb = !(flags & 2), vc = !(flags & 4);
+        elementwise(w[0], many * width, o + so, a + (va ? sa : 0), va, at(m, w[5]) + (vb ? sb : 0), vb,
+                    at(m, w[6]) + (vc ? sc : 0), vc);
     }
 }
 

@@ -64,10 +64,11 @@ static int iterate(const arterial_program *p, const memory *m, int fresh, int *m
         const double *const dH = place(p, m, out + 1), Q_by = *place(p, m, out + 2), H_by = *place(p, m, out + 3);
         *moved = isfinite(Q_by) && isfinite(H_by);
         if (!*moved) return 0;
-        memcpy(last_but_one(p, m), place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
+        const int done = Q_by <= small_Q && H_by <= small_H;
+        if (!done) memcpy(last_but_one(p, m), place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
         put(p, m, IN_Q, place(p, m, out), p->n_Q);
         for (int32_t i = 0; i < p->n_H; i++) H[i] += dH[i];
-        if (Q_by <= small_Q && H_by <= small_H) return 1;
+        if (done) return 1;
     }
     return 0;
 }
@@ -94,10 +95,11 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
 {
     const int32_t n = p->n_y, unknowns = p->n_Q + p->n_H;
     const double *const last = state + n + p->n_A + p->n_H, *const before = last + STAGES * unknowns;
-    const double tau = GAMMA * dt;
+    const double tau = GAMMA * dt, per_tau = 1.0 / tau;
     double *const k = m->work + p->n_work, *const guess = k + STAGES * n;
     double *const Q = place(p, m, IN_Q), *const H = place(p, m, IN_H);
     double *const found = after + n + p->n_A + p->n_H, *const start = place(p, m, IN_START);
+    const double *const begun = place(p, m, OUT_BEGUN);
     int32_t i;
     put(p, m, IN_Y, state, n);
     put(p, m, IN_H0, state + n + p->n_A, p->n_H);
@@ -106,11 +108,8 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
     memcpy(found + STAGES * unknowns, last, sizeof(double) * STAGES * (size_t)unknowns);
     for (int s = 0; s < STAGES; s++) {
         double *const k_s = k + s * n, *const rates = found + s * unknowns;
-        put(p, m, IN_START, place(p, m, OUT_BEGUN), n);
-        for (int j = 0; j < s; j++) {
-            const double a = dt * SDIRK3[s][j], *const k_j = k + j * n;
-            for (i = 0; i < n; i++) start[i] += a * k_j[i];
-        }
+        const double a = dt * SDIRK3[s][0], b = dt * SDIRK3[s][1];
+        for (i = 0; i < n; i++) start[i] = s == 0 ? begun[i] : s == 1 ? begun[i] + a * k[i] : (begun[i] + a * k[i]) + b * k[n + i];
         put(p, m, IN_GIVEN, place(p, m, OUT_GIVEN) + s * p->n_inlets, p->n_inlets);
         put(p, m, IN_G, acting + (s + 1) * p->n_sources, p->n_sources);
         if (!run(p, m, START)) return 0;
@@ -119,8 +118,8 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
         memcpy(H, rates + p->n_Q, sizeof(double) * (size_t)p->n_H);
         if (!solve(p, m, guess) || !run(p, m, END)) return 0;
         const double *const end = place(p, m, OUT_END), *const A_t = place(p, m, OUT_A_T);
-        for (i = 0; i < n; i++) k_s[i] = (end[i] - start[i]) / tau;
         memcpy(k_s, A_t, sizeof(double) * (size_t)p->n_A); /* without the round-off of the difference */
+        for (i = p->n_A; i < n; i++) k_s[i] = (end[i] - start[i]) * per_tau;
         memcpy(rates, k_s + p->at_Q, sizeof(double) * (size_t)p->n_Q);
         memcpy(rates + p->n_Q, H, sizeof(double) * (size_t)p->n_H);
     }

@@ -84,7 +84,8 @@ class Traced(View, NDArrayOperatorsMixin):
         slot = self.recorder.operand(self, self.shape)
         if slot.single or slot.start or slot.slot.size != self.size:
             return elementwise(self.recorder, "copy", self)
-        self.buffer.own = False  # the first writer makes a copy
+        if slot.slot is self.buffer.slot:
+            self.buffer.own = False  # the first writer makes a copy
         return of(self.recorder, slot.slot, self.shape)
 
     def __getitem__(self, key: Any) -> Traced:
