@@ -10,6 +10,7 @@
     X(cos) X(sinh) X(cosh) X(tanh) X(logical_not) X(isfinite) X(add) X(subtract) X(multiply) X(divide) X(power)        \
     X(maximum) X(minimum)                                                                                              \
     X(greater) X(greater_equal) X(less) X(less_equal) X(equal) X(not_equal) X(logical_and) X(logical_or) X(where)      \
+    X(multiply_add) X(multiply_multiply)                                                                               \
     X(gather) X(scatter) X(sums) X(product) X(inverse) X(sum) X(largest) X(least) X(require) X(skip)
 #define CODE(name) OP_##name,
 #define NAME(name) #name " "
@@ -88,6 +89,12 @@ static void elementwise(int32_t op, int32_t n, double *restrict o, const double 
         BINARY(not_equal, x != y)
         BINARY(logical_and, x != 0.0 && y != 0.0)
         BINARY(logical_or, x != 0.0 || y != 0.0)
+    case OP_multiply_add: /* of vectors, as the next one */
+        for (i = 0; i < n; i++) o[i] = a[i] * b[i] + c[i];
+        break;
+    case OP_multiply_multiply:
+        for (i = 0; i < n; i++) o[i] = a[i] * b[i] * c[i];
+        break;
     case OP_where:
         for (i = 0; i < n; i++) o[i] = a[i * sa] != 0.0 ? b[i * sb] : c[i * sc];
         break;

@@ -15,13 +15,14 @@ from typing import NamedTuple
 import numpy as np
 
 from .array import ELEMENTWISE, Traced
+from .fusing import FUSED, fused
 from .recorder import CONSTANT, Instruction, Operand, Recorder, Slot
 from .skipping import Block, blocks
 
 Array = np.ndarray
 
 _OTHER = ("gather", "scatter", "sums", "product", "inverse", "sum", "largest", "least", "require", "skip")
-OPERATIONS = (*ELEMENTWISE, *_OTHER)
+OPERATIONS = (*ELEMENTWISE, *FUSED.values(), *_OTHER)
 _CODES = {name: code for code, name in enumerate(OPERATIONS, 1)}
 _CONSTANT, _FIXED, _WORK, _HELD = range(4)
 _AT_ONCE = 256  # numbers of an operation
@@ -146,6 +147,19 @@ class _Group(NamedTuple):
         return {slot for slot in fit if own[slot] == uses[slot]}
 
 
+def _runs(items: Sequence[Instruction | Block]) -> list[Block | list[Instruction]]:
+    """Blocks, and the operations between them."""
+    found: list[Block | list[Instruction]] = []
+    for item in items:
+        if isinstance(item, Block):
+            found.append(item)
+        elif found and isinstance(found[-1], list):
+            found[-1].append(item)
+        else:
+            found.append([item])
+    return found
+
+
 def _uses(instructions: Iterable[Instruction]) -> Counter[Slot]:
     return Counter(slot for i in instructions for slot in (i.out, *(o.slot for o in i.operands)))
 
@@ -205,31 +219,27 @@ class _Places:
 
     def encoded(self, items: Sequence[Instruction | Block]) -> list[int]:
         """The code of a phase."""
-        order = [i for item in items for i in (item.instructions if isinstance(item, Block) else [item])]
+        runs = [(item, item.instructions) if isinstance(item, Block) else (None, item) for item in _runs(items)]
+        uses = _uses(i for _, each in runs for i in each)
+        grouped = [(block, self._groups(each, uses)) for block, each in runs]
+        order = [i for _, groups in grouped for group in groups for i in group.instructions]
         last = {slot: i for i in order for slot in (i.out, *(o.slot for o in i.operands))}
-        uses = _uses(order)
-        code, plain = list[int](), list[Instruction]()
-        for item in items:
-            if isinstance(item, Block):
-                code += self._straight(plain, last, uses)
-                plain = []
-                code += self._skippable(item, last, uses)
-            else:
-                plain.append(item)
-        return code + self._straight(plain, last, uses)
-
-    def _skippable(self, block: Block, last: Mapping[Slot, Instruction], uses: Mapping[Slot, int]) -> list[int]:
-        """A block after the operation that may skip it: tested numbers, result, words skipped."""
-        within, out = self._straight(block.instructions, last, uses), block.instructions[-1].out
-        return [_CODES["skip"], 7, self.of(block.of), block.of.size, self.of(out), out.size, len(within), *within]
+        uses, code = _uses(order), list[int]()
+        for block, groups in grouped:
+            within = self._straight(groups, last, uses)
+            if block:  # the operation that may skip it: tested numbers, result, words skipped
+                out = block.instructions[-1].out
+                code += [_CODES["skip"], 7, self.of(block.of), block.of.size, self.of(out), out.size, len(within)]
+            code += within
+        return code
 
     def _straight(
-        self, instructions: Sequence[Instruction], last: Mapping[Slot, Instruction], uses: Mapping[Slot, int]
+        self, groups: Sequence[_Group], last: Mapping[Slot, Instruction], uses: Mapping[Slot, int]
     ) -> list[int]:
-        """Consecutive operations, neighbours in groups. last : the last operation of the phase that uses each slot;
-        uses : how often it uses them."""
+        """Consecutive operations. last : the last operation of the phase that uses each slot; uses : how often it uses
+        them."""
         code = list[int]()
-        for group in self._groups(instructions):
+        for group in groups:
             inner, room, within = group.inner(uses) - self.lasting, self.blocks[::-1], dict[Slot, int]()
             if group.units:  # operation 0: parts, how many at once, operations
                 code += [0, group.units, group.at_once, len(group.instructions)]
@@ -246,8 +256,8 @@ class _Places:
                         (room if slot in within else self.free[slot.size]).append(within.get(slot) or self.of(slot))
         return code
 
-    def _groups(self, instructions: Sequence[Instruction]) -> list[_Group]:
-        """Neighbours that can be executed together."""
+    def _groups(self, instructions: Sequence[Instruction], uses: Mapping[Slot, int]) -> list[_Group]:
+        """Neighbours that can be executed together. uses : how often the phase uses each slot."""
         found = list[tuple[int, list[Instruction]]]()
         written = set[Slot]()
         for each in instructions:
@@ -257,7 +267,7 @@ class _Places:
                 written = set()
             found[-1][1].append(each)
             written.add(each.out)
-        return [_Group.of(units, members) for units, members in found]
+        return [_Group.of(units, fused(each, uses, self.lasting) if units else each) for units, each in found]
 
     def _block(self) -> int:
         """The address of one more block."""
