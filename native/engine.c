@@ -89,6 +89,11 @@ INLINE int simple(int32_t op, int32_t n, double *restrict o, const double *restr
     return 1;
 }
 
+#define SLOW_BINARY(name, expression)                                                                                  \
+    case OP_##name:                                                                                                    \
+        for (i = 0; i < n; i++) { const double x = a[i * sa], y = b[i * sb]; o[i] = (expression); }                    \
+        break;
+
 static void elementwise(int32_t op, int32_t n, double *restrict o, const double *restrict a, int sa,
                         const double *restrict b, int sb, const double *restrict c, int sc)
 {
@@ -110,18 +115,18 @@ static void elementwise(int32_t op, int32_t n, double *restrict o, const double 
         UNARY(sign, x != x ? x : (double)((x > 0.0) - (x < 0.0)))
         UNARY(logical_not, x == 0.0)
         UNARY(isfinite, x - x == 0.0)
-        BINARY(divide, x / y)
-        BINARY(power, pow(x, y))
-        BINARY(maximum, x >= y || x != x ? x : y)
-        BINARY(minimum, x <= y || x != x ? x : y)
-        BINARY(greater, x > y)
-        BINARY(greater_equal, x >= y)
-        BINARY(less, x < y)
-        BINARY(less_equal, x <= y)
-        BINARY(equal, x == y)
-        BINARY(not_equal, x != y)
-        BINARY(logical_and, x != 0.0 && y != 0.0)
-        BINARY(logical_or, x != 0.0 || y != 0.0)
+        SLOW_BINARY(divide, x / y)
+        SLOW_BINARY(power, pow(x, y))
+        SLOW_BINARY(maximum, x >= y || x != x ? x : y)
+        SLOW_BINARY(minimum, x <= y || x != x ? x : y)
+        SLOW_BINARY(greater, x > y)
+        SLOW_BINARY(greater_equal, x >= y)
+        SLOW_BINARY(less, x < y)
+        SLOW_BINARY(less_equal, x <= y)
+        SLOW_BINARY(equal, x == y)
+        SLOW_BINARY(not_equal, x != y)
+        SLOW_BINARY(logical_and, x != 0.0 && y != 0.0)
+        SLOW_BINARY(logical_or, x != 0.0 || y != 0.0)
     case OP_where:
         for (i = 0; i < n; i++) o[i] = a[i * sa] != 0.0 ? b[i * sb] : c[i * sc];
         break;
@@ -133,12 +138,13 @@ static void elementwise(int32_t op, int32_t n, double *restrict o, const double 
 
 /* m rows of k numbers, each times a matrix : (k, n), which is by so many numbers further for the next row */
 #define ROWS(K, N, FURTHER)                                                                                            \
-    for (i = 0; i < m; i++, a += K, b += FURTHER, o += N)                                                              \
-        for (j = 0; j < N; j++) {                                                                                      \
-            double s = a[0] * b[j];                                                                                    \
-            for (l = 1; l < K; l++) s += a[l] * b[l * N + j];                                                          \
-            o[j] = s;                                                                                                  \
-        }
+    for (i = 0; i < m; i++, a += K, b += FURTHER, o += N) {                                                            \
+        double s[N];                                                                                                   \
+        for (j = 0; j < N; j++) s[j] = a[0] * b[j];                                                                    \
+        for (l = 1; l < K; l++)                                                                                        \
+            for (j = 0; j < N; j++) s[j] += a[l] * b[l * N + j];                                                       \
+        for (j = 0; j < N; j++) o[j] = s[j];                                                                           \
+    }
 
 static double dot(const double *restrict a, const double *restrict b, int32_t n)
 {
@@ -244,11 +250,10 @@ INLINE void part(const memory *m, const int32_t *w, int32_t from, int32_t many)
     if (w[0] == OP_gather) {
         const int32_t *const index = m->index + w[5] + skip;
         for (int32_t i = 0; i < all; i++) o[so + i] = a[index[i]];
-    } else if (w[0] == OP_product && (flags & 4)) { /* rows times one matrix */
-        product(o + so * n, a + sa * k, at(m, w[5]), all, k, n);
-    } else if (w[0] == OP_product) { /* matrices of w[6] rows; flags: whether a, b differ */
-        const int32_t one = flags & 1, two = flags >> 1 & 1;
-        products(o + so * w[6] * n, a + one * sa * w[6] * k, one, at(m, w[5]) + two * sb * k * n, two, all, w[6], k, n);
+    } else if (w[0] == OP_product) { /* rows times one matrix, or matrices of w[6] rows; flags: whether a, b differ */
+        const int32_t tall = flags & 4, rows = tall ? 1 : w[6], one = (flags & 1) | !!tall, two = flags >> 1 & 1;
+        products(o + so * rows * n, a + one * sa * rows * k, one, at(m, w[5]) + two * sb * k * n, two, tall ? 1 : all,
+                 tall ? all : rows, k, n);
     } else { /* flags: which operands are one number */
         const int va = !(flags & 1), vb = !(flags & 2), vc = !(flags & 4);
         const double *const x = a + (va ? sa : 0), *const y = at(m, w[5]) + (vb ? sb : 0),
