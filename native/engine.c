@@ -26,10 +26,8 @@ int arterial_fits(const char *operations, int32_t places, int32_t program, const
            program == (int32_t)sizeof(arterial_program) && (!*sources || strcmp(sources, ARTERIAL_SOURCES) == 0);
 }
 
-#define INLINE static inline __attribute__((always_inline))
-#if defined(__x86_64__) && defined(__GNUC__)
+#ifdef WIDE_TARGET
 #include <cpuid.h>
-#define WIDE __attribute__((target("avx2"))) /* without fused multiply-add: the same numbers */
 
 int32_t arterial_wide(void)
 {
@@ -262,20 +260,15 @@ INLINE void part(const memory *m, const int32_t *w, int32_t from, int32_t many)
     }
 }
 
-/* Operations that are done together, some parts at once; and the same by processors with vectors of four numbers. */
-#define TOGETHER                                                                                                       \
-    (const memory *m, const int32_t *code, int32_t parts, int32_t at_once, int32_t count)                              \
-    {                                                                                                                  \
-        for (int32_t from = 0; from < parts; from += at_once)                                                          \
-            for (int32_t k = 0; k < count; k++)                                                                        \
-                part(m, code + 8 * k, from, parts - from < at_once ? parts - from : at_once);                          \
-    }
-static void group TOGETHER
-#ifdef WIDE
-WIDE static void group_wide TOGETHER
-#else
-#define group_wide group
-#endif
+/* Operations that are done together, some parts at once. */
+INLINE void together(const memory *m, const int32_t *code, int32_t parts, int32_t at_once, int32_t count)
+{
+    for (int32_t from = 0; from < parts; from += at_once)
+        for (int32_t k = 0; k < count; k++)
+            part(m, code + 8 * k, from, parts - from < at_once ? parts - from : at_once);
+}
+PLAIN_AND_WIDE(group, together, (const memory *m, const int32_t *code, int32_t parts, int32_t at_once, int32_t count),
+               (m, code, parts, at_once, count))
 
 /* --- the rest ------------------------------------------------------------------------------------------------------- */
 
@@ -360,7 +353,7 @@ int run(const arterial_program *p, const memory *m, int phase)
             if (skipped) memset(at(m, w[4]), 0, sizeof(double) * (size_t)w[5]);
             w += 7 + (skipped ? w[6] : 0);
         } else if (w[0] == GROUP) {
-            (p->wide ? group_wide : group)(m, w + 4, w[1], w[2], w[3]);
+            (p->wide ? group_wide : group_plain)(m, w + 4, w[1], w[2], w[3]);
             w += 4 + 8 * w[3];
         } else {
             if (!other(m, w[0], w + 2)) return 0;
