@@ -97,7 +97,7 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
 {
     const int32_t n = p->n_y, unknowns = p->n_Q + p->n_H;
     const double *const last = state + n + p->n_A + p->n_H, *const before = last + STAGES * unknowns;
-    const double tau = GAMMA * dt, per_tau = 1.0 / tau;
+    const double tau = GAMMA * dt;
     double *const k = m->work + p->n_work, *const guess = k + STAGES * n;
     double *const Q = place(p, m, IN_Q), *const H = place(p, m, IN_H);
     double *const found = after + n + p->n_A + p->n_H, *const start = place(p, m, IN_START);
@@ -122,9 +122,9 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
         const double *const end = place(p, m, OUT_END), *const A_t = place(p, m, OUT_A_T);
         if (s < STAGES - 1) { /* for the stages behind it */
             memcpy(k_s, A_t, sizeof(double) * (size_t)p->n_A); /* without the round-off of the difference */
-            for (i = p->n_A; i < n; i++) k_s[i] = (end[i] - start[i]) * per_tau;
+            for (i = p->n_A; i < n; i++) k_s[i] = (end[i] - start[i]) / tau;
         }
-        for (i = 0; i < p->n_Q; i++) rates[i] = (end[p->at_Q + i] - start[p->at_Q + i]) * per_tau;
+        for (i = 0; i < p->n_Q; i++) rates[i] = (end[p->at_Q + i] - start[p->at_Q + i]) / tau;
         memcpy(rates + p->n_Q, H, sizeof(double) * (size_t)p->n_H);
     }
     if (!run(p, m, CHECK)) return 0;

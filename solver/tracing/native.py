@@ -121,7 +121,9 @@ class Bound:
             len(model.mesh.topology.outlet_segment), len(model.network.output_units()), len(model.tables.tables),
         )  # fmt: skip
         self.program = p  # keeps the memory of the pointers alive
-        self.c = Program(*pointers, *counts, tuple(p.address.get(name, 0) for name in PLACES), library().arterial_wide())
+        self.c = Program(
+            *pointers, *counts, tuple(p.address.get(name, 0) for name in PLACES), library().arterial_wide()
+        )
         self.work = np.zeros(p.n_work + STAGES * layout.size + 2 * n_Q + n_H)
         self.fixed = np.zeros((model.coefficients.B, p.n_fixed))
         for rows, place in zip(arrays, recorded.places, strict=True):
