@@ -140,8 +140,8 @@ class _Group(NamedTuple):
         return _Group(units, max(1, _AT_ONCE // widest), instructions)
 
     def inner(self, uses: Mapping[Slot, int]) -> set[Slot]:
-        """The slots that only this group uses and of which some parts fit into a block; none if all parts are executed at
-        once. uses : how often a phase uses each slot."""
+        """The slots that only this group uses and of which some parts fit into a block; none if all parts are executed
+        at once. uses : how often a phase uses each slot."""
         own = _uses(self.instructions) if self.units > self.at_once else {}
         fit = {slot for slot in own if slot.size // self.units * self.at_once <= _AT_ONCE}
         return {slot for slot in fit if own[slot] == uses[slot]}
