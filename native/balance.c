@@ -102,8 +102,8 @@ void arterial_answer(const arterial_balance *b, const double *fixed, double *wor
 /* --- between harmonics and moments ------------------------------------------------------------------------------------ */
 
 /* sum : (n) of m rows, each so far from the one before, by weights that are as far apart as step says. */
-static void weigh(double *restrict sum, const double *restrict row, int64_t stride, const double *restrict weight,
-                  int32_t step, int32_t m, int32_t n)
+INLINE void weighted(double *restrict sum, const double *restrict row, int64_t stride, const double *restrict weight,
+                     int32_t step, int32_t m, int32_t n)
 {
     int32_t i, k = 0;
     for (i = 0; i < n; i++) sum[i] = 0.0;
@@ -116,9 +116,13 @@ static void weigh(double *restrict sum, const double *restrict row, int64_t stri
         for (i = 0; i < n; i++) sum[i] += weight[0] * row[i];
 }
 
+PLAIN_AND_WIDE(weigh, weighted, (double *sum, const double *row, int64_t stride, const double *weight, int32_t step,
+                                 int32_t m, int32_t n), (sum, row, stride, weight, step, m, n))
+typedef void (*weighing)(double *, const double *, int64_t, const double *, int32_t, int32_t, int32_t);
+
 /* Values v : (4 K, n) at the moments of a period of amplitudes x. The turns of even harmonics repeat after half a
    period, those of odd ones change sign there; a quarter of the period tells the rest. */
-static void values(const arterial_period *period, const double *x, int32_t n, double *v)
+static void values(weighing weigh, const arterial_period *period, const double *x, int32_t n, double *v)
 {
     const int32_t K = period->K, odd_ones = (K + 1) / 2;
     for (int32_t from = 0; from < n; from += BLOCK) {
@@ -155,7 +159,7 @@ static void fold(double *restrict a, double *restrict b, int32_t n, double sign)
 }
 
 /* Amplitudes x of values v : (4 K, n), which are lost. */
-static void amplitudes(const arterial_period *period, double *v, int32_t n, double *x)
+static void amplitudes(weighing weigh, const arterial_period *period, double *v, int32_t n, double *x)
 {
     const int32_t K = period->K, half = 2 * K;
     for (int32_t j = 0; j < half; j++) fold(v + (int64_t)j * n, v + (int64_t)(j + half) * n, n, 1.0);
@@ -269,7 +273,7 @@ static void moments(const arterial_balance *b, const arterial_period *period, co
                 for (int32_t i = 0; i < b->p.n_A; i++) of[at.A_t + i] = w * other[i];
             if (to > at.memories) copy(of + at.memories, x + n_fluid, b->n_memories);
         }
-    values(period, s->waves, N, s->v);
+    values(b->p.wide ? weigh_wide : weigh_plain, period, s->waves, N, s->v);
     for (int32_t j = 0; j < 4 * period->K; j++) {
         copy(more(b, m, IN_NOW) + from, s->v + (int64_t)j * N, N);
         run(&b->p, m, phase);
@@ -283,7 +287,7 @@ static void fill(const arterial_balance *b, const arterial_period *period, memor
 {
     const int32_t n = b->n_unfilled, size = b->p.n_y + b->p.n_H;
     moments(b, period, m, X, drive, FILL, OUT_UNFILLED, n, s);
-    amplitudes(period, s->out, n, s->left);
+    amplitudes(b->p.wide ? weigh_wide : weigh_plain, period, s->out, n, s->left);
     for (int32_t k = 0; k <= period->K; k++) {
         m->held = held + (int64_t)k * b->n_held;
         copy(more(b, m, IN_FLOW_IN), s->left + 2 * (int64_t)k * n, 2 * n);
@@ -299,7 +303,7 @@ static void remember(const arterial_balance *b, const arterial_period *period, m
 {
     const int32_t n = b->n_unremembered, size = b->p.n_y + b->p.n_H;
     moments(b, period, m, X, 0, REMEMBER, OUT_UNREMEMBERED, n, s);
-    amplitudes(period, s->out, n, s->left);
+    amplitudes(b->p.wide ? weigh_wide : weigh_plain, period, s->out, n, s->left);
     for (int32_t k = 0; k <= period->K; k++) {
         m->held = held + (int64_t)k * b->n_held;
         copy(more(b, m, IN_FORGOTTEN), s->left + 2 * (int64_t)k * n, 2 * n);
@@ -328,7 +332,7 @@ static void leave(const arterial_balance *b, const arterial_period *period, memo
         X = s->filled;
     }
     moments(b, period, m, X, drive, MOMENT, OUT_LEFT, n, s);
-    amplitudes(period, s->out, n, s->left);
+    amplitudes(b->p.wide ? weigh_wide : weigh_plain, period, s->out, n, s->left);
     if (forced) add(s->left, forced, 2 * (period->K + 1) * n);
 }
 
@@ -461,7 +465,7 @@ int arterial_observed(const arterial_balance *b, const arterial_period *period, 
     moments(b, period, &m, X, 0, OBSERVE, OUT_OBSERVED, n, &s);
     for (int32_t j = 0; j < 4 * period->K; j++)
         if (!(s.out[(int64_t)j * n + columns] > 0.0)) return 0;
-    amplitudes(period, s.out, n, s.left);
+    amplitudes(b->p.wide ? weigh_wide : weigh_plain, period, s.out, n, s.left);
     for (int32_t row = 0; row < 2 * (period->K + 1); row++)
         copy(found + (int64_t)row * columns, s.left + (int64_t)row * n, columns);
     return 1;

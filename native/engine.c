@@ -10,6 +10,7 @@
     X(cos) X(sinh) X(cosh) X(tanh) X(logical_not) X(isfinite) X(add) X(subtract) X(multiply) X(divide) X(power)        \
     X(maximum) X(minimum)                                                                                              \
     X(greater) X(greater_equal) X(less) X(less_equal) X(equal) X(not_equal) X(logical_and) X(logical_or) X(where)      \
+    X(multiply_add) X(multiply_multiply)                                                                               \
     X(gather) X(scatter) X(sums) X(product) X(inverse) X(sum) X(largest) X(least) X(require) X(skip)
 #define CODE(name) OP_##name,
 #define NAME(name) #name " "
@@ -25,7 +26,21 @@ int arterial_fits(const char *operations, int32_t places, int32_t program, const
            program == (int32_t)sizeof(arterial_program) && (!*sources || strcmp(sources, ARTERIAL_SOURCES) == 0);
 }
 
-static double *at(const memory *m, int32_t address)
+#ifdef WIDE_TARGET
+#include <cpuid.h>
+
+int32_t arterial_wide(void)
+{
+    unsigned a, b, c, d, kept, high;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || (c >> 27 & 3) != 3) return 0;
+    __asm__("xgetbv" : "=a"(kept), "=d"(high) : "c"(0)); /* whether the system keeps the registers */
+    return (kept & 6) == 6 && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b >> 5 & 1);
+}
+#else
+int32_t arterial_wide(void) { return 0; }
+#endif
+
+INLINE double *at(const memory *m, int32_t address)
 {
     double *const base[4] = {(double *)m->constant, m->fixed, m->work, m->held};
     return base[address & 3] + (address >> 2);
@@ -50,15 +65,40 @@ static double *at(const memory *m, int32_t address)
         else { const double x = a[0], y = b[0], z = (expression); for (i = 0; i < n; i++) o[i] = z; }                  \
         break;
 
+/* Most operations of a step are these. Returns 0 for others. */
+INLINE int simple(int32_t op, int32_t n, double *restrict o, const double *restrict a, int sa,
+                  const double *restrict b, int sb, const double *restrict c)
+{
+    int32_t i;
+    switch (op) {
+        FAST_UNARY(copy, x)
+        FAST_UNARY(absolute, fabs(x))
+        BINARY(add, x + y)
+        BINARY(subtract, x - y)
+        BINARY(multiply, x * y)
+    case OP_multiply_add: /* of vectors, as the next one */
+        for (i = 0; i < n; i++) o[i] = a[i] * b[i] + c[i];
+        break;
+    case OP_multiply_multiply:
+        for (i = 0; i < n; i++) o[i] = a[i] * b[i] * c[i];
+        break;
+    default: return 0;
+    }
+    return 1;
+}
+
+#define SLOW_BINARY(name, expression)                                                                                  \
+    case OP_##name:                                                                                                    \
+        for (i = 0; i < n; i++) { const double x = a[i * sa], y = b[i * sb]; o[i] = (expression); }                    \
+        break;
+
 static void elementwise(int32_t op, int32_t n, double *restrict o, const double *restrict a, int sa,
                         const double *restrict b, int sb, const double *restrict c, int sc)
 {
     int32_t i;
     switch (op) {
-        FAST_UNARY(copy, x)
         FAST_UNARY(negative, -x)
         FAST_UNARY(sqrt, sqrt(x))
-        FAST_UNARY(absolute, fabs(x))
         FAST_UNARY(square, x * x)
         FAST_UNARY(reciprocal, 1.0 / x)
         UNARY(exp, exp(x))
@@ -73,21 +113,18 @@ static void elementwise(int32_t op, int32_t n, double *restrict o, const double 
         UNARY(sign, x != x ? x : (double)((x > 0.0) - (x < 0.0)))
         UNARY(logical_not, x == 0.0)
         UNARY(isfinite, x - x == 0.0)
-        BINARY(add, x + y)
-        BINARY(subtract, x - y)
-        BINARY(multiply, x * y)
-        BINARY(divide, x / y)
-        BINARY(power, pow(x, y))
-        BINARY(maximum, x >= y || x != x ? x : y)
-        BINARY(minimum, x <= y || x != x ? x : y)
-        BINARY(greater, x > y)
-        BINARY(greater_equal, x >= y)
-        BINARY(less, x < y)
-        BINARY(less_equal, x <= y)
-        BINARY(equal, x == y)
-        BINARY(not_equal, x != y)
-        BINARY(logical_and, x != 0.0 && y != 0.0)
-        BINARY(logical_or, x != 0.0 || y != 0.0)
+        SLOW_BINARY(divide, x / y)
+        SLOW_BINARY(power, pow(x, y))
+        SLOW_BINARY(maximum, x >= y || x != x ? x : y)
+        SLOW_BINARY(minimum, x <= y || x != x ? x : y)
+        SLOW_BINARY(greater, x > y)
+        SLOW_BINARY(greater_equal, x >= y)
+        SLOW_BINARY(less, x < y)
+        SLOW_BINARY(less_equal, x <= y)
+        SLOW_BINARY(equal, x == y)
+        SLOW_BINARY(not_equal, x != y)
+        SLOW_BINARY(logical_and, x != 0.0 && y != 0.0)
+        SLOW_BINARY(logical_or, x != 0.0 || y != 0.0)
     case OP_where:
         for (i = 0; i < n; i++) o[i] = a[i * sa] != 0.0 ? b[i * sb] : c[i * sc];
         break;
@@ -97,13 +134,15 @@ static void elementwise(int32_t op, int32_t n, double *restrict o, const double 
 
 /* --- products and inverses ------------------------------------------------------------------------------------------ */
 
-#define ROWS(K, N)                                                                                                     \
-    for (i = 0; i < m; i++, a += K, o += N)                                                                            \
-        for (j = 0; j < N; j++) {                                                                                      \
-            double s = a[0] * b[j];                                                                                    \
-            for (l = 1; l < K; l++) s += a[l] * b[l * N + j];                                                          \
-            o[j] = s;                                                                                                  \
-        }
+/* m rows of k numbers, each times a matrix : (k, n), which is by so many numbers further for the next row */
+#define ROWS(K, N, FURTHER)                                                                                            \
+    for (i = 0; i < m; i++, a += K, b += FURTHER, o += N) {                                                            \
+        double s[N];                                                                                                   \
+        for (j = 0; j < N; j++) s[j] = a[0] * b[j];                                                                    \
+        for (l = 1; l < K; l++)                                                                                        \
+            for (j = 0; j < N; j++) s[j] += a[l] * b[l * N + j];                                                       \
+        for (j = 0; j < N; j++) o[j] = s[j];                                                                           \
+    }
 
 static double dot(const double *restrict a, const double *restrict b, int32_t n)
 {
@@ -120,7 +159,7 @@ static double dot(const double *restrict a, const double *restrict b, int32_t n)
 }
 
 /* o : (m, n) = a : (m, k) times b : (k, n) */
-static void product(double *restrict o, const double *restrict a, const double *restrict b, int32_t m, int32_t k,
+INLINE void product(double *restrict o, const double *restrict a, const double *restrict b, int32_t m, int32_t k,
                     int32_t n)
 {
     int32_t i, j, l;
@@ -129,17 +168,34 @@ static void product(double *restrict o, const double *restrict a, const double *
     } else if (n == 1) {
         for (i = 0; i < m; i++) o[i] = dot(a + (int64_t)i * k, b, k);
     } else if (k == 3 && n == 4) {
-        ROWS(3, 4)
+        ROWS(3, 4, 0)
     } else if (k == 4 && n == 3) {
-        ROWS(4, 3)
+        ROWS(4, 3, 0)
     } else if (k == 4 && n == 4) {
-        ROWS(4, 4)
+        ROWS(4, 4, 0)
     } else {
         for (i = 0; i < m; i++, a += k, o += n) {
             for (j = 0; j < n; j++) o[j] = 0.0;
             for (l = 0; l < k; l++)
                 for (j = 0; j < n; j++) o[j] += a[l] * b[(int64_t)l * n + j];
         }
+    }
+}
+
+/* Such products, so many; of a, of b the same each time or, where it differs, the next. */
+INLINE void products(double *restrict o, const double *restrict a, int32_t a_differs, const double *restrict b,
+                     int32_t b_differs, int32_t count, int32_t rows, int32_t k, int32_t n)
+{
+    int32_t i, j, l, m = count;
+    if (rows == 1 && a_differs && b_differs && k == 4 && n == 4) {
+        ROWS(4, 4, 16)
+    } else if (rows == 1 && a_differs && b_differs && k == 2 && n == 4) {
+        ROWS(2, 4, 8)
+    } else if (rows == 1 && a_differs && b_differs && k == 4 && n == 1) {
+        ROWS(4, 1, 4)
+    } else {
+        for (i = 0; i < m; i++, o += rows * n, a += a_differs * rows * k, b += b_differs * k * n)
+            product(o, a, b, rows, k, n);
     }
 }
 
@@ -180,37 +236,39 @@ static void inverse(double *a, double *pivot, int32_t n)
 
 /* --- groups ---------------------------------------------------------------------------------------------------------- */
 
-/* Some parts of one operation of a group: 8 words, of the operation, flags, width, out, three places, and one more. */
-static void part(const memory *m, const int32_t *w, int32_t from, int32_t many)
+/* Some parts of one operation of a group: 8 words, of the operation, flags, width, out, three places, and one more. The
+   flags from 8 on are of out and places that only the group uses, which have room for these parts alone. */
+INLINE void part(const memory *m, const int32_t *w, int32_t from, int32_t many)
 {
-    const int32_t width = w[2], k = w[7] >> 8, n = w[7] & 255, *const index = m->index + w[5];
-    const int64_t skip = (int64_t)from * width;
-    double *o = at(m, w[3]);
-    const double *a = at(m, w[4]), *b;
-    int32_t i;
+    const int32_t flags = w[1], width = w[2], all = many * width, k = w[7] >> 8, n = w[7] & 255;
+    const int64_t skip = (int64_t)from * width, so = flags & 8 ? 0 : skip, sa = flags & 16 ? 0 : skip,
+                  sb = flags & 32 ? 0 : skip, sc = flags & 64 ? 0 : skip;
+    double *const o = at(m, w[3]);
+    const double *const a = at(m, w[4]);
     if (w[0] == OP_gather) {
-        for (i = 0; i < many * width; i++) o[skip + i] = a[index[skip + i]];
-    } else if (w[0] == OP_product && (w[1] & 4)) { /* rows times one matrix */
-        product(o + skip * n, a + skip * k, at(m, w[5]), many * width, k, n);
-    } else if (w[0] == OP_product) { /* matrices of w[6] rows; flags: whether a, b differ */
-        b = at(m, w[5]);
-        for (i = 0; i < many * width; i++)
-            product(o + (skip + i) * w[6] * n, a + (w[1] & 1 ? (skip + i) * w[6] * k : 0),
-                    b + (w[1] & 2 ? (skip + i) * k * n : 0), w[6], k, n);
+        const int32_t *const index = m->index + w[5] + skip;
+        for (int32_t i = 0; i < all; i++) o[so + i] = a[index[i]];
+    } else if (w[0] == OP_product) { /* rows times one matrix, or matrices of w[6] rows; flags: whether a, b differ */
+        const int32_t tall = flags & 4, rows = tall ? 1 : w[6], one = (flags & 1) | !!tall, two = flags >> 1 & 1;
+        products(o + so * rows * n, a + one * sa * rows * k, one, at(m, w[5]) + two * sb * k * n, two, tall ? 1 : all,
+                 tall ? all : rows, k, n);
     } else { /* flags: which operands are one number */
-        const int sa = !(w[1] & 1), sb = !(w[1] & 2), sc = !(w[1] & 4);
-        elementwise(w[0], many * width, o + skip, a + (sa ? skip : 0), sa, at(m, w[5]) + (sb ? skip : 0), sb,
-                    at(m, w[6]) + (sc ? skip : 0), sc);
+        const int va = !(flags & 1), vb = !(flags & 2), vc = !(flags & 4);
+        const double *const x = a + (va ? sa : 0), *const y = at(m, w[5]) + (vb ? sb : 0),
+                     *const z = at(m, w[6]) + (vc ? sc : 0);
+        if (!simple(w[0], all, o + so, x, va, y, vb, z)) elementwise(w[0], all, o + so, x, va, y, vb, z, vc);
     }
 }
 
 /* Operations that are done together, some parts at once. */
-static void group(const memory *m, const int32_t *code, int32_t parts, int32_t at_once, int32_t count)
+INLINE void together(const memory *m, const int32_t *code, int32_t parts, int32_t at_once, int32_t count)
 {
-    int32_t from, k;
-    for (from = 0; from < parts; from += at_once)
-        for (k = 0; k < count; k++) part(m, code + 8 * k, from, parts - from < at_once ? parts - from : at_once);
+    for (int32_t from = 0; from < parts; from += at_once)
+        for (int32_t k = 0; k < count; k++)
+            part(m, code + 8 * k, from, parts - from < at_once ? parts - from : at_once);
 }
+PLAIN_AND_WIDE(group, together, (const memory *m, const int32_t *code, int32_t parts, int32_t at_once, int32_t count),
+               (m, code, parts, at_once, count))
 
 /* --- the rest ------------------------------------------------------------------------------------------------------- */
 
@@ -257,14 +315,9 @@ static int other(const memory *m, int32_t op, const int32_t *w)
         }
         break;
     }
-    case OP_product: { /* sizes: count, m, k, n, whether a and b differ between these */
-        const double *const a = at(m, w[8]), *const b = at(m, w[9]);
-        const int32_t rows = w[3], k = w[4], n = w[5];
-        for (i = 0; i < w[2]; i++)
-            product(o + (int64_t)i * rows * n, a + (w[6] ? (int64_t)i * rows * k : 0), b + (w[7] ? (int64_t)i * k * n : 0),
-                    rows, k, n);
+    case OP_product: /* sizes: count, m, k, n, whether a and b differ between these */
+        products(o, at(m, w[8]), w[6], at(m, w[9]), w[7], w[2], w[3], w[4], w[5]);
         break;
-    }
     case OP_inverse: { /* sizes: count, n */
         const int32_t n = w[3], size = n * n;
         memcpy(o, at(m, w[4]), sizeof(double) * (size_t)w[2] * (size_t)size);
@@ -300,7 +353,7 @@ int run(const arterial_program *p, const memory *m, int phase)
             if (skipped) memset(at(m, w[4]), 0, sizeof(double) * (size_t)w[5]);
             w += 7 + (skipped ? w[6] : 0);
         } else if (w[0] == GROUP) {
-            group(m, w + 4, w[1], w[2], w[3]);
+            (p->wide ? group_wide : group_plain)(m, w + 4, w[1], w[2], w[3]);
             w += 4 + 8 * w[3];
         } else {
             if (!other(m, w[0], w + 2)) return 0;

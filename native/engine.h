@@ -34,7 +34,11 @@ typedef struct {
     int32_t n_y, n_A, n_Q, at_Q, n_H; /* numbers of a state, of its A (which come first) and Q, where Q begins; nodes */
     int32_t n_inlets, n_outlets, n_report, n_sources;
     int32_t place[PLACES];
+    int32_t wide; /* arterial_wide() */
 } arterial_program;
+
+/* Whether the processor has vectors of four numbers that the engine can use: AVX2. */
+ARTERIAL_API int32_t arterial_wide(void);
 
 /* Whether it is made for these operations, in the order of their codes, so many places, a program of this size, and of
    the sources with this digest, if it is not "". */

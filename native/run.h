@@ -4,6 +4,20 @@
 
 #include "engine.h"
 
+/* A function twice: for every processor, and for those of arterial_wide(), to which the same operations give the same
+   numbers: no multiplication is fused with an addition. */
+#define INLINE static inline __attribute__((always_inline))
+#if defined(__x86_64__) && defined(__GNUC__)
+#define WIDE_TARGET __attribute__((target("avx2")))
+#define PLAIN_AND_WIDE(name, body, parameters, arguments)                                                              \
+    static void name##_plain parameters { body arguments; }                                                            \
+    WIDE_TARGET static void name##_wide parameters { body arguments; }
+#else
+#define PLAIN_AND_WIDE(name, body, parameters, arguments)                                                              \
+    static void name##_plain parameters { body arguments; }                                                            \
+    static void name##_wide parameters { body arguments; }
+#endif
+
 typedef struct {
     const double *constant;
     double *fixed, *work;

@@ -53,21 +53,26 @@ int32_t arterial_state_size(const arterial_program *p)
 }
 
 /* Chord iterations with one Jacobian, on the iterate in its place. Returns 1 when solved, 0 when not; moved : whether the
-   last one was finite. */
-static int iterate(const arterial_program *p, const memory *m, int fresh, int *moved)
+   last one was finite. guess : where the first iterate is kept if the second one is not the solution, or null. */
+static int iterate(const arterial_program *p, const memory *m, int fresh, int *moved, double *guess)
 {
     const int phase = fresh ? CORRECT_FRESH : CORRECT, out = fresh ? FRESH_Q : OUT_Q;
     const double small_Q = *place(p, m, OUT_SMALL_Q), small_H = *place(p, m, OUT_SMALL_H);
     double *const H = place(p, m, IN_H);
     for (int k = 0; k < CORRECTIONS; k++) {
-        if (!run(p, m, phase)) return *moved = 0;
+        *moved = run(p, m, phase);
         const double *const dH = place(p, m, out + 1), Q_by = *place(p, m, out + 2), H_by = *place(p, m, out + 3);
-        *moved = isfinite(Q_by) && isfinite(H_by);
+        *moved = *moved && isfinite(Q_by) && isfinite(H_by);
+        const int done = *moved && Q_by <= small_Q && H_by <= small_H;
+        if (guess && !k && !done) {
+            memcpy(guess, place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
+            memcpy(guess + p->n_Q, H, sizeof(double) * (size_t)p->n_H);
+        }
         if (!*moved) return 0;
-        memcpy(last_but_one(p, m), place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
+        if (!done) memcpy(last_but_one(p, m), place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
         put(p, m, IN_Q, place(p, m, out), p->n_Q);
         for (int32_t i = 0; i < p->n_H; i++) H[i] += dH[i];
-        if (Q_by <= small_Q && H_by <= small_H) return 1;
+        if (done) return 1;
     }
     return 0;
 }
@@ -75,9 +80,7 @@ static int iterate(const arterial_program *p, const memory *m, int fresh, int *m
 int solve(const arterial_program *p, const memory *m, double *guess)
 {
     int moved = 1;
-    memcpy(guess, place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
-    memcpy(guess + p->n_Q, place(p, m, IN_H), sizeof(double) * (size_t)p->n_H);
-    if (iterate(p, m, 0, &moved)) return 1;
+    if (iterate(p, m, 0, &moved, guess)) return 1;
     for (int k = 0; k < REFRESHES; k++) {
         if (!run(p, m, FINITE)) return 0;
         if (!moved || *place(p, m, OUT_FINITE) == 0.0) { /* thrown off: from the guess again */
@@ -85,7 +88,7 @@ int solve(const arterial_program *p, const memory *m, double *guess)
             put(p, m, IN_H, guess + p->n_Q, p->n_H);
         }
         if (!run(p, m, REFRESH)) return 0;
-        if (iterate(p, m, 1, &moved)) return 1;
+        if (iterate(p, m, 1, &moved, 0)) return 1;
     }
     return 0;
 }
@@ -98,6 +101,7 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
     double *const k = m->work + p->n_work, *const guess = k + STAGES * n;
     double *const Q = place(p, m, IN_Q), *const H = place(p, m, IN_H);
     double *const found = after + n + p->n_A + p->n_H, *const start = place(p, m, IN_START);
+    const double *const begun = place(p, m, OUT_BEGUN);
     int32_t i;
     put(p, m, IN_Y, state, n);
     put(p, m, IN_H0, state + n + p->n_A, p->n_H);
@@ -106,11 +110,8 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
     memcpy(found + STAGES * unknowns, last, sizeof(double) * STAGES * (size_t)unknowns);
     for (int s = 0; s < STAGES; s++) {
         double *const k_s = k + s * n, *const rates = found + s * unknowns;
-        put(p, m, IN_START, place(p, m, OUT_BEGUN), n);
-        for (int j = 0; j < s; j++) {
-            const double a = dt * SDIRK3[s][j], *const k_j = k + j * n;
-            for (i = 0; i < n; i++) start[i] += a * k_j[i];
-        }
+        const double a = dt * SDIRK3[s][0], b = dt * SDIRK3[s][1];
+        for (i = 0; i < n; i++) start[i] = s == 0 ? begun[i] : s == 1 ? begun[i] + a * k[i] : (begun[i] + a * k[i]) + b * k[n + i];
         put(p, m, IN_GIVEN, place(p, m, OUT_GIVEN) + s * p->n_inlets, p->n_inlets);
         put(p, m, IN_G, acting + (s + 1) * p->n_sources, p->n_sources);
         if (!run(p, m, START)) return 0;
@@ -119,9 +120,11 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
         memcpy(H, rates + p->n_Q, sizeof(double) * (size_t)p->n_H);
         if (!solve(p, m, guess) || !run(p, m, END)) return 0;
         const double *const end = place(p, m, OUT_END), *const A_t = place(p, m, OUT_A_T);
-        for (i = 0; i < n; i++) k_s[i] = (end[i] - start[i]) / tau;
-        memcpy(k_s, A_t, sizeof(double) * (size_t)p->n_A); /* without the round-off of the difference */
-        memcpy(rates, k_s + p->at_Q, sizeof(double) * (size_t)p->n_Q);
+        if (s < STAGES - 1) { /* for the stages behind it */
+            memcpy(k_s, A_t, sizeof(double) * (size_t)p->n_A); /* without the round-off of the difference */
+            for (i = p->n_A; i < n; i++) k_s[i] = (end[i] - start[i]) / tau;
+        }
+        for (i = 0; i < p->n_Q; i++) rates[i] = (end[p->at_Q + i] - start[p->at_Q + i]) / tau;
         memcpy(rates + p->n_Q, H, sizeof(double) * (size_t)p->n_H);
     }
     if (!run(p, m, CHECK)) return 0;

@@ -41,8 +41,12 @@ from solver.laws.wall import Wall
 from solver.laws.wall_laws import ELASTIC_LAWS, Beta
 from solver.network.curve import Curve
 from solver.network.files import bundled_names
+from solver.network.inflow import drives_of
 from solver.network.table_source import KINDS, TableSource
 from solver.quantities.quantity import Quantity
+from solver.scheme.model import build as build_model
+from solver.scheme.sdirk import INFLOW_TIMES
+from solver.scheme.step import initial_state
 from solver.tracing import native
 from solver.tracing.steps import Programs
 
@@ -85,7 +89,8 @@ def elastic(network: Network) -> dict[str, float]:
 
 
 def test_sources() -> None:
-    """C99 in at most 1200 lines, with no header but these: no allocation in a step, and no global that changes."""
+    """C99 in at most 1200 lines, with no header but these: no allocation in a step, and no global that changes.
+    cpuid.h is the compiler's, for the features of x86-64 processors."""
     sources = {path.name: path.read_text(encoding="utf-8") for path in FILE.parent.glob("*.[ch]")}
     assert sum(text.count("\n") for text in sources.values()) <= 1200
     for name, text in sources.items():
@@ -93,6 +98,7 @@ def test_sources() -> None:
             "balance.h",
             "engine.h",
             "run.h",
+            "cpuid.h",
             "math.h",
             "stdint.h",
             "string.h",
@@ -100,6 +106,20 @@ def test_sources() -> None:
         assert not re.search(
             r"alloc\(|free\(|^(?!static const)(static )?\w+ \w+(\[.*\])? =", text, flags=re.MULTILINE
         ), name
+
+
+def test_wide_vectors_give_the_same_numbers() -> None:
+    """A processor with AVX2 and one without it: the same outputs, bit for bit, also where steps start anew."""
+    model, dt = build_model(load("adan56"), None, Settings()), Settings().dt
+    engine = native.Engine(model, dt)
+    if not engine._c.wide:
+        pytest.skip("this processor has no AVX2")
+    drive = drives_of(model.network, None, 1)((np.arange(20)[:, None] + INFLOW_TIMES) * dt)
+    tables = np.empty((2, len(drive), 1, len(model.network.output_units())))
+    for found, wide in zip(tables, (1, 0), strict=True):
+        engine._c.wide = wide
+        assert engine._steps(initial_state(model), drive, found)[0] == len(drive)
+    np.testing.assert_array_equal(tables[0], tables[1])
 
 
 # --- networks --------------------------------------------------------------------------------------------------------

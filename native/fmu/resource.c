@@ -135,11 +135,13 @@ static int derived(const resource *r, recorded *one, int32_t at)
 
 static int programs(resource *r)
 {
+    const int32_t wide = arterial_wide();
     for (int32_t i = 0; i < r->meta[N_PROGRAMS]; i++) {
         recorded *const one = &r->recorded[i];
         arterial_program *const p = &one->program;
         const int32_t at = PROGRAMS + PER_PROGRAM * i, *counts;
         int32_t n, n_begin, n_code;
+        p->wide = one->derived.wide = wide;
         one->meta = array(r, at + PROGRAM_META, SOME_INTEGERS, &n);
         p->code = array(r, at + CODE, SOME_INTEGERS, &n_code);
         p->begin = array(r, at + BEGIN, SOME_INTEGERS, &n_begin);

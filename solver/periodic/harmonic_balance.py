@@ -280,7 +280,7 @@ class Response:
                 np.concatenate([r.jacobian.K_inverse for r in each]),
                 np.concatenate([r.jacobian.by_ends for r in each]),
                 Factor.joined([r.jacobian.nodal for r in each]),
-                model.mesh.end_nodes,
+                model.mesh.ends,
             ),
             *(
                 np.concatenate([getattr(r, name) for r in each])

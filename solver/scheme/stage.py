@@ -47,13 +47,13 @@ class Condensed:
     """The inverse of the Jacobian of a stage, its elements condensed onto the nodes.
 
     K_inverse : (B, n_e, N+1, N+1) of each element's momentum. by_ends : (B, 2, n_e, N+1) response of Q to the pressures
-    at its left and its right end. nodal : the system of the nodal pressures. end_nodes : of the mesh.
+    at its left and its right end. nodal : the system of the nodal pressures. ends : (n_e, 2) their nodes.
     """
 
     K_inverse: Array
     by_ends: Array
     nodal: Factor
-    end_nodes: Array
+    ends: Array
 
     def for_long(self) -> Condensed:
         """The same operators, prepared for many uses."""
@@ -66,9 +66,7 @@ class Condensed:
 
     def add_to(self, Q: Array, H: Array) -> None:
         """Add the flow from nodal pressures H : (B, n_nodes) to Q : (B, n_e, N+1)."""
-        flows = self.by_ends * H.take(self.end_nodes, 1)
-        Q += flows[:, 0]
-        Q += flows[:, 1]
+        Q += np.einsum("bkej,bek->bej", self.by_ends, H.take(self.ends, 1))
 
 
 @dataclass(frozen=True)
@@ -187,7 +185,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     for nodes, outlets, load in loads.kinds:
         less[:, nodes] += load.slope((H[:, nodes] - behind[:, outlets]).real)
     nodal = mesh.elimination.factor(products.reshape(len(K), -1), loads.scale, less)
-    return Condensed(K_inverse, by_ends, nodal, mesh.end_nodes)
+    return Condensed(K_inverse, by_ends, nodal, mesh.ends)
 
 
 class Stage(NamedTuple):

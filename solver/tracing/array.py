@@ -84,7 +84,8 @@ class Traced(View, NDArrayOperatorsMixin):
         slot = self.recorder.operand(self, self.shape)
         if slot.single or slot.start or slot.slot.size != self.size:
             return elementwise(self.recorder, "copy", self)
-        self.buffer.own = False  # the first writer makes a copy
+        if slot.slot is self.buffer.slot:
+            self.buffer.own = False  # the first writer makes a copy
         return of(self.recorder, slot.slot, self.shape)
 
     def __getitem__(self, key: Any) -> Traced:
@@ -309,6 +310,8 @@ def _einsum(r: Recorder, formula: str, a: Any, b: Any) -> Traced:
     def laid(x: Any, letters: str, order: Sequence[str], shape: tuple[int, ...]) -> Any:
         return x.transpose([letters.index(c) for c in order]).reshape(shape)
 
+    if both and not right:  # a matrix each times a vector each: the vector from the left, along the rows of the matrix
+        a, b, one, two, left, right = b, a, two, one, right, left
     rows = laid(a, one, [*both, *left, *gone], (count(both), count(left), count(gone)))
     columns = laid(b, two, [*both, *gone, *right], (count(both), count(gone), count(right)))
     order = [*both, *left, *right]

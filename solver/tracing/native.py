@@ -57,6 +57,7 @@ class Program(ctypes.Structure):
         *((name, ctypes.c_int32) for name in ("n_fixed", "n_work", "n_y", "n_A", "n_Q", "at_Q", "n_H", "n_inlets",
                                               "n_outlets", "n_report", "n_sources")),
         ("place", ctypes.c_int32 * len(PLACES)),
+        ("wide", ctypes.c_int32),
     ]  # fmt: skip
 
 
@@ -83,7 +84,7 @@ def library() -> ctypes.CDLL:
     found.arterial_steps.argtypes = [
         pointer, number, number, ctypes.c_double, *[pointer] * 5, ctypes.c_int, *[pointer] * 3
     ]  # fmt: skip
-    found.arterial_steps.restype = number
+    found.arterial_steps.restype = found.arterial_wide.restype = number
     return found
 
 
@@ -120,7 +121,9 @@ class Bound:
             len(model.mesh.topology.outlet_segment), len(model.network.output_units()), len(model.tables.tables),
         )  # fmt: skip
         self.program = p  # keeps the memory of the pointers alive
-        self.c = Program(*pointers, *counts, tuple(p.address.get(name, 0) for name in PLACES))
+        self.c = Program(
+            *pointers, *counts, tuple(p.address.get(name, 0) for name in PLACES), library().arterial_wide()
+        )
         self.work = np.zeros(p.n_work + STAGES * layout.size + 2 * n_Q + n_H)
         self.fixed = np.zeros((model.coefficients.B, p.n_fixed))
         for rows, place in zip(arrays, recorded.places, strict=True):

@@ -7,20 +7,22 @@ Numbers used in one phase only share their places.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from .array import ELEMENTWISE, Traced
+from .fusing import FUSED, fused
 from .recorder import CONSTANT, Instruction, Operand, Recorder, Slot
 from .skipping import Block, blocks
 
 Array = np.ndarray
 
 _OTHER = ("gather", "scatter", "sums", "product", "inverse", "sum", "largest", "least", "require", "skip")
-OPERATIONS = (*ELEMENTWISE, *_OTHER)
+OPERATIONS = (*ELEMENTWISE, *FUSED.values(), *_OTHER)
 _CODES = {name: code for code, name in enumerate(OPERATIONS, 1)}
 _CONSTANT, _FIXED, _WORK, _HELD = range(4)
 _AT_ONCE = 256  # numbers of an operation
@@ -122,24 +124,50 @@ def compiled(
     )
 
 
-@dataclass
-class _Group:
-    """Operations that are executed together part by part, so that intermediate results stay in the cache."""
+class _Group(NamedTuple):
+    """Operations that are executed together, some parts at once, so that intermediate results stay in the cache.
+
+    units : the parts; 0 for a single operation that is not grouped. at_once : the number of parts at once.
+    """
 
     units: int
-    written: set[Slot] = field(default_factory=set)
-    widest: int = 1
-    code: list[int] = field(default_factory=list)
+    at_once: int
+    instructions: list[Instruction]
 
-    def add(self, out: Slot, width: int, code: list[int]) -> None:
-        self.written.add(out)
-        self.widest = max(self.widest, width)
-        self.code += code
+    @staticmethod
+    def of(units: int, instructions: list[Instruction]) -> _Group:
+        widest = max(_width(each, units) for each in instructions) if units else 1
+        return _Group(units, max(1, _AT_ONCE // widest), instructions)
 
-    def encoded(self) -> list[int]:
-        """Operation 0: parts, how many at once, operations."""
-        together = max(1, _AT_ONCE // self.widest)
-        return [0, self.units, together, len(self.code) // 8, *self.code] if self.code else []
+    def inner(self, uses: Mapping[Slot, int]) -> set[Slot]:
+        """The slots that only this group uses and of which some parts fit into a block; none if all parts are executed
+        at once. uses : how often a phase uses each slot."""
+        own = _uses(self.instructions) if self.units > self.at_once else {}
+        fit = {slot for slot in own if slot.size // self.units * self.at_once <= _AT_ONCE}
+        return {slot for slot in fit if own[slot] == uses[slot]}
+
+
+def _runs(items: Sequence[Instruction | Block]) -> list[Block | list[Instruction]]:
+    """Blocks, and the operations between them."""
+    found: list[Block | list[Instruction]] = []
+    for item in items:
+        if isinstance(item, Block):
+            found.append(item)
+        elif found and isinstance(found[-1], list):
+            found[-1].append(item)
+        else:
+            found.append([item])
+    return found
+
+
+def _uses(instructions: Iterable[Instruction]) -> Counter[Slot]:
+    return Counter(slot for i in instructions for slot in (i.out, *(o.slot for o in i.operands)))
+
+
+def _width(each: Instruction, units: int) -> int:
+    """Numbers of a part; for a product, its rows or matrices."""
+    count, *rest = each.sizes
+    return (rest[0] if each.name == "product" and count == 1 else count) // units
 
 
 def _apart(each: Instruction) -> list[Operand]:
@@ -156,7 +184,8 @@ def _apart(each: Instruction) -> list[Operand]:
 @dataclass
 class _Places:
     """Addresses of slots. lasting : slots that outlive their phase, or are inputs or outputs. units : elements of the
-    mesh, by which operations are divided into parts."""
+    mesh, by which operations are divided into parts. blocks : room for the parts at once of slots that only one group
+    uses."""
 
     units: int
     lasting: set[Slot]
@@ -166,6 +195,7 @@ class _Places:
     address: dict[Slot, int] = field(default_factory=dict)
     size: list[int] = field(default_factory=lambda: [0, 0, 0, 0])
     free: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
+    blocks: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         for phase, instructions in self.kept.items():
@@ -189,40 +219,61 @@ class _Places:
 
     def encoded(self, items: Sequence[Instruction | Block]) -> list[int]:
         """The code of a phase."""
-        order = [i for item in items for i in (item.instructions if isinstance(item, Block) else [item])]
+        runs = [(item, item.instructions) if isinstance(item, Block) else (None, item) for item in _runs(items)]
+        uses = _uses(i for _, each in runs for i in each)
+        grouped = [(block, self._groups(each, uses)) for block, each in runs]
+        order = [i for _, groups in grouped for group in groups for i in group.instructions]
         last = {slot: i for i in order for slot in (i.out, *(o.slot for o in i.operands))}
-        code, plain = list[int](), list[Instruction]()
-        for item in items:
-            if isinstance(item, Block):
-                code += self._straight(plain, last)
-                plain = []
-                code += self._skippable(item, last)
-            else:
-                plain.append(item)
-        return code + self._straight(plain, last)
+        uses, code = _uses(order), list[int]()
+        for block, groups in grouped:
+            within = self._straight(groups, last, uses)
+            if block:  # the operation that may skip it: tested numbers, result, words skipped
+                out = block.instructions[-1].out
+                code += [_CODES["skip"], 7, self.of(block.of), block.of.size, self.of(out), out.size, len(within)]
+            code += within
+        return code
 
-    def _skippable(self, block: Block, last: Mapping[Slot, Instruction]) -> list[int]:
-        """A block after the operation that may skip it: tested numbers, result, words skipped."""
-        within, out = self._straight(block.instructions, last), block.instructions[-1].out
-        return [_CODES["skip"], 7, self.of(block.of), block.of.size, self.of(out), out.size, len(within), *within]
+    def _straight(
+        self, groups: Sequence[_Group], last: Mapping[Slot, Instruction], uses: Mapping[Slot, int]
+    ) -> list[int]:
+        """Consecutive operations. last : the last operation of the phase that uses each slot; uses : how often it uses
+        them."""
+        code = list[int]()
+        for group in groups:
+            inner, room, within = group.inner(uses) - self.lasting, self.blocks[::-1], dict[Slot, int]()
+            if group.units:  # operation 0: parts, how many at once, operations
+                code += [0, group.units, group.at_once, len(group.instructions)]
+            for each in group.instructions:
+                if each.out in inner and each.out not in within:
+                    within[each.out] = room.pop() if room else self._block()
+                if group.units:
+                    code += self._grouped(each, group.units, within)
+                else:
+                    code += self._elementwise(each) if each.name in ELEMENTWISE else self._other(each)
+                # in order, so that the same network has the same program
+                for slot in dict.fromkeys((each.out, *(o.slot for o in each.operands))):
+                    if last[slot] is each and slot.phase != CONSTANT and slot not in self.lasting:
+                        (room if slot in within else self.free[slot.size]).append(within.get(slot) or self.of(slot))
+        return code
 
-    def _straight(self, instructions: Sequence[Instruction], last: Mapping[Slot, Instruction]) -> list[int]:
-        """Consecutive operations, neighbours in groups. last : the last operation of the phase that uses each slot."""
-        code, group = list[int](), _Group(0)
+    def _groups(self, instructions: Sequence[Instruction], uses: Mapping[Slot, int]) -> list[_Group]:
+        """Neighbours that can be executed together. uses : how often the phase uses each slot."""
+        found = list[tuple[int, list[Instruction]]]()
+        written = set[Slot]()
         for each in instructions:
             units = self._units(each)
-            if units != group.units or any(o.slot in group.written for o in _apart(each)):
-                code += group.encoded()
-                group = _Group(units)
-            if units:
-                group.add(each.out, self._width(each, units), self._grouped(each, units))
-            else:
-                code += self._elementwise(each) if each.name in ELEMENTWISE else self._other(each)
-            # in order, so that the same network has the same program
-            for slot in dict.fromkeys((each.out, *(o.slot for o in each.operands))):
-                if last[slot] is each and slot.phase != CONSTANT and slot not in self.lasting:
-                    self.free[slot.size].append(self.address[slot])
-        return code + group.encoded()
+            if not units or not found or units != found[-1][0] or any(o.slot in written for o in _apart(each)):
+                found.append((units, []))
+                written = set()
+            found[-1][1].append(each)
+            written.add(each.out)
+        return [_Group.of(units, fused(each, uses, self.lasting) if units else each) for units, each in found]
+
+    def _block(self) -> int:
+        """The address of one more block."""
+        self.blocks.append(4 * self.size[_WORK] + _WORK)
+        self.size[_WORK] += _AT_ONCE
+        return self.blocks[-1]
 
     def _units(self, each: Instruction) -> int:
         """The number of equal parts in which an operation can be grouped with its neighbours; 0 for none.
@@ -239,14 +290,12 @@ class _Places:
         n = each.sizes[0]
         return 0 if n != each.out.size else self.units if n % self.units == 0 else n
 
-    def _width(self, each: Instruction, units: int) -> int:
-        """Numbers of a part; for a product, its rows or matrices."""
-        count, *rest = each.sizes
-        return (rest[0] if each.name == "product" and count == 1 else count) // units
-
-    def _grouped(self, each: Instruction, units: int) -> list[int]:
-        """An operation of a group: 8 words."""
-        places = [self.of(o.slot) + 4 * o.start for o in each.operands]
+    def _grouped(self, each: Instruction, units: int, within: Mapping[Slot, int]) -> list[int]:
+        """An operation of a group: 8 words. within : the blocks of slots that only the group uses; flags from 8 on say
+        which of the result and the operands these are."""
+        slots = [each.out, *(o.slot for o in each.operands)]
+        out, *places = [within.get(slot) or self.of(slot) for slot in slots]
+        places = [place + 4 * o.start for place, o in zip(places, each.operands, strict=True)]
         flags, extra = sum(1 << i for i, o in enumerate(each.operands) if o.single), 0
         if each.name == "gather":
             places.append(self._index(each))
@@ -254,8 +303,8 @@ class _Places:
             count, m, k, n, one, two = each.sizes
             places.append(m)
             flags, extra = 4 if count == 1 else one + 2 * two, 256 * k + n
-        out = self.of(each.out)
-        return [_CODES[each.name], flags, self._width(each, units), out, *places, *[0] * (3 - len(places)), extra]
+        flags += sum(8 << i for i, slot in enumerate(slots) if slot in within)
+        return [_CODES[each.name], flags, _width(each, units), out, *places, *[0] * (3 - len(places)), extra]
 
     def _elementwise(self, each: Instruction) -> list[int]:
         """An elementwise operation as a group of its own, because of the places that it reads or writes."""
