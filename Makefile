@@ -1,4 +1,4 @@
-# make demo | loop | discover | test | test-slow | check | bench | docs | clean
+# make demo | loop | discover | test | test-slow | test-all | check | bench | docs | clean
 #
 # Everything runs in .venv, which is made when it is missing and updated when pyproject.toml changes.
 # Another Python: make demo PYTHON=/path/to/python3
@@ -15,7 +15,7 @@ ifeq ($(origin PYTHON),undefined)
 PYTHON := $(shell for p in python3.11 python3 python; do $$p -c "" 2>/dev/null && { echo $$p; break; }; done)
 endif
 
-.PHONY: help demo loop discover test test-slow check bench docs clean
+.PHONY: help demo loop discover test test-slow test-all check bench docs clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -23,8 +23,9 @@ help:
 	@echo "make demo      build dist/sheep.fmu, run it elastic and viscoelastic, draw the figures"
 	@echo "make loop      heart, human arteries and veins in a closed loop, one minute; draw the figure"
 	@echo "make discover  find what is missing in a model: two synthetic records, one minute"
-	@echo "make test      run the tests: seven minutes on two cores"
+	@echo "make test      run the tests: eight minutes on two cores"
 	@echo "make test-slow run the long ones that make test leaves out: examples, snippets, generators"
+	@echo "make test-all  both in one run, as .ci/run does"
 	@echo "make check     formatting, lint, types"
 	@echo "make bench     measure speed and memory, and the accuracy of the fits"
 	@echo "make docs      write the documentation and the API reference to build/docs"
@@ -39,12 +40,18 @@ loop: $(VENV)/installed-run $(ENGINE)
 discover: $(VENV)/installed-run $(ENGINE)
 	$(BIN)/python examples/discover.py
 
-test: $(VENV)/installed-test $(ENGINE)
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow and not endurance"
+# A file runs on one core: its tests share fixtures, and the snippets of a document build on one another. The files
+# that take longest come first (tests/conftest.py).
+PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
-# a file on one core: the snippets of a document build on one another
+test: $(VENV)/installed-test $(ENGINE)
+	$(PYTEST) -m "not slow and not endurance"
+
 test-slow: $(VENV)/installed-test $(ENGINE)
-	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m slow
+	$(PYTEST) -m slow
+
+test-all: $(VENV)/installed-test $(ENGINE)
+	$(PYTEST) -m "not endurance"
 
 check: $(VENV)/installed-dev
 	$(BIN)/python -m ruff format --check .

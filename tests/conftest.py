@@ -34,9 +34,10 @@ hypothesis.settings.load_profile("seeded")
 
 # the files that take longest: first, so that at the end no core waits for another
 LONGEST = (
-    "install", "snippets_of_recordings", "readme", "snippets_of_discrepancy", "snippets_of_fitting", "examples",
-    "discrepancy_several", "toy", "hidden_bank", "notebooks", "discrepancy_bench", "discrepancy_workflow",
-    "closed_loop", "discrepancy_walls",
+    "install", "muscl", "nested_evidence", "examples", "readme", "snippets_of_recordings", "snippets_of_discrepancy",
+    "snippets_of_fitting", "profile", "toy", "hidden_bank", "notebooks", "discrepancy_bench", "site", "filters",
+    "discrepancy_several", "closed_loop", "discrepancy_walls", "discrepancy_partial", "discrepancy_workflow",
+    "native_fmu", "ports", "check_kinds", "fmu", "native_balance", "regression", "cosimulation", "check",
 )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -55,12 +56,18 @@ class Store:
         return self._found[key]
 
 
+@lru_cache(maxsize=16)
+def _description(fmu: str) -> Any:
+    """Read once for all instances."""
+    return fmpy.read_model_description(fmu)
+
+
 class Instance:
     """An FMU extracted and instantiated, with variables by name and the log in ``messages``."""
 
     def __init__(self, fmu: Path, folder: Path, logging: bool = True) -> None:
         self.messages: list[str] = []
-        description = fmpy.read_model_description(os.fspath(fmu))
+        description = _description(os.fspath(fmu))
         self.references = {v.name: v.valueReference for v in description.modelVariables}
         self.items = {
             v.name: {item.name: int(item.value) for item in v.declaredType.items}

@@ -62,6 +62,7 @@ def scale_of(fit: Fit) -> tuple[float, float]:
     return estimates(NETWORK, fit, fit.terms[0], 1.96)["B.E_scale"].ci95
 
 
+@pytest.mark.slow
 def test_where_more_than_half_remains_nothing_is_named() -> None:
     """K = 30, ten times as much: what comes nearest closes less than half of the gap."""
     naming = named(30.0)

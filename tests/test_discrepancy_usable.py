@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,7 +16,6 @@ from judged import judge, value_of
 from truth.hide import Effect
 from truth.records import Case, Made, make, write
 
-from build_fmu import build
 from discrepancy import workflow
 from discrepancy.find.plausibility import check_beats, check_record, check_waves
 from discrepancy.find.study import Unusable, bench_site, channels, check_scatter, prepare
@@ -49,9 +48,9 @@ def healthy(beats: int = 20) -> Waves:
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def model(fast_fmu: Callable[..., Path]) -> Path:
     """The FMU of the small network, which carries its file."""
-    return build(NETWORK, tmp_path_factory.mktemp("model"))
+    return fast_fmu(NETWORK, None)
 
 
 def refused(waves: Waves, model: Path, folder: Path) -> str:

@@ -453,7 +453,7 @@ def test_a_naming_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
     """Two effects, one of a sensor: written and read back: every number and every term is the same."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", (f"{SITE}.P",), 1 / 15, 0.1))
     made = make(Case("bench", SITE, 40.0, hidden), 5)
-    among = ("nonlinear_elasticity", "catheter_resonance", "stress_relaxation", "channel_lag")
+    among = ("nonlinear_elasticity", "catheter_resonance")
     study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base, among=among)
     assert naming.verdict == "several"
     Journal(tmp_path, []).stage("naming", lambda: naming)

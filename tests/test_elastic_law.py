@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recorded_walls import N, T, recording
+from recorded_walls import N, T, loop, recording
 from scipy import stats
 from typer.testing import CliRunner
 
@@ -19,7 +19,7 @@ from fitting.cohort.file import Entry
 from fitting.cohort.fits import Cohort, fit_cohort
 from fitting.inference.models.bench_network import bench_network
 from fitting.records.read.record import write_record
-from fitting.records.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.records.virtual import VirtualWall, measured, table_wall
 from fitting.results.estimate import mixture
 from fitting.results.parameter_set import read_set
 from fitting.wall.elastic_law import DECIDED, LawEvidence
@@ -175,11 +175,9 @@ def _run(*arguments: object) -> Any:
 
 
 def _written(path: Path, wall: VirtualWall, seed: int, dB: float = 40.0) -> Path:
-    p = jarvik_pressure(T)
-    P = np.append(np.tile(pressure_at(p, T, np.arange(N) * T / N), 15), pressure_at(p, T, 0.0))
-    R = np.tile(solve_radius(wall, p, T, N), 15)
+    P, R = (np.append(np.tile(x, 15), x[0]) for x in loop(wall))
     rng = np.random.default_rng(seed)
-    channels = {"CA.P": P, "CA.R": np.append(R, R[0])}
+    channels = {"CA.P": P, "CA.R": R}
     write_record(path, np.arange(len(P)) * T / N, {name: measured(x, rng, dB) for name, x in channels.items()})
     return path
 

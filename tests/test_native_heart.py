@@ -19,7 +19,7 @@ from fmpy.fmi2 import fmi2Discard, fmi2Error, fmi2Fatal
 from fmpy.validation import validate_fmu
 from fmus import MS, Instance
 from native_fmus import needs_compiler
-from test_heart import windkessel
+from test_heart import evenly
 from test_native_fmu import table
 
 from build_fmu import build_model, build_native_model
@@ -131,7 +131,7 @@ def test_bisection_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
         return one_by_one(residuals, Q_m, Q_a, found)
 
     monkeypatch.setattr(heart_step, "one_by_one", counted)
-    windkessel(HUMAN_HEART.with_values(STIFF), np.full(900, 2 * MS))
+    evenly(HUMAN_HEART.with_values(STIFF), 2 * MS, 900)
     assert converged.count(False) > 0  # 3 of 900
 
 
