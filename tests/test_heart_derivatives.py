@@ -339,7 +339,7 @@ class Root(Arithmetic):
             (dy,) = correction(s.y)
             return At(abs(dy) > 1e-9, s.y + dy)
 
-        y = repeated(better, At(True, self.state.y)).y
+        y = repeated(better, better(At(True, self.state.y))).y
         self.state = At(t + h, solution((y,), correction)[0] if self.implicit else y)
 
     def outputs(self) -> list[Any]:
