@@ -278,6 +278,18 @@ def test_states(tmp_path: Path) -> None:
     )
 
 
+def test_nothing_received_yet(tmp_path: Path) -> None:
+    """In a first step with zeros at the port the start values apply: inputs have no effect, parameters have theirs."""
+    heart = Instance(build_native_model(MODELS["heart"]("human", None, 2), tmp_path), tmp_path / "fmu")
+    heart.initialize()
+    heart.set({"aorta.P_0": 0.0})
+    heart.slave.doStep(0.0, MS)
+    assert not any(derivatives(heart, {"aorta.P_0": 1.0, "aorta.Z": 1.0, "venous.P": 1.0}))
+    assert any(derivatives(heart, {"left_ventricle.P_0": 1.0}))
+    heart.slave.doStep(MS, MS)
+    assert any(derivatives(heart, {"aorta.P_0": 1.0}))
+
+
 def test_fmi_3(tmp_path: Path) -> None:
     """The same bits."""
     files = [build_native_model(MODELS["heart"]("human", None, fmi), tmp_path / str(fmi), fmi) for fmi in (2, 3)]

@@ -90,6 +90,7 @@ int arithmetic_derived(component *c, double t, double h, const double *direction
 int arithmetic_read(const resource *r, const recorded *one, int32_t n, int32_t n_begin)
 {
     const int32_t *const meta = one->meta;
-    return r->meta[N_PROGRAMS] == A_PROGRAMS && n >= A_HEAD && meta[N_LOOPS] >= 0 && meta[N_REQUIREMENTS] >= 0 && r->n_inlets == 0 && r->n_outlets == 0 &&
+    return r->meta[N_PROGRAMS] == A_PROGRAMS && r->n_inlets == 0 && r->n_outlets == 0 && n >= A_HEAD &&
+           meta[N_LOOPS] >= 0 && meta[N_REQUIREMENTS] >= 0 &&
            n == A_HEAD + PER_LOOP * meta[N_LOOPS] + PER_REQUIREMENT * meta[N_REQUIREMENTS] && n_begin == 2 * meta[N_LOOPS] + 2;
 }

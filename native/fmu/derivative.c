@@ -1,6 +1,6 @@
 /* Directional derivatives of a communication step: the step is made again from where it began, and behind each internal
    step its derivative, which solver/tracing/derivative.py has recorded: of what a stage solves, by the Jacobian where it
-   ended. */
+   ended. For hearts and bodies one program does both. */
 #include "component.h"
 
 #include <math.h>
@@ -24,8 +24,8 @@ struct derivative {
     int acts, acted; /* whether parameters and P_venous have their directions, now and in fixed */
 };
 
-/* The program of the laws at hand that has derivatives: that of walls which may be nonlinear, and so serves all; of hearts
-   and bodies their own. */
+/* The program that has derivatives: of hearts and bodies the last one; of arteries that of the laws at hand whose walls
+   may be nonlinear, and so serves all. */
 static const recorded *with_derivatives(const component *c)
 {
     const int32_t *const meta = c->r.meta;
