@@ -309,19 +309,20 @@ def test_fmi_3(tmp_path: Path) -> None:
 
 
 def test_refused(tmp_path: Path) -> None:
-    """Before a step and after a restored state; by fixed parameters, Enumerations and outputs; of inputs."""
+    """Before a step, after a restored state; by fixed parameters, Enumerations, outputs; of inputs; infinite ones."""
     body = Instance(build_native_model(MODELS["body"]("human", None, 2), tmp_path), tmp_path / "fmu")
     body.initialize()
 
-    def refusal(unknown: str, known: str) -> str:
+    def refusal(unknown: str, known: str, seed: float = 1.0) -> str:
         with pytest.raises(FMICallException):
-            body.slave.getDirectionalDerivative([body.references[unknown]], [body.references[known]], [1.0])
+            body.slave.getDirectionalDerivative([body.references[unknown]], [body.references[known]], [seed])
         return body.messages.pop()
 
     assert "directional derivatives are those of the last step" in refusal("P", "arteries.V")
     body.slave.doStep(0.0, MS)
     for known in ("body.P_start", "body.exchange", "V"):
         assert "there are derivatives by inputs and tunable parameters" in refusal("P", known)
+    assert "some are not finite; give a smaller seed" in refusal("P", "arteries.V", 1e305)
     assert "has no directional derivative" in refusal("heart.V", "arteries.V")
     body.slave.setFMUState(body.slave.getFMUState())
     assert "directional derivatives are those of the last step" in refusal("P", "arteries.V")

@@ -83,7 +83,7 @@ int arithmetic_stepped(component *c, double t, double h)
 
 int arithmetic_derived(component *c, double t, double h, const double *direction)
 {
-    return done(c, DERIVES, t, h, direction);
+    return done(c, DERIVES, t, h, direction) || say(c, "directional derivatives: some are not finite; give a smaller seed.");
 }
 
 /* The places of a program; 0 where they are not whole. */
