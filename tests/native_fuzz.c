@@ -1,8 +1,8 @@
-/* Random calls into FMI 2.0 co-simulation instances that are linked in: native_fuzz FOLDER GUID SEED CALLS.
+/* Random calls into FMI 2.0 co-simulation instances that are linked in: native_fuzz FOLDER GUID SEED CALLS GIVEN OUTPUTS.
  *
  * Any order, any numbers, null pointers, states of other instances and damaged bytes. It is compiled with sanitizers,
- * which end it at the first fault. Prints how many calls were made, how many of them, of steps and of derivatives
- * succeeded, and how many lines were logged.
+ * which end it at the first fault. GIVEN : how many inputs and parameters there are, before the OUTPUTS. Prints how many
+ * calls were made, how many of them, of steps and of derivatives succeeded, and how many lines were logged.
  */
 #include <math.h>
 #include <stdarg.h>
@@ -83,9 +83,10 @@ int main(int argc, char **argv)
     int integers[MOST], fine = 0, steps = 0, derived = 0;
     unsigned vr[MOST];
     const char *texts[MOST] = {NULL};
-    if (argc != 5) return 2;
+    if (argc != 7) return 2;
     seed = strtoull(argv[3], NULL, 10) * 2654435761u + 88172645463325252u;
     const long calls = strtol(argv[4], NULL, 10);
+    const unsigned given = (unsigned)strtoul(argv[5], NULL, 10), outputs = (unsigned)strtoul(argv[6], NULL, 10);
     for (long k = 0; k < calls; k++) {
         const size_t i = any(MANY), s = any(STATES), n = any(MOST);
         int status = 0;
@@ -143,7 +144,7 @@ int main(int argc, char **argv)
             break;
         }
         case 21: { /* of an output by what may have a derivative; of anything */
-            unsigned one = 130 + (unsigned)any(20), other = (unsigned)any(100);
+            unsigned one = given + (unsigned)any(outputs), other = (unsigned)any(given);
             status = any(2) ? fmi2GetDirectionalDerivative(c, &one, 1, &other, 1, values, values)
                             : fmi2GetDirectionalDerivative(c, vr, n, any(9) ? vr : NULL, n, values, values) + fmi2CancelStep(c);
             derived += status == 0;

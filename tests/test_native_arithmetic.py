@@ -74,20 +74,20 @@ def test_sentences_that_cannot_be_printed(tmp_path: Path, sentence: str, numbers
 
 
 @needs_compiler
-def test_one_program_is_not_enough(c_host: CHost, tmp_path: Path) -> None:
-    """A resource with the program of the initialization alone is damaged; with its checksum right, too."""
+def test_fewer_programs_are_not_enough(c_host: CHost, tmp_path: Path) -> None:
+    """A resource without the program of the derivatives, or of the step, is damaged; with its checksum right, too."""
     fmu = unpack(build_native_model(heart_model("human", None, 2), tmp_path), tmp_path / "fmu")
     file = fmu.folder / "resources" / "arterial.bin"
     content = bytearray(file.read_bytes())
     meta = np.frombuffer(content, "<i4", count=5, offset=int(arrays._entries(bytes(content))[0][0]))
-    assert meta[4] == 2
+    assert meta[4] == 3
     found = []
-    for n in (2, 1):
+    for n in (3, 2, 1):
         meta[4] = n
         file.write_bytes(arrays._sealed(bytes(content)))
         found.append(c_host.run([f"library 0 {fmu.library}", fmu.instantiate(0)])[1])
-    assert [each.status for each in found] == ["ok", "null"]
-    assert "arterial.bin: damaged" in found[1].log[0]
+    assert [each.status for each in found] == ["ok", "null", "null"]
+    assert all("arterial.bin: damaged" in each.log[0] for each in found[1:])
 
 
 @pytest.mark.parametrize("make", [heart_model, body_model])

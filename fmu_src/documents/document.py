@@ -147,7 +147,7 @@ physics that it had when the FMU was built: a length that needs other elements, 
 on a part of a segment, are refused with a sentence. <code>network.start</code> = <code>periodic</code> holds for the
 start values in the model description. Directional derivatives are those of the last step.</p>
 """
-NATIVE_HOST_OF_FEW = f"{_NOTHING} Directional derivatives are not offered.</p>\n"  # of a heart or a body
+NATIVE_HOST_OF_FEW = f"{_NOTHING} Directional derivatives are those of the last step.</p>\n"  # of a heart or a body
 _CRASHES = """A state that was freed, or is none, crashes the host: the wrapper of pythonfmu does not check
 it."""
 _REFUSES = "A state that was freed, or is none, is refused; to another instance it goes as bytes."

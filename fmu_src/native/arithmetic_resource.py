@@ -1,4 +1,4 @@
-"""The resource of a heart or a body that needs no Python: its two programs (:mod:`solver.tracing.arithmetic`) in
+"""The resource of a heart or a body that needs no Python: its three programs (:mod:`solver.tracing.arithmetic`) in
 ``resources/arterial.bin``. Not part of the code of other FMUs.
 """
 
@@ -38,10 +38,11 @@ def resource(component: Arithmetic, table: Sequence[Variable]) -> bytes:
 
 
 def _program(one: Recorded, texts: Texts) -> Iterator[Array]:
-    """Counts and places, code, where phases begin; and no derivatives."""
+    """Counts and places, code, where phases begin; and nothing more."""
     p, at = one.program, one.program.address
     numbers = [p.n_fixed, p.n_work, len(one.loops), len(one.requirements)]
-    numbers += [at.get(name, -1) for name in ("values", "state", "t", "h")] + [at["next_state"], at["outputs"]]
+    numbers += [at.get(name, -1) for name in ("values", "state", "t", "h", "direction")]
+    numbers += [at["next_state"], at["outputs"]]
     for k, size in enumerate(one.loops):
         numbers += [size, *(at[f"{name}_{k}"] for name in ("begin", "before", "after"))]
     for k, must in enumerate(one.requirements):

@@ -18,8 +18,7 @@ _CATEGORIES = ("Warning", "Discard", "Error", "Fatal")
 
 @dataclass(frozen=True)
 class About:
-    """What a description says beside its variables. stop, step [s], tolerance : of the default experiment.
-    derivatives : whether there are directional ones."""
+    """What a description says beside its variables. stop, step [s], tolerance : of the default experiment."""
 
     name: str
     description: str
@@ -28,7 +27,6 @@ class About:
     stop: float
     step: float
     tolerance: float | None
-    derivatives: bool = True
 
 
 def fmi2(about: About, table: Sequence[Variable]) -> bytes:
@@ -36,8 +34,8 @@ def fmi2(about: About, table: Sequence[Variable]) -> bytes:
     names = {"fmiVersion": "2.0", "modelName": about.name, "guid": about.guid}
     root = Element("fmiModelDescription", {**names, **_common(about)})
     flags = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate",
-             "canNotUseMemoryManagementFunctions")  # fmt: skip
-    can = dict.fromkeys(flags, "true") | {"providesDirectionalDerivative": _truth(about.derivatives)}
+             "canNotUseMemoryManagementFunctions", "providesDirectionalDerivative")  # fmt: skip
+    can = dict.fromkeys(flags, "true")
     SubElement(root, "CoSimulation", can, modelIdentifier=about.name, needsExecutionTool="false")
     _categories(root, 2)
     _experiment(root, about)
@@ -90,10 +88,6 @@ def _experiment(root: Element, about: About) -> None:
     SubElement(root, "DefaultExperiment", given)
 
 
-def _truth(x: bool) -> str:
-    return str(x).lower()
-
-
 def _text(root: Element) -> bytes:
     indent(root, "\t")
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, "unicode").encode() + b"\n"
@@ -120,7 +114,7 @@ def fmi3(about: About, table: Sequence[Variable]) -> bytes:
     SubElement(
         root, "CoSimulation", modelIdentifier=about.name, needsExecutionTool="false", canGetAndSetFMUState="true",
         canSerializeFMUState="true", canHandleVariableCommunicationStepSize="true",
-        providesDirectionalDerivatives=_truth(about.derivatives),
+        providesDirectionalDerivatives="true",
     )  # fmt: skip
     _units3(root, table)
     types = type_definitions(tuple(table))

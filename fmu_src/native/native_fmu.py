@@ -56,7 +56,7 @@ def arithmetic_files(model: Model, fmi: int, platforms: Sequence[str]) -> dict[s
         )
     subject, component, e = model.subject, model.subject.make(), model.subject.experiment
     assert isinstance(component, Arithmetic)
-    about = About(model.name, subject.description, __version__, "", e.stop_time, e.step_size, None, derivatives=False)
+    about = About(model.name, subject.description, __version__, "", e.stop_time, e.step_size, None)
     own_files = {
         **{f"resources/{path}": text.encode() for path, text in model.resources.items()},
         RESOURCE: arithmetic_resource.resource(component, model.table),

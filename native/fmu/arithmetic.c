@@ -34,16 +34,17 @@ static int fulfilled(component *c, const memory *m, const int32_t *requirement, 
     return 1;
 }
 
-/* Runs the program of the initialization or of a step from t of length h: from values and state to state and outputs. */
-static int done(component *c, int which, double t, double h)
+/* Runs a program, of a step from t of length h: from values, of which some may have a direction, and state to state and
+   outputs. */
+static int done(component *c, int which, double t, double h, const double *direction)
 {
     const recorded *const one = &c->r.recorded[which];
     const int32_t *const meta = one->meta, *loop = meta + A_HEAD, *const requirements = loop + PER_LOOP * meta[N_LOOPS];
     const memory m = memory_of(&one->program, c->slots[0].fixed, c->work);
     double *const x = c->numbers, *const state = x + c->shown + AT_DRIVE;
-    const double *const given[] = {x + c->values, state, &t, &h};
-    const size_t sizes[] = {(size_t)c->r.meta[FIRST_OUTPUT], (size_t)c->r.n_state, 1, 1};
-    for (int i = 0; i < 4; i++)
+    const double *const given[] = {x + c->values, state, &t, &h, direction};
+    const size_t n = (size_t)c->r.meta[FIRST_OUTPUT], sizes[] = {n, (size_t)c->r.n_state, 1, 1, n};
+    for (int i = 0; i < 5; i++)
         if (meta[GIVEN_VALUES + i] >= 0) memcpy(placed(&m, meta[GIVEN_VALUES + i]), given[i], sizeof(double) * sizes[i]);
     for (int32_t phase = 0; phase <= 2 * meta[N_LOOPS]; phase++) {
         if (phase % 2) {
@@ -66,7 +67,7 @@ static int done(component *c, int which, double t, double h)
 
 int arithmetic_initialized(component *c)
 {
-    if (!done(c, 0, c->numbers[T0], 0.0)) return 0;
+    if (!done(c, BEGINS, c->numbers[T0], 0.0, NULL)) return 0;
     c->numbers[READY] = 1.0;
     c->numbers[OUTDATED] = 0.0;
     return 1;
@@ -74,15 +75,22 @@ int arithmetic_initialized(component *c)
 
 int arithmetic_stepped(component *c, double t, double h)
 {
-    if (!begins_here(c, t, h, 2e-9) || !done(c, 1, t, h)) return 0;
+    if (!begins_here(c, t, h, 2e-9) || !done(c, STEPS, t, h, NULL)) return 0;
     c->numbers[CHANGED] = 0.0;
+    c->numbers[LAST_H] = h;
     return 1;
+}
+
+int arithmetic_derived(component *c, double t, double h, const double *direction)
+{
+    return done(c, DERIVES, t, h, direction) || say(c, "directional derivatives: some are not finite; give a smaller seed.");
 }
 
 /* The places of a program; 0 where they are not whole. */
 int arithmetic_read(const resource *r, const recorded *one, int32_t n, int32_t n_begin)
 {
     const int32_t *const meta = one->meta;
-    return r->meta[N_PROGRAMS] == 2 && n >= A_HEAD && meta[N_LOOPS] >= 0 && meta[N_REQUIREMENTS] >= 0 && r->n_inlets == 0 && r->n_outlets == 0 &&
+    return r->meta[N_PROGRAMS] == A_PROGRAMS && r->n_inlets == 0 && r->n_outlets == 0 && n >= A_HEAD &&
+           meta[N_LOOPS] >= 0 && meta[N_REQUIREMENTS] >= 0 &&
            n == A_HEAD + PER_LOOP * meta[N_LOOPS] + PER_REQUIREMENT * meta[N_REQUIREMENTS] && n_begin == 2 * meta[N_LOOPS] + 2;
 }

@@ -34,9 +34,11 @@ enum { SEGMENT_NAME, VR_L, VR_PHI0, VR_PHINL, PER_SEGMENT };
 /* PROGRAM_META: laws (0 any), counts as in arterial_program, places, further ones, columns of the inlets, reasons */
 enum { ELASTIC, VISCOUS, N_MARGINS, COUNTS, N_COUNTS = 11, AT_PLACES = COUNTS + N_COUNTS };
 
-/* PROGRAM_META of hearts and bodies, whose first program is that of the initialization and second that of a step: counts and
-   places, -1 for what is not read; then loops, then requirements. */
-enum { N_FIXED, N_WORK, N_LOOPS, N_REQUIREMENTS, GIVEN_VALUES, GIVEN_STATE, GIVEN_T, GIVEN_H, NEXT_STATE, OUTPUTS, A_HEAD };
+/* Programs of hearts and bodies: of the initialization, of a step, of the derivatives of its outputs. PROGRAM_META: counts
+   and places, -1 for what is not read; then loops, then requirements. */
+enum { BEGINS, STEPS, DERIVES, A_PROGRAMS };
+enum { N_FIXED, N_WORK, N_LOOPS, N_REQUIREMENTS, GIVEN_VALUES, GIVEN_STATE, GIVEN_T, GIVEN_H, GIVEN_DIRECTION,
+       NEXT_STATE, OUTPUTS, A_HEAD };
 enum { LOOP_SIZE, LOOP_BEGIN, LOOP_BEFORE, LOOP_AFTER, PER_LOOP };
 enum { REQUIRED_IN, CONDITION, SENTENCE, FIRST_NUMBER, PER_REQUIREMENT = FIRST_NUMBER + 4 };
 
@@ -189,5 +191,6 @@ int begins_here(component *c, double t, double h, double slack);
 int arithmetic_read(const resource *r, const recorded *one, int32_t n, int32_t n_begin);
 int arithmetic_initialized(component *c);
 int arithmetic_stepped(component *c, double t, double h);
+int arithmetic_derived(component *c, double t, double h, const double *direction); /* in place of the outputs */
 
 #endif

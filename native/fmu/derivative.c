@@ -1,6 +1,6 @@
 /* Directional derivatives of a communication step: the step is made again from where it began, and behind each internal
    step its derivative, which solver/tracing/derivative.py has recorded: of what a stage solves, by the Jacobian where it
-   ended. */
+   ended. For hearts and bodies one program does both. */
 #include "component.h"
 
 #include <math.h>
@@ -17,17 +17,19 @@ enum { SOLVE = PHASES }; /* the phase after those of a step */
 
 /* Of the direction of a position: y, dA/dt, H and what has come in. */
 struct derivative {
-    double *seed, *kept, *fixed, *work, *known, *shown, *at, *start, *end, *drives[HALVINGS + 2], *k, *by_k, *row, *found;
+    double *seed, *kept, *fixed, *work, *known, *shown, *at, *start, *end, *drives[HALVINGS + 2], *k, *by_k, *row;
     const recorded *of; /* whose derivatives they are */
     double dt;          /* of the coefficients in fixed, and what they are of */
     const double *parameters;
     int acts, acted; /* whether parameters and P_venous have their directions, now and in fixed */
 };
 
-/* The program of the laws at hand that has derivatives: that of walls which may be nonlinear, and so serves all. */
+/* The program that has derivatives: of hearts and bodies the last one; of arteries that of the laws at hand whose walls
+   may be nonlinear, and so serves all. */
 static const recorded *with_derivatives(const component *c)
 {
     const int32_t *const meta = c->r.meta;
+    if (meta[N_ARITHMETIC]) return &c->r.recorded[DERIVES];
     for (int32_t i = meta[N_PROGRAMS] - 1; i >= 0; i--) {
         const recorded *const one = &c->r.recorded[i];
         if (one->derived_places && one->meta[ELASTIC] == (int32_t)value_of(c, meta[VR_ELASTIC]) &&
@@ -210,46 +212,40 @@ static struct derivative *made(const component *c)
         MORE(size, q->n_y + q->n_A + q->n_H + 1);
         MORE(row, q->n_report + 1);
     }
-    const int64_t all = n + c->n_numbers + fixed + work + 2 * size + 2 * n_in + 4 * n_in * (HALVINGS + 2) + 6 * y + row + n;
+    const int64_t all = n + c->n_numbers + fixed + work + 2 * size + 2 * n_in + 4 * n_in * (HALVINGS + 2) + 6 * y + row;
     struct derivative *const d = calloc(1, sizeof(struct derivative) + sizeof(double) * (size_t)all);
     if (!d) return NULL;
     double *next = (double *)(d + 1);
 #define TAKE(name, count) d->name = next, next += (count)
     TAKE(seed, n), TAKE(kept, c->n_numbers), TAKE(fixed, fixed), TAKE(work, work), TAKE(known, size), TAKE(shown, size);
-    TAKE(start, n_in), TAKE(end, n_in), TAKE(k, 3 * y), TAKE(by_k, 3 * y), TAKE(row, row), TAKE(found, n);
+    TAKE(start, n_in), TAKE(end, n_in), TAKE(k, 3 * y), TAKE(by_k, 3 * y), TAKE(row, row);
     for (int i = 0; i < HALVINGS + 2; i++) TAKE(drives[i], 4 * n_in);
     return d;
 }
 
-/* The step made again, with the directions of all outputs that are not late in d->found. */
-static int derived(component *c, struct derivative *d)
+/* The step of arteries made again, with the directions of all outputs that are not late in their place. */
+static int derived(component *c, struct derivative *d, double t, double h)
 {
-    double *const x = c->numbers;
     const arterial_program *const q = &d->of->program;
-    const double h = x[LAST_H], t = c->before[TIME];
     const int64_t size = q->n_y + q->n_A + q->n_H;
-    memcpy(d->kept, x, sizeof(double) * (size_t)c->n_numbers);
-    memcpy(x, c->before, step_bytes(c));
     memset(d->known, 0, sizeof(double) * (size_t)(size + 1));
     memset(d->shown, 0, sizeof(double) * (size_t)(size + 1));
     d->dt = 0.0;
     c->d = d;
-    const int done = component_again(c, t, h) && shown_by(c, x + c->shown, d->shown);
+    const int done = component_again(c, t, h) && shown_by(c, c->numbers + c->shown, d->shown);
     c->d = NULL;
-    if (done) {
-        memcpy(d->found, d->row, sizeof(double) * (size_t)(q->n_report + 1)); /* the last one is the volume's */
-        d->found[q->n_report + 1] = d->shown[size] - d->row[q->n_report];
-        d->found[q->n_report + 2] = d->found[q->n_report + 1] / h;
-    }
-    memcpy(x, d->kept, sizeof(double) * (size_t)c->n_numbers);
-    return done;
+    if (!done) return say(c, "the step cannot be made again.");
+    double *const found = c->numbers + c->values + c->r.meta[FIRST_OUTPUT];
+    memcpy(found, d->row, sizeof(double) * (size_t)(q->n_report + 1)); /* the last one is the volume's */
+    found[q->n_report + 1] = d->shown[size] - d->row[q->n_report];
+    found[q->n_report + 2] = found[q->n_report + 1] / h;
+    return 1;
 }
 
 int component_derivative(component *c, const uint32_t *unknown, size_t n, const uint32_t *known, size_t m,
                          const double *seed, double *found)
 {
     const int32_t *const meta = c->r.meta;
-    if (meta[N_ARITHMETIC]) return say(c, "directional derivatives: FMUs of arteries have them, this one has none.");
     if (c->numbers[STATE_OF] != STEPPING || !c->stepped)
         return say(c, "directional derivatives are those of the last step: make one, after a state was restored, too.");
     const recorded *const of = with_derivatives(c);
@@ -259,17 +255,21 @@ int component_derivative(component *c, const uint32_t *unknown, size_t n, const 
         if (unknown[i] < (uint32_t)meta[FIRST_OUTPUT] || unknown[i] >= (uint32_t)meta[FIRST_LATE])
             return say(c, "value reference %ld: has no directional derivative; outputs have but those of ports.", (long)unknown[i]);
     for (size_t i = 0; i < m; i++) {
-        int has = 0;
-        for (int32_t k = 0; k < c->r.n_inlets; k++) has |= known[i] == (uint32_t)c->r.inlets[PER_INLET * k + VR_INLET];
-        for (int32_t k = 0; k < c->r.n_parameters; k++) has |= known[i] == (uint32_t)c->r.parameters[k];
-        if (!has || known[i] >= (uint32_t)meta[N_VARIABLES] || variable(c, known[i])[VARIABILITY] == FIXED)
+        const int32_t *const v = known[i] < (uint32_t)meta[N_VARIABLES] ? variable(c, known[i]) : NULL;
+        if (!v || v[KIND] != REAL || v[CAUSALITY] == OUTPUT || v[VARIABILITY] == FIXED)
             return say(c, "value reference %ld: there are derivatives by inputs and tunable parameters.", (long)known[i]);
     }
     if (!c->derivative && !(c->derivative = made(c))) return say(c, "no memory.");
-    c->derivative->of = of;
-    memset(c->derivative->seed, 0, sizeof(double) * (size_t)meta[N_VARIABLES]);
-    for (size_t i = 0; i < m; i++) c->derivative->seed[known[i]] += seed[i];
-    if (!derived(c, c->derivative)) return say(c, "the step cannot be made again.");
-    for (size_t i = 0; i < n; i++) found[i] = c->derivative->found[unknown[i] - (uint32_t)meta[FIRST_OUTPUT]];
-    return 1;
+    struct derivative *const d = c->derivative;
+    const double h = c->numbers[LAST_H];
+    d->of = of;
+    memset(d->seed, 0, sizeof(double) * (size_t)meta[N_VARIABLES]);
+    for (size_t i = 0; i < m; i++) d->seed[known[i]] += seed[i];
+    memcpy(d->kept, c->numbers, sizeof(double) * (size_t)c->n_numbers);
+    memcpy(c->numbers, c->before, step_bytes(c));
+    const int done = meta[N_ARITHMETIC] ? arithmetic_derived(c, c->before[TIME], h, d->seed)
+                                        : derived(c, d, c->before[TIME], h);
+    for (size_t i = 0; i < n && done; i++) found[i] = value_of(c, (int32_t)unknown[i]);
+    memcpy(c->numbers, d->kept, sizeof(double) * (size_t)c->n_numbers);
+    return done;
 }

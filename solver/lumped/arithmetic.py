@@ -85,6 +85,15 @@ def require(condition: Number, sentence: str, *numbers: Number) -> None:
         raise InputError(sentence % numbers)
 
 
+def solution(found: State, correction: Callable[..., State]) -> State:
+    """The x that a search has found for F(x, p) = 0. Recorded derivatives are those of the solution,
+    dx/dp = -F_x⁻¹ F_p, and not of the search.
+
+    correction : -F_x⁻¹ F, by Newton's method; it vanishes at the solution, where x + correction has this derivative.
+    """
+    return found if _known(found[0]) else found[0].recorder.solution(found, correction)
+
+
 def repeated(body: Callable[[State], State], state: State) -> State:
     """The state, a tuple of numbers and such tuples, after ``body`` has been applied to it as long as its first number
     is true."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .arithmetic import Number, divided, exp, expm1, positive, require, select, sqrt
+from .arithmetic import Number, divided, exp, expm1, positive, require, select, solution, sqrt
 from .heart_parts import Chamber, Heart, Valve, within_a_beat
 from .heart_search import newton, one_by_one
 
@@ -188,7 +188,7 @@ class _Trial:
             "aorta.Z = %g Pa.s/m^3); take shorter steps.",
             self.state.t + self.h, self.h, self.port.P_0, self.port.Z,
         )  # fmt: skip
-        return Q_m, Q_a
+        return solution((Q_m, Q_a), lambda *flows: self._correction(*flows)[:2])
 
     def _correction(self, Q_m: Number, Q_a: Number) -> tuple[Number, Number, Number]:
         """The correction of the flows that Newton's method makes [m³/s], and the sum of the residuals [Pa]."""

@@ -1,4 +1,5 @@
-"""The steps of hearts and bodies as programs: from values, state and time to the next state and the outputs.
+"""The steps of hearts and bodies as programs: from values, state and time to the next state and the outputs, and the
+directional derivatives of these outputs by the values (:mod:`~solver.tracing.tangent`).
 
 A loop is a phase of its own, which runs as long as the first of its numbers is true: phase 1 is that of the first loop,
 phase 2 what follows it, and so on. What a loop needs but does not change is computed before it.
@@ -17,7 +18,8 @@ from ..lumped.arithmetic import Number, State
 from ..lumped.component import Arithmetic
 from .array import Traced, array, later, of
 from .program import Program, Shared, compiled
-from .recorder import Recorder
+from .recorder import Recorder, Slot, Untraceable
+from .tangent import derivative_of, tangents
 
 
 class Requirement(NamedTuple):
@@ -31,8 +33,9 @@ class Requirement(NamedTuple):
 @dataclass(frozen=True)
 class Recorded:
     """A program. loops : how many numbers each has. In ``program.address``: what it is given (``values``, ``t``, ``h``,
-    ``state``), where it reads any; ``next_state`` and ``outputs``; of loop k ``begin_k``, ``before_k`` and ``after_k``;
-    of requirement k ``required_k`` and its numbers ``number_k_i``."""
+    ``state``, ``direction`` of the values), where it reads any; ``next_state`` and ``outputs``, or the derivatives of
+    these; of loop k ``begin_k``, ``before_k`` and ``after_k``; of requirement k ``required_k`` and its numbers
+    ``number_k_i``."""
 
     program: Program
     loops: tuple[int, ...]
@@ -42,8 +45,8 @@ class Recorded:
 
 def recorded(
     component: Arithmetic, names: Sequence[str], choices: Mapping[str, Sequence[str]], shared: Shared
-) -> tuple[Recorded, Recorded]:
-    """The programs of its initialization and of its step.
+) -> tuple[Recorded, Recorded, Recorded]:
+    """The programs of its initialization, of its step and of the derivatives of the step.
 
     names : of inputs and parameters, in the order of their numbers. choices : the items of those that are Enumerations,
     whose numbers count from 1. Raises Untraceable.
@@ -52,13 +55,19 @@ def recorded(
     component = copy.copy(component)
     component.initialize(first.given("t"), first.values)
     begin = first.finished(component, shared)
-    second = _Recording(names, choices)
-    state = iter(second.given("state", (begin.n_state,)))
+    step, derivative = _Recording(names, choices), _Derivative(names, choices)
+    return begin, _step(step, component, begin.n_state, shared), _step(derivative, component, begin.n_state, shared)
+
+
+def _step(r: _Recording, begun: Arithmetic, n_state: int, shared: Shared) -> Recorded:
+    """A step from a state that is given. begun : the component after its initialization."""
+    component = copy.copy(begun)
+    state = iter(r.given("state", (n_state,)))
     for name in component.kept:
         setattr(component, name, _rebuilt(getattr(component, name), state))
-    component.retune(second.values)
-    component.advance(second.given("t"), second.given("h"), second.values)
-    return begin, second.finished(component, shared)
+    component.retune(r.values)
+    component.advance(r.given("t"), r.given("h"), r.values)
+    return r.finished(component, shared)
 
 
 class _Recording(Recorder):
@@ -83,9 +92,17 @@ class _Recording(Recorder):
     def finished(self, component: Arithmetic, shared: Shared) -> Recorded:
         """The program, with the state and the outputs of a component."""
         state = [x for name in component.kept for x in _numbers(getattr(component, name))]
-        self.out |= {"next_state": self._stacked(state), "outputs": self._stacked(component.outputs())}
+        self.out |= {"next_state": self._stacked(state), "outputs": self.shown(self._stacked(component.outputs()))}
         program = compiled(self, 1 + 2 * len(self.loops), 1, self.inputs, self.out, shared=shared)
         return Recorded(program, tuple(self.loops), tuple(self.requirements), len(state))
+
+    def shown(self, outputs: Traced) -> Traced:
+        """What the program gives of the outputs: these."""
+        return outputs
+
+    def solution(self, found: State, correction: Callable[..., State]) -> State:
+        """See :func:`solver.lumped.arithmetic.solution`."""
+        return found
 
     def repeated(self, body: Callable[[State], State], state: State) -> State:
         """A loop: see :func:`solver.lumped.arithmetic.repeated`."""
@@ -110,6 +127,37 @@ class _Recording(Recorder):
         if any(isinstance(x, Traced) for x in numbers):
             return np.stack(numbers)  # type: ignore[return-value]
         return of(self, self.constant(numbers), (len(numbers),))
+
+
+class _Derivative(_Recording):
+    """Records the derivatives of the outputs in a direction of the values, from a state that has none."""
+
+    def __init__(self, names: Sequence[str], choices: Mapping[str, Sequence[str]]) -> None:
+        super().__init__(names, choices)
+        self.solved: set[Slot] = set()
+
+    def shown(self, outputs: Traced) -> Traced:
+        loops = {self.inputs[f"before_{k}"][0].buffer.slot for k in range(len(self.loops))}
+        if self._needed(outputs.buffer.slot) & loops:
+            raise Untraceable("a loop has no derivative, unless it searches for a solution()")
+        direction = self.given("direction", self.inputs["values"][0].shape)
+        self.merge()
+        return derivative_of(outputs, tangents(self, {self.inputs["values"][0].buffer.slot: direction.buffer.slot}))
+
+    def solution(self, found: State, correction: Callable[..., State]) -> State:
+        numbers = self._stacked(found)
+        x = later(self, numbers, numbers.buffer.slot.phase)
+        self.solved.add(x.buffer.slot)
+        return tuple(a + b for a, b in zip(x, correction(*x), strict=True))  # type: ignore[return-value]
+
+    def _needed(self, slot: Slot) -> set[Slot]:
+        """All that it depends on, but what solutions were found from."""
+        needed = {slot}
+        for phase in sorted(self.phases, reverse=True):
+            for i in reversed(self.phases[phase]):
+                if i.out in needed - self.solved:
+                    needed |= {operand.slot for operand in i.operands}
+        return needed
 
 
 def _parts(x: Any) -> Iterable[Any] | None:

@@ -18,12 +18,12 @@ from ..scheme.outputs import volume_weights
 from ..scheme.sdirk import GAMMA
 from ..scheme.stage import Stage, condense
 from ..scheme.step import State
-from .array import Traced, array, elementwise, of
+from .array import array, elementwise
 from .component import Parts, parts
 from .program import Program, Shared, compiled
-from .recorder import Buffer, Slot
+from .recorder import Slot
 from .steps import PHASES, Recording
-from .tangent import tangents
+from .tangent import derivative_of, tangents
 
 # phases of a step, then one for the linear equations; in the order of native/fmu/derivative.c, as the places are
 DERIVED = (*PHASES, "solve")
@@ -67,7 +67,7 @@ class _Derivative(Recording):
                 inputs.setdefault(f"{name}_by", []).append(towards)
         self.recorder.merge()
         slopes = tangents(self.recorder, seeds)
-        out |= {f"{name}_by": self._slope(out[name], slopes) for name in _LEFT}
+        out |= {f"{name}_by": derivative_of(out[name], slopes) for name in _LEFT}
         return compiled(self.recorder, len(self.phases), self.m.mesh.n_elements, inputs, out, shared=shared)
 
     def solve(self, stage: Stage) -> None:
@@ -87,9 +87,3 @@ class _Derivative(Recording):
         """Outputs, and the volume."""
         self.report(state, walls)
         self.out["V"] = (volume_weights(self.m) * self.given["y_report"][0]).sum()
-
-    def _slope(self, x: Traced, slopes: dict[Slot, Slot]) -> Traced:
-        slot = slopes.get(x.buffer.slot)
-        if slot is None:
-            return of(self.recorder, self.recorder.constant(np.zeros(x.size)), x.shape)
-        return Traced(self.recorder, Buffer(slot), x.index)

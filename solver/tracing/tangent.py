@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from .recorder import CONSTANT, Instruction, Operand, Recorder, Slot
+from .array import Traced, of
+from .recorder import CONSTANT, Buffer, Instruction, Operand, Recorder, Slot
 
 _FLAT = {"greater", "greater_equal", "less", "less_equal", "equal", "not_equal", "logical_and", "logical_or",
          "logical_not", "isfinite", "sign", "require"}  # fmt: skip
@@ -37,6 +38,14 @@ def tangents(r: Recorder, seeds: Mapping[Slot, Slot]) -> dict[Slot, Slot]:
                 forward.derive(i)
         r.phases[phase] = forward.written
     return made
+
+
+def derivative_of(x: Traced, slopes: Mapping[Slot, Slot]) -> Traced:
+    """The derivative of an array, zeros if it depends on no seed. slopes : what :func:`tangents` returned."""
+    slot = slopes.get(x.buffer.slot)
+    if slot is None:
+        return of(x.recorder, x.recorder.constant(np.zeros(x.size)), x.shape)
+    return Traced(x.recorder, Buffer(slot), x.index)
 
 
 def _at_one_value(i: Instruction) -> bool:
