@@ -19,10 +19,8 @@ from solver.quantities.units import INFLOW, MMHG
 from ..first.waves import late
 from ..inference.gauss_newton import Rules
 from ..inference.joint.calibration import Ended, Problem, minimum
+from ..records import thresholds as limit
 from ..records.channels.inflow import flowed
-
-_CLOSES = 0.7  # of the residual: a delay that leaves more is not told
-_MATTERS = 0.05  # of the pulsation: nor is one where less is left without it
 
 
 def late_flow(problem: Problem, ended: Ended, rules: Rules) -> list[str]:
@@ -35,7 +33,7 @@ def late_flow(problem: Problem, ended: Ended, rules: Rules) -> list[str]:
     delays = [late(beats, root, flowed(beats, n)) for (beats, _), n in zip(problem.records, networks, strict=True)]
     delay = float(np.median(delays))
     before, size = _left(problem, ended, root)
-    if not all(each * delay > 0.0 for each in delays) or before < _MATTERS * size:
+    if not all(each * delay > 0.0 for each in delays) or before < limit.LATE_MATTERS * size:
         return []
     known = next((c.terms.get(DELAY, 0.0) for c in networks[0].channels if c.name == INFLOW), 0.0)
     term = {f"{INFLOW}.{DELAY}": known + delay}
@@ -44,7 +42,7 @@ def late_flow(problem: Problem, ended: Ended, rules: Rules) -> list[str]:
     )
     moved = replace(problem, records=records).weighted(ended.fit.x, [part.error for part in problem.parts])
     after, _ = _left(moved, minimum(moved, moved.at(ended.fit.x), rules), root)
-    if after > _CLOSES * before:
+    if after > limit.LATE_CLOSES * before:
         return []
     side, other = ("late", "a meter with a low-pass") if delay > 0.0 else ("early", "a damped catheter")
     left = f"leaves {number(after / MMHG)} mmHg of {root} (rms) instead of {number(before / MMHG)}"

@@ -22,6 +22,7 @@ from solver.linear import waveforms
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
+from ..records import thresholds as limit
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from .tubes import keyed
@@ -46,8 +47,6 @@ _LENGTHS = (0.2, 0.5, 1.0, 2.0)  # the same of all lengths
 _SEARCHES = 3  # that are begun
 _HARMONICS = 16  # at most: they hold the pulse
 _ERROR = 0.005  # of the pulsation: an error of the model in each harmonic
-_CLOSES = 0.7  # of the residual: a lag that leaves more is not told
-_MATTERS = 0.05  # of the pulsation: nor is one where the model leaves less without it
 _STEP = 1e-4  # of the finite differences
 
 
@@ -68,9 +67,9 @@ def fitted(network: Network, beats: Beats, root: str, known: bool) -> Fitted:
     problem = _Problem(network, beats, root, known)
     plain = problem.search(0.0, 0.0)
     before, feet = problem.rms(plain, root), late(beats, root)
-    if before > _MATTERS * problem.size(root) and feet:
+    if before > limit.LATE_MATTERS * problem.size(root) and feet:
         moved = problem.search(feet, FEET * beats.T)
-        if (after := problem.rms(moved, root)) < _CLOSES * before:
+        if (after := problem.rms(moved, root)) < limit.LATE_CLOSES * before:
             return Fitted(problem.factors(moved), float(moved[-1]), feet, (before, after))
     return Fitted(problem.factors(plain), 0.0, feet, (before, before))
 
