@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -40,6 +40,10 @@ from .terminal.record_options import (
     Period,
     seconds,
 )
+
+if TYPE_CHECKING:
+    from fitting.calibrate.calibrated import Calibration
+    from fitting.calibrate.held_out import HeldOut
 
 Varies = Annotated[
     list[str] | None,
@@ -89,7 +93,6 @@ def calibrate_command(
 ) -> None:
     """Fit parameters of a network to one record, or to several records of one animal."""
     from fitting.calibrate.calibrated import labels_of
-    from fitting.calibrate.held_out import judge
     from fitting.calibrate.multistart import calibrate_from
     from fitting.calibrate.network_indices import network_indices
 
@@ -118,27 +121,17 @@ def calibrate_command(
         result = tried.best
         progress(1.0, "indices of the sites")
         indices = [network_indices(result.of(i), described, beats) for i, beats in enumerate(recordings)]
-        held_out, unjudged = [], list[str]()
-        for beats in unseen:
-            try:
-                held_out.append(judge(result, beats, described))
-            except (InputError, NonPhysicalState, NotPeriodic) as error:  # the fit stands without it
-                unjudged.append(not_judged(beats.source, error))
+        held_out, unjudged = _judged(result, unseen, described)
         extra: dict[str, object] = {"filters": list(filters)} if filters else {}
         if starts > 1:
             extra["starts"] = tried.plain()
         if held_out:
             extra["held_out"] = [each.plain() for each in held_out]
-        complete = start is not None
-        parameters = _with(result.parameter_set(complete=complete), extra, indices[0] if len(paths) == 1 else None)
-        written = [parameters]
-        if len(paths) > 1:
-            each = [result.of(i).parameter_set(complete=complete) for i in range(len(paths))]
-            written += [_with(own, extra, found) for own, found in zip(each, indices, strict=True)]
+        written = _parameter_sets(result, extra, indices, complete=start is not None)
         if out is not None:
             write_all({path: set_content(own, path) for path, own in zip(sets, written, strict=True)})
     if as_json:
-        put(set_json(parameters))
+        put(set_json(written[0]))
     elif not quiet:
         show(calibration_table(result))
         if len(paths) == 1:
@@ -154,6 +147,30 @@ def _sets(out: Path | None, labels: Sequence[str]) -> list[Path]:
     if out is None:
         return []
     return [out, *(out.with_name(f"{out.stem}.{label}{out.suffix}") for label in labels if len(labels) > 1)]
+
+
+def _judged(result: Calibration, unseen: Sequence[Beats], network: Network) -> tuple[list[HeldOut], list[str]]:
+    """The recordings that no fit used, and a sentence for every one that cannot be judged: the fit stands without."""
+    from fitting.calibrate.held_out import judge
+
+    found, unjudged = list[HeldOut](), list[str]()
+    for beats in unseen:
+        try:
+            found.append(judge(result, beats, network))
+        except (InputError, NonPhysicalState, NotPeriodic) as error:
+            unjudged.append(not_judged(beats.source, error))
+    return found, unjudged
+
+
+def _parameter_sets(
+    result: Calibration, extra: dict[str, object], indices: Sequence[dict[str, dict[str, Estimate]]], complete: bool
+) -> list[ParameterSet]:
+    """The set of the common values and, for several recordings, that of each. indices : of the recordings."""
+    whole = result.parameter_set(complete=complete)
+    if len(indices) == 1:
+        return [_with(whole, extra, indices[0])]
+    each = [result.of(i).parameter_set(complete=complete) for i in range(len(indices))]
+    return [_with(whole, extra, None), *(_with(own, extra, i) for own, i in zip(each, indices, strict=True))]
 
 
 def _beats(path: Path, how: Reading, network: Network, as_measured: bool, period: str | None) -> Beats:
