@@ -153,7 +153,8 @@ def _judged(result: Calibration, unseen: Sequence[Beats], network: Network) -> t
     """The recordings that no fit used, and a sentence for every one that cannot be judged: the fit stands without."""
     from fitting.calibrate.held_out import judge
 
-    found, unjudged = list[HeldOut](), list[str]()
+    found: list[HeldOut] = []
+    unjudged: list[str] = []
     for beats in unseen:
         try:
             found.append(judge(result, beats, network))
