@@ -70,6 +70,7 @@ bench: $(VENV)/installed-run $(ENGINE)
 	$(BIN)/python benchmarks/records.py
 	$(BIN)/python benchmarks/periods.py
 	$(BIN)/python benchmarks/calibrations.py
+	$(BIN)/python benchmarks/late_flow.py
 	$(BIN)/python benchmarks/schemes.py
 
 docs: $(VENV)/installed-docs
