@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fitting.inference.fit import Member
-from fitting.inference.gauss_newton import Point, Rules, Search, Trial, search
+from fitting.inference.gauss_newton import Point, Rules, Search, Trial, continued, search
 from fitting.inference.unknown import Unknown, penalty
 from solver.quantities.coordinate import SHIFT
 
@@ -104,3 +104,28 @@ def test_a_hopeless_search_ends(afar: bool, known: float, simulated: int | None)
     search(problem.points, [one], known)
     assert problem.simulated == simulated or (simulated is None and problem.simulated > 8)
     assert one.converged == (known == np.inf)
+
+
+def test_a_search_goes_on_from_derivatives_of_its_point() -> None:
+    """The curved valley: its end has derivatives of its point only if they were computed there. A continued search then
+    computes none; from updated ones it computes all, at the same point to 1e-3."""
+    problem = Problem(lambda x: np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]]))
+    one = found(problem, np.array([-1.2, 1.0]))
+    updated = one.fit(np.arange(2), np.zeros(2, int))
+    assert not updated.derived
+    again = continued(updated, RULES)
+    search(problem.points, [again])
+    assert again.here is not None
+    np.testing.assert_allclose(again.here.J, problem.derivatives(again.x), atol=1e-3)
+    whole = Search(Member((), UNKNOWNS, np.ones(2)), RULES)
+    search(problem.points, [whole])
+    fit = whole.fit(np.arange(2), np.zeros(2, int))
+    assert fit.derived and not replace(fit, x=fit.x + 0.1).derived
+    computed = list[int]()
+
+    def counted(trials: Sequence[Trial]) -> list[Point | None]:
+        computed.extend(len(t.by) for t in trials)
+        return problem.points(trials)
+
+    search(counted, [continued(fit, RULES)])
+    assert not sum(computed)

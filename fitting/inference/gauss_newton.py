@@ -70,11 +70,6 @@ def linear_step(fit: Fit, J: Array, z: Array) -> Array:
     return bounded_step(J, z, fit.prior, fit.x, *bounds(fit.unknowns))
 
 
-def linear_problem(fit: Fit) -> Point | None:
-    """The linear problem of a fit whose derivatives were computed at its point, from which a search can go on."""
-    return Point(fit.z, fit.J, fit.log_volume) if fit.derived else None
-
-
 def promised(z: Array, start: Fit | None) -> float:
     """χ² of a residual (n,), or its prediction by the linear problem if the unknowns of ``start`` are refitted."""
     if start is not None and len(start.x):
@@ -159,12 +154,13 @@ class Search:
 
     known : whitened derivatives (n,) by name of the unknown, known at the start.
     history : the cost at every accepted point. failed : no residual at the start. converged : ended at a minimum.
-    derived : all derivatives were computed at the present point; ``here`` of a start has such derivatives.
+    derived : all derivatives were computed at the present point.
     """
 
     def __init__(
-        self, member: Member, rules: Rules, here: Point | None = None, known: Mapping[str, Array] | None = None
-    ) -> None:
+        self, member: Member, rules: Rules, here: Point | None = None, known: Mapping[str, Array] | None = None,
+        derived: bool = False,
+    ) -> None:  # fmt: skip
         self.member, self.rules, self.here, self.known = member, rules, here, known or {}
         self.low, self.high = bounds(member.unknowns)
         self.size = np.array([u.typical_sd for u in member.unknowns])
@@ -173,7 +169,7 @@ class Search:
         self.settling = self.settled = False
         self.failed = self.ended = self.converged = False
         self.history: list[float] = []
-        self.derived = here is not None
+        self.derived = derived
         self.cost = self.promise = np.inf
         if here is not None:
             self.settle(member.x, here)
@@ -266,6 +262,12 @@ class Search:
             self.reach = _VAIN * size
             self.ended |= self.damping > _MOST_DAMPING
             self.settling = self.rules.latent and not self.settled
+
+
+def continued(fit: Fit, rules: Rules) -> Search:
+    """A search from the point of a fit; with its linear problem, if this was computed there."""
+    here = Point(fit.z, fit.J, fit.log_volume) if fit.derived else None
+    return Search(fit.member, rules, here, derived=fit.derived)
 
 
 def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf) -> None:

@@ -26,7 +26,7 @@ from ...records.alignment.beats import Beats
 from ..extended_network import allowed
 from ..fit import Array, Fit, Member, begun, taken_over
 from ..forward import Forward, Single
-from ..gauss_newton import Point, Search, Trial, linear_problem, promised, search
+from ..gauss_newton import Point, Search, Trial, continued, promised, search
 from ..hypothesis import Term
 from ..jackknife import Rest
 from ..model_discrepancy import Beside, settled
@@ -245,8 +245,9 @@ class Several(Forward):
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         rules = replace(self.fine, hopeless=np.inf)
-        start = linear_problem if rules.fresh else lambda fit: None  # without Broyden a point has a memory
-        return self._ended([Search(f.member, rules, start(f)) for f in fits], runs or Runs())
+        # without Broyden's updates a point has a memory, which a fit has not
+        each = [continued(f, rules) if rules.fresh else Search(f.member, rules) for f in fits]
+        return self._ended(each, runs or Runs())
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None, rough: bool = False) -> list[Fit | None]:
         return self.refine(fits, runs)

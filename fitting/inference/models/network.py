@@ -33,7 +33,7 @@ from ...records.channels.noise import (
 from ..extended_network import allowed
 from ..fit import Fit, Member, begun, sizes_of, taken_over
 from ..forward import Drive, Single
-from ..gauss_newton import Point, Rules, Search, Trial, linear_problem, promised, search
+from ..gauss_newton import Point, Rules, Search, Trial, continued, promised, search
 from ..hypothesis import EVERY, Term, about_common, refined, rewired
 from ..jackknife import Rest, leave_one_site_out, without_each_site
 from ..model_discrepancy import sizes
@@ -290,7 +290,7 @@ class NetworkProblem(Single):
         return self._searched([Search(m, rules, known=known) for m in members], runs, cost)
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        return self._searched([Search(f.member, _FINE, linear_problem(f)) for f in fits], runs or Runs())
+        return self._searched([continued(f, _FINE) for f in fits], runs or Runs())
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None, rough: bool = False) -> list[Fit | None]:
         rules = _RULES if rough else _FINE
