@@ -171,7 +171,7 @@ def test_nothing_can_compile_it(installed: Path, monkeypatch: pytest.MonkeyPatch
     ],
 )  # fmt: skip
 def test_folders(monkeypatch: pytest.MonkeyPatch, fmi: int, platforms: list[str], expected: list[str]) -> None:
-    """Where importers look: of FMI 2 in darwin64 on every Mac, whose library is for the machines that were asked for."""
+    """Where importers look: of FMI 2 in darwin64 on every Mac, with the library of the machines that were asked for."""
     monkeypatch.setattr(native_fmu, "binary", lambda name: name.encode())
     found = native_fmu.binaries("x", fmi, platforms)
     assert [*found] == [f"binaries/{path}" for path in expected]
