@@ -37,7 +37,7 @@ PLATFORMS = {
     "aarch64-linux": Platform("aarch64-linux", "aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
     "win64": Platform("win64", "x86_64-windows", "x86_64-windows-gnu", ".dll"),
     "darwin64": Platform("darwin64", "x86_64-darwin", "x86_64-macos", ".dylib"),
-    "aarch64-darwin": Platform("aarch64-darwin", "aarch64-darwin", "aarch64-macos", ".dylib"),
+    "aarch64-darwin": Platform("darwin64", "aarch64-darwin", "aarch64-macos", ".dylib"),
 }
 
 

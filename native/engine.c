@@ -26,7 +26,7 @@ int arterial_fits(const char *operations, int32_t places, int32_t program, const
            program == (int32_t)sizeof(arterial_program) && (!*sources || strcmp(sources, ARTERIAL_SOURCES) == 0);
 }
 
-#ifdef WIDE_TARGET
+#if defined(__GNUC__) && defined(__x86_64__)
 #include <cpuid.h>
 
 int32_t arterial_wide(void)

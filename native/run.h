@@ -6,17 +6,19 @@
 
 /* A function twice: for every processor, and for those of arterial_wide(), to which the same operations give the same
    numbers: no multiplication is fused with an addition. */
+#if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
-#if defined(__x86_64__) && defined(__GNUC__)
+#else
+#define INLINE static inline
+#endif
+#if defined(__GNUC__) && defined(__x86_64__)
 #define WIDE_TARGET __attribute__((target("avx2")))
+#else
+#define WIDE_TARGET
+#endif
 #define PLAIN_AND_WIDE(name, body, parameters, arguments)                                                              \
     static void name##_plain parameters { body arguments; }                                                            \
     WIDE_TARGET static void name##_wide parameters { body arguments; }
-#else
-#define PLAIN_AND_WIDE(name, body, parameters, arguments)                                                              \
-    static void name##_plain parameters { body arguments; }                                                            \
-    static void name##_wide parameters { body arguments; }
-#endif
 
 typedef struct {
     const double *constant;

@@ -12,6 +12,7 @@
  *   save I S | restore I S | restoreNothing I | forget I S
  *   write I S FILE | read I S FILE          the state as bytes, to a file and back
  *   derivatives I V ORDER VALUE | directional I UNKNOWN KNOWN
+ *   ask I V                                 at the FMU's next message read V, which FMI forbids
  *   wait SECONDS
  *
  * Answers: "STATUS value ..." with the name of the status; the FMU's messages come before, as "log STATUS CATEGORY TEXT".
@@ -85,6 +86,8 @@ typedef struct {
 static Library libraries[MANY];
 static Instance instances[MANY];
 static State states[MANY];
+static Instance asked;
+static Reference wanted;
 
 static void stop(const char *reason, const char *what) {
     fprintf(stderr, "checker: %s: %s\n", what, reason);
@@ -102,6 +105,13 @@ static void log_message(void *environment, const char *instance, Status status, 
     for (char *c = text; *c; c++)
         if (*c == '\n' || *c == '\r') *c = ' ';
     printf("log %s %s %s\n", STATUS[status], category ? category : "-", text);
+    if (asked.component) {
+        Instance it = asked;
+        double value = 0.0;
+        asked.component = NULL;
+        status = it.of->GetReal(it.component, &wanted, 1, &value);
+        printf("log %s asked %.17g\n", STATUS[status], value);
+    }
 }
 
 static const Callbacks callbacks = {log_message, calloc, free, NULL, NULL};
@@ -259,7 +269,11 @@ static void obey(char *line) {
     else if (!strcmp(command, "write")) { int s = index_of(&line); write_state(it, states[s], line); }
     else if (!strcmp(command, "read")) { int s = index_of(&line); read_state(it, &states[s], line); }
     else if (!strcmp(command, "directional")) directional(it, line);
-    else if (!strcmp(command, "derivatives")) {
+    else if (!strcmp(command, "ask")) {
+        asked = it;
+        wanted = (Reference)index_of(&line);
+        answer(OK);
+    } else if (!strcmp(command, "derivatives")) {
         Reference reference = (Reference)index_of(&line);
         int order = index_of(&line);
         double value = strtod(must(&line), NULL);

@@ -160,6 +160,25 @@ def test_nothing_can_compile_it(installed: Path, monkeypatch: pytest.MonkeyPatch
         binaries.binary(NAME)
 
 
+@pytest.mark.parametrize(
+    ("fmi", "platforms", "expected"),
+    [
+        (2, [*compiler.PLATFORMS], ["linux64/x.so", "aarch64-linux/x.so", "win64/x.dll", "darwin64/x.dylib"]),
+        (2, ["aarch64-darwin"], ["darwin64/x.dylib"]),
+        (2, ["darwin64"], ["darwin64/x.dylib"]),
+        (3, [*compiler.PLATFORMS], ["x86_64-linux/x.so", "aarch64-linux/x.so", "x86_64-windows/x.dll",
+                                    "x86_64-darwin/x.dylib", "aarch64-darwin/x.dylib"]),
+    ],
+)  # fmt: skip
+def test_folders(monkeypatch: pytest.MonkeyPatch, fmi: int, platforms: list[str], expected: list[str]) -> None:
+    """Where importers look: of FMI 2 in darwin64 on every Mac, with the library of the machines that were asked for."""
+    monkeypatch.setattr(native_fmu, "binary", lambda name: name.encode())
+    found = native_fmu.binaries("x", fmi, platforms)
+    assert [*found] == [f"binaries/{path}" for path in expected]
+    mac = found.get("binaries/darwin64/x.dylib", b"")
+    assert all(name.encode() in mac for name in platforms if fmi == 2 and "darwin" in name)
+
+
 # --- what wheels are made of ----------------------------------------------------------------------------------------
 
 

@@ -126,14 +126,14 @@ HEADS = {  # of a library: its format and its processor
 
 @pytest.mark.slow
 def test_its_libraries(dist: Path) -> None:
-    """For the processor and the system that their names say, glibc 2.17 or older ones suffice, below 210 kB each; the
+    """For the processor and the system that their names say, glibc 2.17 or older ones suffice, below 220 kB each; the
     wheel has less than 2 MB, and it is for all platforms."""
     (wheel,) = dist.glob("*.whl")
     assert wheel.name.endswith("-py3-none-any.whl") and wheel.stat().st_size < 2_000_000
     with zipfile.ZipFile(wheel) as archive:
         for name, platform in libraries().items():
             content = archive.read(f"{ENGINE}/{name}")
-            assert 20_000 < len(content) < 210_000, name  # the largest is that of Windows, 201 kB
+            assert 20_000 < len(content) < 220_000, name  # the largest is that of Windows, 211 kB
             assert re.match(HEADS[platform.fmi3], content, flags=re.DOTALL), name
             assert all(int(minor) <= 17 for minor in re.findall(rb"GLIBC_2\.(\d+)", content)), name
             assert b"/tmp" not in content and os.fsencode(ROOT) not in content, name

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from ctypes import CDLL
 from pathlib import Path
 
+import fmpy
 import pytest
 from c_host import CHost, Unpacked, unpack
 from fmpy.fmi2 import fmi2Discard, fmi2Error
@@ -34,6 +38,12 @@ def native(stored: Store) -> Path:
 @pytest.fixture(scope="module")
 def coarse(stored: Store, tmp_path_factory: pytest.TempPathFactory) -> Unpacked:
     return unpack(stored(build_native, load("sheep"), settings=COARSE), tmp_path_factory.mktemp("coarse"))
+
+
+@pytest.fixture(scope="module")
+def body(tmp_path_factory: pytest.TempPathFactory) -> Unpacked:
+    folder = tmp_path_factory.mktemp("body")
+    return unpack(build_native_model(body_model("human", None, 2), folder), folder / "fmu")
 
 
 def run(fmu: Unpacked, uri: str | None = None, h: float = 2e-3) -> list[str]:
@@ -110,6 +120,76 @@ def test_states_that_are_none(c_host: CHost, coarse: Unpacked, tmp_path: Path) -
         assert "the state is not one of this instance" in done[k].log[0]
     assert "directional derivatives are those of the last step" in done[8].log[0]
     assert "FMI function not supported" in done[9].log[0]
+
+
+# --- what pythonfmu's wrapper does wrong (tests/test_wrapper_faults.py), and these FMUs do not ------------------------
+
+
+@pytest.mark.parametrize("end", ["", "free 0,free 1", "free 1,free 0", "free 0", "free 0,free 1,close 1,close 0"])
+def test_two_fmus_end_well(c_host: CHost, coarse: Unpacked, body: Unpacked, end: str) -> None:
+    """A host that ran two FMUs ends with code 0, in whichever order it frees them, or not at all."""
+    commands = []
+    for i, fmu in enumerate((coarse, body)):
+        commands += [f"library {i} {fmu.library}", fmu.instantiate(i, i)]
+    for i in (0, 1):
+        commands += [f"setup {i} 0 1", f"enter {i}", f"exit {i}", f"step {i} 0 0.002"]
+    done = c_host.run([*commands, *filter(None, end.split(","))], BARE)
+    assert (done.code, done.errors) == (0, "")
+    assert {answer.status for answer in done.answers} == {"ok"}
+
+
+def test_interrupt_ends_the_host(c_host: CHost, coarse: Unpacked) -> None:
+    """Ctrl-C ends a host that does not treat it."""
+    lines = [f"library 0 {coarse.library}", coarse.instantiate(0), "wait 60", ""]
+    with subprocess.Popen([c_host.program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=BARE) as process:
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write("\n".join(lines).encode())
+        process.stdin.flush()
+        assert [process.stdout.readline()[:2] for _ in range(2)] == [b"ok", b"ok"]
+        process.send_signal(signal.SIGINT)
+    assert process.returncode == -signal.SIGINT
+
+
+FAULTS = {
+    "text that is not UTF-8": ("setString 0 {E} \udcff\udcfe", "CA.E is a Real variable; read and set it as such."),
+    "a category that is not UTF-8": ("logging 0 1 \udcff", "there is none of this name."),
+    "null state, written": ("write 0 7 state.bin", "the state is not one of this instance"),
+    "null state, restored": ("restoreNothing 0", "the state is not one of this instance"),
+    "reason of a failure with categories": ("getReal 0 9999", "value reference 9999: there is no such variable."),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_calls_that_kill_other_hosts(c_host: CHost, coarse: Unpacked, tmp_path: Path, fault: str) -> None:
+    """An error with its reason, also where the host has chosen categories; the next call is right."""
+    call, reason = FAULTS[fault]
+    E = coarse.references["CA.E"]
+    begun = [f"library 0 {coarse.library}", coarse.instantiate(0), "logging 0 1 logStatusError"]
+    done = c_host.run([*begun, call.format(E=E), f"getReal 0 {E}", "free 0"], BARE, cwd=tmp_path)
+    assert (done.code, done.errors) == (0, "")
+    assert [answer.status for answer in done.answers[2:]] == ["ok", "error", "ok", "ok"]
+    assert len(done[3].log) == 1 and reason in done[3].log[0]
+
+
+def test_a_logger_that_calls_back(c_host: CHost, coarse: Unpacked) -> None:
+    """FMI forbids it; the value is the right one, and the instance continues."""
+    E = coarse.references["CA.E"]
+    begun = [f"library 0 {coarse.library}", coarse.instantiate(0), f"getReal 0 {E}", f"ask 0 {E}"]
+    done = c_host.run([*begun, "getReal 0 9999", f"getReal 0 {E}", "free 0"], BARE)
+    assert (done.code, done.errors) == (0, "")
+    assert [answer.status for answer in done.answers] == ["ok", "ok", "ok", "ok", "error", "ok", "ok"]
+    assert "value reference 9999" in done[4].log[0]
+    assert done[4].log[1] == f"ok asked {done[2].rest}"
+    assert done[5].rest == done[2].rest
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_every_function_is_exported(coarse: Unpacked, fmi: int) -> None:
+    """All functions that the headers of the standard declare, as FMPy brings them; those of model exchange, too."""
+    header = Path(fmpy.__file__).parent / "c-code" / f"fmi{fmi}Functions.h"
+    names = set(re.findall(rf"#define (fmi{fmi}\w+) +fmi{fmi}FullName", header.read_text()))
+    library = CDLL(os.fspath(coarse.library))
+    assert len(names) > 40 and [name for name in sorted(names) if not hasattr(library, name)] == []
 
 
 def test_logging(c_host: CHost, coarse: Unpacked) -> None:

@@ -29,17 +29,13 @@ def rows(path: Path, names: Sequence[str], guid: str, model: str, fmi3: bool) ->
     else:
         yield "contents", "no FMU of this project", "code or data were changed after the FMU was built (GUID)", anew
     yield "Python", "ok", "not needed by the host", ""
-    folders = {p.fmi3 if fmi3 else p.fmi2: name for name, p in PLATFORMS.items()}
     found = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") == 2})
-    mine = PLATFORMS.get(here() or "")
-    wanted = (
-        [] if mine is None else [mine.fmi3] if fmi3 else [mine.fmi2, *(["darwin64"] if mine.suffix == ".dylib" else [])]
-    )
+    name = here() or ""
+    mine = PLATFORMS.get(name)
     listed = ", ".join(found) or "none"
-    if set(wanted) & set(found):
+    if mine is not None and (mine.fmi3 if fmi3 else mine.fmi2) in found:
         yield "binary", "ok", f"{listed}; tested on Linux x86-64", ""
     else:
-        name = folders.get(wanted[0], "") if wanted else ""
         remedy = f"build it with --platforms {name}" if name else "compile sources/ for this machine"
         yield "binary", "problem", f"none for this machine (there is {listed})", remedy
 

@@ -94,11 +94,10 @@ def guid_of(found: Mapping[str, bytes]) -> str:
 
 
 def binaries(name: str, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:
-    """The libraries by path; FMI 2 has one folder for macOS, with a library of both its machines."""
-    made = {platform: binary(platform) for platform in platforms}
+    """The libraries by path; FMI 2 has one folder for macOS, with the library of either machine, or of both."""
+    made, found = {platform: binary(platform) for platform in platforms}, dict[str, bytes]()
     if fmi == 2 and "darwin64" in made and _ARM in made:
         made["darwin64"] = fat(made["darwin64"], made.pop(_ARM))
-    found = {}
     for platform, content in made.items():
         p = PLATFORMS[platform]
         found[f"binaries/{p.fmi2 if fmi == 2 else p.fmi3}/{name}{p.suffix}"] = content

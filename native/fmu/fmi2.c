@@ -160,6 +160,9 @@ FMI(GetBooleanStatus, instance *i, int kind, int *value)
 #define NOTHING(name, ...)                                                                                             \
     EXPORT fmi2Status fmi2##name(instance *i, __VA_ARGS__);                                                            \
     fmi2Status fmi2##name(instance *i, __VA_ARGS__) { return unsupported(i, "fmi2" #name); }
+#define NOTHING_MORE(name)                                                                                             \
+    EXPORT fmi2Status fmi2##name(instance *i);                                                                         \
+    fmi2Status fmi2##name(instance *i) { return unsupported(i, "fmi2" #name); }
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
@@ -168,3 +171,15 @@ NOTHING(GetIntegerStatus, int kind, int *value)
 NOTHING(GetStringStatus, int kind, fmi2Text *value)
 NOTHING(SetRealInputDerivatives, const fmi2Reference vr[], size_t n, const int order[], const double value[])
 NOTHING(GetRealOutputDerivatives, const fmi2Reference vr[], size_t n, const int order[], double value[])
+
+/* of model exchange */
+NOTHING_MORE(EnterEventMode)
+NOTHING(NewDiscreteStates, void *info)
+NOTHING_MORE(EnterContinuousTimeMode)
+NOTHING(CompletedIntegratorStep, int no_set_prior, int *event, int *terminate)
+NOTHING(SetTime, double t)
+NOTHING(SetContinuousStates, const double x[], size_t n)
+NOTHING(GetDerivatives, double x[], size_t n)
+NOTHING(GetEventIndicators, double x[], size_t n)
+NOTHING(GetContinuousStates, double x[], size_t n)
+NOTHING(GetNominalsOfContinuousStates, double x[], size_t n)

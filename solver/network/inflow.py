@@ -74,8 +74,8 @@ class Drives:
         return Drives({name: _Some(inflow, part) for name, inflow in self.inflows.items()}, len(part))
 
     def harmonics(self, T: float, K: int) -> Array | None:
-        """(K+1, B or 1, n_inlets) complex harmonics, if all inflows know their own for the period T [s]: those with a
-        method ``harmonics(T, K)``, which gives (K+1,), or (B, K+1), or None."""
+        """(K+1, B or 1, n_inlets) complex harmonics [m³/s] or [Pa] of the period T [s], None if an inflow does not know
+        its own. Those that do have a method ``harmonics(T, K)``, which returns (K+1,), (B, K+1) or None."""
         found = [known_harmonics(inflow, T, K) for inflow in self.inflows.values()]
         if any(X is None for X in found):
             return None
@@ -114,6 +114,6 @@ class _Some:
 
 
 def known_harmonics(inflow: Inflow, T: float, K: int) -> Array | None:
-    """(K+1,) or (B, K+1) complex harmonics of an inflow that knows them for the period T [s]; otherwise None."""
+    """(K+1,) or (B, K+1) complex harmonics [m³/s] or [Pa] of the period T [s], None if an inflow does not know them."""
     own = getattr(inflow, "harmonics", None)
     return None if own is None else own(T, K)

@@ -97,7 +97,7 @@ class _Recording(Recorder):
         return Recorded(program, tuple(self.loops), tuple(self.requirements), len(state))
 
     def shown(self, outputs: Traced) -> Traced:
-        """What the program gives of the outputs: these."""
+        """The results of the program: the outputs themselves."""
         return outputs
 
     def solution(self, found: State, correction: Callable[..., State]) -> State:
@@ -137,6 +137,7 @@ class _Derivative(_Recording):
         self.solved: set[Slot] = set()
 
     def shown(self, outputs: Traced) -> Traced:
+        """The derivatives of the outputs. Raises Untraceable if they depend on a loop that searches for no solution."""
         loops = {self.inputs[f"before_{k}"][0].buffer.slot for k in range(len(self.loops))}
         if self._needed(outputs.buffer.slot) & loops:
             raise Untraceable("a loop has no derivative, unless it searches for a solution()")
@@ -145,13 +146,14 @@ class _Derivative(_Recording):
         return derivative_of(outputs, tangents(self, {self.inputs["values"][0].buffer.slot: direction.buffer.slot}))
 
     def solution(self, found: State, correction: Callable[..., State]) -> State:
+        """The solution as numbers without derivatives, plus Newton's correction, which has the derivatives."""
         numbers = self._stacked(found)
         x = later(self, numbers, numbers.buffer.slot.phase)
         self.solved.add(x.buffer.slot)
         return tuple(a + b for a, b in zip(x, correction(*x), strict=True))  # type: ignore[return-value]
 
     def _needed(self, slot: Slot) -> set[Slot]:
-        """All that it depends on, but what solutions were found from."""
+        """The slots on which a slot depends, except those from which a search has found a solution."""
         needed = {slot}
         for phase in sorted(self.phases, reverse=True):
             for i in reversed(self.phases[phase]):
