@@ -17,12 +17,33 @@
  *
  * Answers: "STATUS value ..." with the name of the status; the FMU's messages come before, as "log STATUS CATEGORY TEXT".
  */
-#include <dlfcn.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#ifdef _WIN32
+#define NOGDI /* its macro ERROR */
+#include <windows.h>
+#define dlopen(path, how) library_at(path)
+#define dlsym(handle, name) ((void *)GetProcAddress((HMODULE)(handle), name))
+#define dlclose(handle) (!FreeLibrary((HMODULE)(handle)))
+#define dlerror() "Windows does not load this library"
+static void *library_at(const char *path) {
+    wchar_t wide[MAX_PATH];
+    return MultiByteToWideChar(CP_UTF8, 0, path, -1, wide, MAX_PATH) ? (void *)LoadLibraryW(wide) : NULL;
+}
+static unsigned sleep(unsigned seconds) { return Sleep(1000 * seconds), 0; }
+static char *strsep(char **line, const char *ends) {
+    char *const found = *line;
+    if (!found) return NULL;
+    *line = strpbrk(found, ends);
+    if (*line) *(*line)++ = 0;
+    return found;
+}
+#else
+#include <dlfcn.h>
 #include <unistd.h>
+#endif
 
 #define MANY 4096 /* values in one call, libraries, instances, states */
 #define LINE 65536
