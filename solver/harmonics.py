@@ -50,8 +50,8 @@ def beat_harmonics(
     of each one start, its own index for the steady state; the difference between two such beats of similar parameters
     is accurate to a few thousandths of itself; it is NaN if the other is. With leaks every beat starts by itself.
     lengths : (n_segments,) [m] by which segments are cut into elements, so that the beats are smooth in parameters L;
-    default: the longest of the B. An inflow with a method ``harmonics`` (:meth:`.Drives.harmonics`) is not sampled. Other
-    arguments as there.
+    default: the longest of the B. An inflow with a method ``harmonics`` (:meth:`.Drives.harmonics`) is not sampled.
+    Other arguments as there.
 
     Members of a batch without a converged balance, or too large for one, are NaN; a simulation in time may find their
     beat. Raises ValueError as simulate_periodic, for names that are no outputs, and if a member has no steady state
