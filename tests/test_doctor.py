@@ -121,6 +121,8 @@ def test_incomplete(
     """A file that is missing or damaged is named; nothing is run of an archive that is not whole."""
     findings = examine(rewritten(fmus["sheep"], tmp_path / "sheep.fmu", change))
     assert said in found(findings)[what].found
+    # of an FMU of another program, which needs no Python, nothing else is told
+    assert said != "is not an FMU of this project" or [f.what for f in findings] == ["file", "contents"]
     assert state(findings) == (FATAL if what in ("file", "contents") else PROBLEM)
     assert ("one step" in found(findings)) == (state(findings) == PROBLEM)
 
@@ -128,6 +130,7 @@ def test_incomplete(
 def test_folder_and_outsiders(fmus: dict[str, Path], tmp_path: Path) -> None:
     """A folder, an archive that would write elsewhere, and one that would fill the disk are refused."""
     assert state(examine(tmp_path)) == FATAL
+    assert examine(tmp_path)[0].found == "is a folder"
     for i, (name, size) in enumerate([("../outside.txt", 1), ("/outside.txt", 1), ("large.bin", 201_000_000)]):
         archive = rewritten(fmus["sheep"], tmp_path / f"{i}.fmu", lambda _, content: content)
         with zipfile.ZipFile(archive, "a", zipfile.ZIP_DEFLATED) as file:

@@ -212,6 +212,8 @@ def test_find_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ValueError, match=r"none/mine\.toml: neither a file nor a bundled network; give a path or one of"
     ):
         find_network(tmp_path / "none" / "mine.toml")
+    with pytest.raises(ValueError, match=r"is a folder, not a network; give a network file or an FMU\."):
+        find_network(tmp_path)
 
 
 # Table 1 of the paper: L (cm), R0 (cm), h (mm), E (MPa), phi0 (kPa·s)

@@ -228,6 +228,8 @@ def test_what_is_asked_for_and_missing_is_listed() -> None:
         record.require(["AA.P", "AA.R"])
     with pytest.raises(ValueError, match=r"the channel BT\.P is missing"):
         record.require(["BT.P", "BT.R"])
+    with pytest.raises(ValueError, match=r"the channels BT\.P and CA\.R are missing; .*: record them or ask"):
+        record.require(["BT.P", "CA.R"])
 
 
 # --- writing ------------------------------------------------------------------------------------------------------

@@ -294,6 +294,18 @@ def test_the_figure_has_a_panel_for_each_signal() -> None:
     assert panels(shown(signal(place("number", "B.E")))) == []
 
 
+def test_a_vessel_has_the_colour_of_what_acts_all_along_it() -> None:
+    """Not that of what acts at one point of it, which has a diamond, whichever comes first."""
+    from discrepancy.report.figures import figure
+
+    picture = figure(replace(MADE, map=shown(signal(place("drop", "C", 0.9)), SQUEEZED)), "map")
+    drop, wall = (line.get_color() for line in picture.legends[0].get_lines())
+    lines = picture.axes[0].lines
+    assert wall in [line.get_color() for line in lines]
+    assert drop not in [line.get_color() for line in lines if line.get_marker() != "D"]
+    assert [line.get_markerfacecolor() for line in lines if line.get_marker() == "D"] == [drop]
+
+
 def test_the_page_begins_with_the_map() -> None:
     """Before the table of what disagrees; without places no figure, without a map nothing."""
     outcome = replace(MADE, map=shown(LEAK, SQUEEZED, rivals=[Rival((place("outlet", "B"), SQUEEZED.place), 3.0)]))

@@ -204,7 +204,7 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
 def _acting(places: Sequence[Place]) -> str:
     """The free sources beside a hypothesis, in words."""
     *others, last = (p.label for p in places)
-    return f"the catalogue has no law for {', '.join(others)}{' and ' if others else ''}{last}"
+    return f"no law was found for {', '.join(others)}{' and ' if others else ''}{last}"
 
 
 def _left(fit: Fit, problem: Forward) -> str:

@@ -109,12 +109,14 @@ def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> tup
     found = [(a.place, _colour(i)) for i, a in enumerate(shown.acting)]
     found += [(place, ORANGE) for a in shown.acting for rival in a.rivals for place in rival.places]
     marked = [(mark(place, colour is not ORANGE), colour) for place, colour in found]
-    colour_at = partial(_colour_at, marked)
+    # a vessel has the colour of what acts all along it, before that of a point of it, which has a diamond
+    first = sorted(zip(found, marked, strict=True), key=lambda each: (each[0][1] is ORANGE, each[0][0].at is not None))
+    colour_at = partial(_colour_at, [there for _, there in first])
     beside = max(max(lane.x0, lane.x1) for lane in lanes(network)) <= _COLUMNS
     most = {"widest": _NARROW} if beside and shown.signals else {}
     figure, axes, drawn = draw(network, colour_at, **most)
     sites(axes, network, drawn, [c.name for c in outcome.channels], colour_at)
-    for (place, colour), (there, _) in zip(found, marked, strict=True):
+    for (place, colour), (there, _) in reversed(first):  # above its rivals
         at = place.at if place.at is not None else _BESIDE * (colour_at(there.kind, there.place) != colour)
         if at and there.place in drawn:  # 0 : all along it
             x, y = drawn[there.place].at(at)

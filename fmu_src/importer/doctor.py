@@ -44,6 +44,7 @@ EXIT = {
     FATAL: ExitCode.BAD_INPUT,
 }
 _PLATFORMS = {"linux64": "Linux", "win64": "Windows", "darwin64": "macOS"}
+_OTHER = "is not an FMU of this project"
 _ANEW = "build it anew with arterial-fmu build, or copy it once more"
 START, INSTALL = "start them with: ", "install it with: "
 _LARGEST = 200e6  # bytes unpacked; an FMU of this project has one
@@ -95,6 +96,8 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         whole = all(finding.state == OK for finding in findings)
         return findings + ([_trial(path, sys.executable, "report it, with this table")] if whole else [])
     findings.append(_made_here(path, archive))
+    if findings[-1].found == _OTHER:
+        return findings  # the rest concerns FMUs of this project
     findings += [*_drive(archive), *_binaries(archive)]
     if archive.execution_tool:
         remedy = "for importers that refuse it (PyFMI), build with --no-execution-tool"
@@ -145,6 +148,8 @@ def _archive(path: Path) -> Archive:
             root = ElementTree.fromstring(file.read("modelDescription.xml"))
     except FileNotFoundError:
         raise _NoFMU("there is no such file", "check the path, or build it with arterial-fmu build") from None
+    except IsADirectoryError:
+        raise _NoFMU("is a folder", "give the FMU itself, a file that ends in .fmu") from None
     except OSError as error:
         raise _NoFMU(f"cannot be read ({error.strerror or error})", "check the path and its permissions") from None
     except zipfile.BadZipFile:
@@ -198,7 +203,7 @@ def _made_here(path: Path, archive: Archive) -> Finding:
         files = {name: file.read(name) for name in archive.names if not name.startswith("binaries/")}
     module = files.get("resources/slavemodule.txt", b"").decode("utf-8", "replace").strip()
     if not re.fullmatch(r"arterial_[0-9a-f]{8}", module):
-        return Finding("contents", FATAL, "is not an FMU of this project", "build one with arterial-fmu build")
+        return Finding("contents", FATAL, _OTHER, "build one with arterial-fmu build")
     missing = _missing(files, module)
     if missing:
         return Finding("contents", FATAL, f"{missing} is missing", _ANEW)

@@ -114,8 +114,9 @@ def drive_of(variables: Mapping[str, Any], fmu: str | os.PathLike[str]) -> str:
     """The driving variable: inlet.Q, or inlet.P if that is an input. Raises ValueError without an inlet."""
     if "inlet.Q" not in variables:
         raise InputError(
-            f"{os.fspath(fmu)}: it has no inlet, so it is no FMU of arteries and is not run alone; arterial-fmu build "
-            "system makes a system of heart, arteries and body for simulators that read SSP."
+            f"{os.fspath(fmu)}: it has no inlet, so it is no FMU of arteries and is not run alone; give one of "
+            "arteries, or run a heart or body in the system of arterial-fmu build system, in a "
+            "simulator that reads SSP."
         )
     pressure = variables.get("inlet.P")
     return "inlet.P" if pressure is not None and pressure.causality == "input" else "inlet.Q"

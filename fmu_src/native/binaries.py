@@ -39,7 +39,9 @@ def binary(name: str) -> bytes:
     Two processes may compile it at once: each has its own, and one of them stays.
     """
     if name not in PLATFORMS:
-        raise InputError(f"--platforms {name}: must be {', '.join(PLATFORMS)}.")
+        raise InputError(
+            f"--platforms {name}: must be {', '.join(PLATFORMS)}, or several of these, separated by commas."
+        )
     files, target = sources(), PLATFORMS[name].target
     known = compiler.fmu_library(name, files, target)
     content = _kept(known)

@@ -124,7 +124,10 @@ def bundled(name: str) -> Path:
 
 def find_network(name_or_path: str | os.PathLike[str]) -> Path:
     """An existing file, or otherwise the included network of that name. Raises ValueError that lists their names."""
-    return Path(name_or_path) if Path(name_or_path).is_file() else bundled(os.fspath(name_or_path))
+    path = Path(name_or_path)
+    if path.is_dir() and os.fspath(name_or_path) not in bundled_names():
+        raise InputError(f"{os.fspath(name_or_path)}: is a folder, not a network; give a network file or an FMU.")
+    return path if path.is_file() else bundled(os.fspath(name_or_path))
 
 
 # --- reading the sections -----------------------------------------------------------------------------------------

@@ -79,9 +79,10 @@ def require(available: Iterable[str], names: Iterable[str], source: str) -> None
     there = list(available)
     missing = [name for name in names if name not in there]
     if missing:
+        channel, it = ("channels", "them") if len(missing) > 1 else ("channel", "it")
         raise InputError(
-            f"{source}: the channel {' and '.join(missing)} is missing; it holds {', '.join(there)}: "
-            "record it or ask for what is there."
+            f"{source}: the {channel} {' and '.join(missing)} {'are' if len(missing) > 1 else 'is'} missing; it holds "
+            f"{', '.join(there)}: record {it} or ask for what is there."
         )
 
 
