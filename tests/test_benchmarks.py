@@ -30,6 +30,7 @@ RUNS = {
     "records": (["--samples", "20000", "--channels", "3"], "fit one site"),
     "schemes": (["--small", "--rows", "rows.json", "--figure", "schemes.png"], "neumann"),
     "calibrations": (["--tubes", "2", "--json", "rows.json"], "intervals that hold the truth"),
+    "late_flow": (["--animals", "1", "--delays", "0", "--json", "rows.json"], "calibrate says so"),
     "periods": (["--recordings", "40", "--json", "rows.json"], "peaks 3"),
     "convergence": (["--small", "--rows", "rows.json", "cca"], "CPU time and error"),
     "refinement": (["--small", "--rows", "rows.json", "cca"], "cca"),

@@ -219,8 +219,12 @@ class PlaceModel:
     def linearised(self, point: Point) -> Point | None:
         """The same point with its derivatives by the unknowns and the responses to sources; None if it has none."""
         J = self.jacobian(point.active, point.x, point.g)
+        return None if J is None else self.answered(replace(point, J=J))
+
+    def answered(self, point: Point) -> Point | None:
+        """The same point with the responses to sources there; None if it has none."""
         try:
-            return None if J is None else replace(point, J=J, G=self.responses(point.x))
+            return replace(point, G=self.responses(point.x))
         except (NoSteadyState, np.linalg.LinAlgError):
             return None
 

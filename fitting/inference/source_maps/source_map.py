@@ -238,6 +238,7 @@ class _Search:
         sized = [a for a, own in zip(point.active, slices(point.active), strict=True)
                  if a.law is None or point.g[:, own].any()]  # fmt: skip
         point = self.with_places(point, sized)
+        point = self.model.answered(point) or point
         self.model.weigh_at(point.x)
         normal = self.model.normal(point, 0.0)
         point = self.model.weighed(normal, point)
