@@ -50,12 +50,15 @@ def part(found: dict[str, Estimate], key: str) -> tuple[float, float]:
 SOUGHT = ("wall_stiffness", "side_branch", "stenosis", "terminal_reflection")
 
 
-def of_fork(effect: str, numbers: dict[str, float]) -> dict[str, Estimate]:
-    """What is stated of an effect of B, the one name of a record at 40 dB."""
+def of_fork(effect: str, numbers: dict[str, float], *beside: str) -> dict[str, Estimate]:
+    """What is stated of an effect of B, the best name of a record at 40 dB. beside : names that need not be ruled
+    out."""
     hidden = BY_NAME[effect].add(NETWORK, "B", numbers)
     problem = network_problem(record(exact(network=hidden), 10, 0.01), NETWORK)
     naming = name(problem, [t for t in candidates(NETWORK, CHANNELS) if t.effect in SOUGHT], walls="common")
-    assert (naming.verdict, naming.best.label, naming.complete) == ("effect", f"{effect} at B", True)
+    assert (naming.best.label, naming.complete) == (f"{effect} at B", True)
+    assert naming.verdict == ("effect" if len(naming.members) == 1 else "ambiguous")
+    assert {each.label for each in naming.members} <= {f"{effect} at B", *beside}
     return stated(NETWORK, naming, naming.best, naming.best.fit.terms[0])
 
 
@@ -71,8 +74,13 @@ def test_a_stiffer_part_of_a_fork() -> None:
 
 @pytest.mark.slow
 def test_a_leaking_part_of_a_fork() -> None:
-    """Its whole conductance to 1 % (0.2 measured); the record does not tell its length, and the interval holds it."""
-    found = of_fork("side_branch", {"leak": 2e-8, "leak_position": 0.3, "leak_length": 0.3})
+    """Its whole conductance to 1 % (0.2 measured); the record does not tell its length, and the interval holds it.
+
+    A leak of A close to the fork leaves 19 to 24 more of χ², at odds of 1 : 12 to 1 : 400: its minima are bent, and what
+    a search finds there depends on its steps (costs of 108.4 to 114 found with derivatives after 1 to 8 steps). So A may
+    stand beside B in the class; C may not.
+    """
+    found = of_fork("side_branch", {"leak": 2e-8, "leak_position": 0.3, "leak_length": 0.3}, "side_branch at A")
     begin, end = part(found, "B.leak")
     assert found["B.leak"].value * (end - begin) == pytest.approx(2e-8 * 0.3, rel=0.01)
     low, high = found["B.leak_length"].ci95
