@@ -76,9 +76,9 @@ def test_a_stiffer_part_of_a_fork() -> None:
 def test_a_leaking_part_of_a_fork() -> None:
     """Its whole conductance to 1 % (0.2 measured); the record does not tell its length, and the interval holds it.
 
-    A leak of A close to the fork leaves 19 to 24 more of χ², at odds of 1 : 12 to 1 : 400: its minima are bent, and what
-    a search finds there depends on its steps (costs of 108.4 to 114 found with derivatives after 1 to 8 steps). So A may
-    stand beside B in the class; C may not.
+    A leak of A close to the fork leaves 19 to 24 more of χ², at odds of 1 : 12 to 1 : 400: its minima are bent, and
+    what a search finds there depends on its steps (costs of 108.4 to 114 found with derivatives after 1 to 8 steps). So
+    A may stand beside B in the class; C may not.
     """
     found = of_fork("side_branch", {"leak": 2e-8, "leak_position": 0.3, "leak_length": 0.3}, "side_branch at A")
     begin, end = part(found, "B.leak")
