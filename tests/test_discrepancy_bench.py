@@ -297,7 +297,7 @@ def test_a_cubic_rate_is_not_all_of_it() -> None:
 
     A quarter as large, it is named without in half of the records: what remains is noise.
     """
-    naming = judged((Effect("cubic_rate", (SITE,), 80.0),), "sheep", among=FEW[1:4])
+    naming = judged((Effect("cubic_rate", (SITE,), 80.0),), "sheep", among=FEW)
     assert (naming.verdict, naming.best.label) == ("partial", f"nonlinear_wall_viscosity at {SITE}")
     assert naming.reason is not None and naming.reason.startswith("whitened RMS 4.")
 
