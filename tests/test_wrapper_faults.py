@@ -123,8 +123,16 @@ def test_what_the_wrapper_does_not_offer(c_host: CHost, sheep_fmu: Unpacked) -> 
     assert run[6].log == ("error cppfmu FMI function not supported: fmi2GetDirectionalDerivative",)
 
 
-@pytest.mark.parametrize("call", ["setString 0 0 \udcff\udcfe", "write 0 7 state.bin", "restoreNothing 0"])
+@pytest.mark.parametrize("call", ["write 0 7 state.bin", "restoreNothing 0"])
 def test_calls_that_kill_the_host(c_host: CHost, sheep_fmu: Unpacked, tmp_path: Path, call: str) -> None:
-    """Text that is not UTF-8, and a null state to restore or to write: at that call or at the next."""
+    """A null state, to restore or to write."""
     commands = [f"library 0 {sheep_fmu.library}", sheep_fmu.instantiate(0), call, "getReal 0 0"]
     assert c_host.run(commands, cwd=tmp_path).code == CRASH
+
+
+def test_text_that_is_not_utf_8(c_host: CHost, sheep_fmu: Unpacked, tmp_path: Path) -> None:
+    """The wrapper puts a null pointer in a list of Python, which has no defined outcome: most runs kill the host, in
+    some the slave is lost and the next call fails. None goes on as if nothing had happened."""
+    commands = [f"library 0 {sheep_fmu.library}", sheep_fmu.instantiate(0), "setString 0 0 \udcff\udcfe", "getReal 0 0"]
+    run = c_host.run(commands, cwd=tmp_path)
+    assert run.code == CRASH or run.answers[-1].status != "ok"

@@ -19,7 +19,7 @@ from solver.io.host_died import ended
 from solver.network.files import find_network, read_network, write_network
 from solver.tracing.native import NoEngine, check_backend, library, refuse_without
 
-from .fmu_run import FMU, read_fmu, run_module, takes
+from .fmu_run import FMU, Answer, Array, RunFailed, periodic_answer, read_fmu, run_module, takes
 
 _LAWS = ("elastic_law", "viscous_law")
 
@@ -73,9 +73,36 @@ def fmu_of(source: str | os.PathLike[str], backend: str) -> Iterator[Path]:
 
 
 @contextmanager
-def with_starts(fmu: FMU, starts: Mapping[str, float | str]) -> Iterator[FMU]:
-    """The FMU; if it has the compiled engine and cannot take these start values, because it has the elements and the
-    terms of those that it was built with, another one that was built with them, which exists until the end."""
+def answering(
+    fmu: FMU, driver: str, beat: Array, T: float, starts: Mapping[str, float | str], beats: int | None = None
+) -> Iterator[tuple[FMU, Answer]]:
+    """The FMU that runs with these start values and its periodic response to a beat, see :func:`periodic_answer`.
+
+    An FMU with the compiled engine has the elements, the terms and the periodic start of the values that it was built
+    with. If it does not take the elements and terms of ``starts``, another one is built with them. If no run from rest
+    reaches the periodic beat, pythonfmu's is built, which can start from any periodic beat. Both exist until the end.
+    Raises RunFailed with the FMU's sentence.
+    """
+    with _with_starts(fmu, starts) as running:
+        try:
+            answer = periodic_answer(running, driver, beat, T, starts, beats)
+        except RunFailed:
+            if not fmu.native:
+                raise
+        else:
+            yield running, answer
+            return
+    with TemporaryDirectory(prefix="check_", ignore_cleanup_errors=True) as folder:
+        file = Path(folder) / "network.toml"
+        write_network(read_network(Path(fmu.path)), file)
+        other = read_fmu(build_fmu(file, Path(folder)))
+        yield other, periodic_answer(other, driver, beat, T, starts, beats)
+
+
+@contextmanager
+def _with_starts(fmu: FMU, starts: Mapping[str, float | str]) -> Iterator[FMU]:
+    """The FMU; if it has the compiled engine and does not take these start values, another one that was built with
+    them, which exists until the end."""
     if not fmu.native or takes(fmu, starts):
         yield fmu
         return

@@ -40,7 +40,7 @@ from ..records.read.record import Record
 from ..results.parameter_set import ParameterSet
 from ..results.result_files import json_text
 from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
-from .fmu_build import fmu_of, with_starts
+from .fmu_build import answering, fmu_of
 from .fmu_run import FMU, PERIODIC, Answer, RunFailed, fourier, periodic_answer, read_fmu, steps_per_beat
 
 Array = np.ndarray
@@ -158,18 +158,11 @@ def _check(
     K = int(_TRUSTED * min(beats.N, steps_per_beat(described, beats.T)) / 2)
     noise = {name: beats.covariance((name, source))[: K + 1] for name in compared}
     noisy = tuple(name for name in compared if is_noisy(noise[name], beats, name))
-    with with_starts(described, starts) as running:
-        tell("running the FMU")
-        try:
-            answer = periodic_answer(running, driver, drive, beats.T, starts)
-        except RunFailed as error:
-            raise RunFailed(" ".join((str(error), *_of_another(parameters, described)))) from None
-        response: dict[str, Array] = {}
-        if noisy:
-            tell("running the FMU with a slightly different beat")
-            response = _response(running, driver, drive, beats, starts, answer, noisy, K)
-            own = undoable(network, source, (omega := beats.omega * np.arange(K + 1)))
-            response = {name: H * filtered(network, name, omega) / own for name, H in response.items()}
+    tell("running the FMU")
+    answer, response = _runs(parameters, described, driver, drive, beats, starts, noisy, K, tell)
+    if response:
+        own = undoable(network, source, (omega := beats.omega * np.arange(K + 1)))
+        response = {name: H * filtered(network, name, omega) / own for name, H in response.items()}
     waveforms = {
         name: Waveform(beats.mean(name), _shown(network, name, answer.values[name], beats), beats.scatter(name))
         for name in compared
@@ -187,6 +180,21 @@ def _check(
         (*beats.warnings, *_warnings(parameters, described, record, compared, source, answer, starts)),
         waveforms,
     )
+
+
+def _runs(
+    parameters: ParameterSet, described: FMU, driver: str, drive: Array, beats: Beats,
+    starts: Mapping[str, float | str], noisy: tuple[str, ...], K: int, tell: Progress,
+) -> tuple[Answer, dict[str, Array]]:  # fmt: skip
+    """The FMU's periodic response, and that of the ``noisy`` channels to each harmonic of the drive."""
+    try:
+        with answering(described, driver, drive, beats.T, starts) as (running, answer):
+            if not noisy:
+                return answer, {}
+            tell("running the FMU with a slightly different beat")
+            return answer, _response(running, driver, drive, beats, starts, answer, noisy, K)
+    except RunFailed as error:
+        raise RunFailed(" ".join((str(error), *_of_another(parameters, described)))) from None
 
 
 # --- what belongs together ----------------------------------------------------------------------------------------
