@@ -52,7 +52,7 @@ _STEP = 0.02  # finite difference step of x
 # derivatives, 8 took least time on seven batches of searches; of 119 searches one that was within 10 of the best ended
 # 7 higher than with 4
 _RULES = Rules(gain=0.1, fresh=8)
-_FINE = replace(_RULES, gain=0.02)  # for intervals: within a seventh of a standard deviation
+_FINE = replace(_RULES, gain=0.02, exact=True)  # for intervals: within a seventh of a standard deviation
 _SHARPER = 2  # times that the elements are halved, at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller solver error needs no shorter elements
 
