@@ -105,17 +105,17 @@ def test_against_another_balance(network: Callable[[], Network], expected: float
     ],
 )
 def test_runs_in_time_tend_to_it(network: Callable[[], Network], expected: float) -> None:
-    """Steps of 2 and 1 ms are 6 to 9 times apart from one another in what they differ from it: it is their limit."""
+    """Steps of 2 and 1 ms are 6.5 to 8 times apart from one another in what they differ from it: it is their limit."""
     case = network()
     X = beat_harmonics(case, names(case), K, flow(case), T, tolerance=1e-8)[0]
     errors = []
     for dt in (2e-3, 1e-3):
         settings = Settings(dt=dt, tolerance=1e-8)
-        beat = simulate_periodic(case, flow(case), T, settings=settings, tolerance=1e-6, start="periodic")
+        beat = simulate_periodic(case, flow(case), T, settings=settings, tolerance=1e-7, start="periodic")
         waves = np.stack([beat[name][:-1] for name in names(case)], axis=1)
         errors.append(error(np.fft.rfft(waves, axis=0, norm="forward")[: K + 1], X))
     assert errors[1] <= expected
-    assert 6.0 <= errors[0] / errors[1] <= 9.0
+    assert 6.5 <= errors[0] / errors[1] <= 8.0
 
 
 @pytest.mark.parametrize(("drive", "expected"), [("B.inlet.Q", 6e-7), ("B.inlet.P", 1.2e-6)])  # measured 4.4e-7, 9.5e-7

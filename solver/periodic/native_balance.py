@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,6 +101,10 @@ class BalanceEngine:
         self._bound, self._size, self._n_held = bound, size, n_held
         self._c = ctypes.byref(_Balance(bound.c, *counts, tuple(address.get(name, 0) for name in PLACES)))
 
+    @cached_property
+    def _rest(self) -> State:
+        return initial_state(self.model)
+
     def _run(self, name: str, *arguments: Any) -> Any:
         given = (x.ctypes.data if isinstance(x, np.ndarray) else x for x in arguments)
         return getattr(self._library, name)(self._c, *given)
@@ -109,9 +113,8 @@ class BalanceEngine:
 
     def steady(self, b: int, mean: Array) -> tuple[Array, Array]:
         """y and H of the steady state of member b. mean : (n_inlets,) of the drive. Raises Unsolved."""
-        model, begins = self.model, initial_state(self.model)
-        y, H = begins.y[b].copy(), begins.H[b].copy()
-        given, guess = model.inlets.gain[b] * mean, np.empty(self._size.left)
+        y, H = self._rest.y[b].copy(), self._rest.H[b].copy()
+        given, guess = self.model.inlets.gain[b] * mean, np.empty(self._size.left)
         if not self._run(
             "arterial_steady", self._bound.fixed[b], self._bound.work, given, _LONG, len(LONG), y, H, guess
         ):
@@ -198,8 +201,7 @@ class BalanceEngine:
 
     def resting(self, y: Sequence[Array], H: Sequence[Array]) -> State:
         """The steady state of all members, from the results of :meth:`steady`."""
-        begins = initial_state(self.model)
-        return replace(begins, y=np.stack(y), H=np.stack(H), A_t=np.zeros_like(begins.A_t))
+        return replace(self._rest, y=np.stack(y), H=np.stack(H), A_t=np.zeros_like(self._rest.A_t))
 
     def _forced(self, forcing: Forcing, near: Near | None, n: int) -> tuple[list[Array] | None, list[Array] | None]:
         """For every member the residuals by sources, less those that beats near it leave, (n, 2, n_left), and the flows
