@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtrc
 
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
@@ -165,7 +165,7 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
     if study.site is None:
         return of_map
     base = naming.base.fit
-    return float(chi2_distribution.sf(base.chi2, max(1, len(base.z) - len(base.x))))
+    return float(chdtrc(max(1, len(base.z) - len(base.x)), base.chi2))
 
 
 def fmu_warnings(shown: Shown) -> tuple[str, ...]:

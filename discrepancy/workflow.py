@@ -49,9 +49,9 @@ from .findings.map_marks import entry
 from .findings.outcome import LearnedLaw, NamedEffect, Outcome
 from .name.individual_walls import subject_without
 from .name.intervals import stated
-from .name.model_selection import COMMON, name
+from .name.model_selection import name
 from .name.verdict import Naming
-from .options import TIME_LIMIT, Asked
+from .options import COMMON, TIME_LIMIT, Asked
 from .plan.second_state import second_state
 from .recordings import drives, recordings_of
 from .report.page import check_folder, write_study
