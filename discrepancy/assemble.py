@@ -243,7 +243,8 @@ def sentence(
         said = f"Something is missing: {gap}. {tried[0].upper()}{tried[1:]}. {acts_as(acting)}"
     else:
         said = f"Something is missing, and {_tried(naming)}: the gap to held-out beats is {left(before)}."
-    return said if naming.complete else joined(said, "The search is incomplete: the time limit ended it.")
+    ended = "" if naming.complete else "The time limit ended the search before all candidates were compared."
+    return joined(said, ended)
 
 
 def _tried(naming: Naming) -> str:
