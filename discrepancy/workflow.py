@@ -151,9 +151,7 @@ def _studied(
         outcome = unusable(str(error), record, model, measured)
     doubts = known.doubts(measured) if known and isinstance(measured, Record) else ()
     outcome = replace(
-        outcome,
-        provenance={**outcome.provenance, "asked": options},
-        warnings=(*notes, *doubts, *outcome.warnings),
+        outcome, provenance={**outcome.provenance, "asked": options}, warnings=(*notes, *doubts, *outcome.warnings)
     )
     return outcome, fmu, journal
 

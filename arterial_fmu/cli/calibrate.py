@@ -155,11 +155,7 @@ def _judged(result: Calibration, unseen: Sequence[Beats], network: Network) -> t
 
 def _provenance(filters: list[str] | None, tried: Starts | None, held_out: Sequence[HeldOut]) -> dict[str, object]:
     """What the parameter sets say of their origin beside the calibration's own. tried : of several starts."""
-    found = {
-        "filters": filters,
-        "starts": tried and tried.plain(),
-        "held_out": [each.plain() for each in held_out],
-    }
+    found = {"filters": filters, "starts": tried and tried.plain(), "held_out": [each.plain() for each in held_out]}
     return {name: each for name, each in found.items() if each}
 
 

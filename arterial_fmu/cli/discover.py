@@ -30,11 +30,7 @@ _PACE = 600.0  # s over which the remaining time is estimated: stages differ in 
 
 
 app = typer.Typer(
-    cls=DefaultGroup,
-    add_completion=False,
-    help=discrepancy.__doc__,
-    no_args_is_help=True,
-    rich_markup_mode=None,
+    cls=DefaultGroup, add_completion=False, help=discrepancy.__doc__, no_args_is_help=True, rich_markup_mode=None
 )
 
 

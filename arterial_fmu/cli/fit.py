@@ -12,8 +12,8 @@ from rich.console import RenderableType
 
 from arterial_fmu.cli.terminal.console import faults, put, say_notes, say_written, sentences, show
 from arterial_fmu.cli.terminal.options import Force, Json, Quiet
-from arterial_fmu.cli.terminal.progress import PACE, Report, bar
-from fitting.results.parameter_set import ParameterSet, set_content, set_format, set_json
+from arterial_fmu.cli.terminal.progress import PACE, bar
+from fitting.results.parameter_set import set_content, set_format, set_json
 from fitting.wall.wall_model import model
 from solver import NonPhysicalState, NotPeriodic
 from solver.errors import InputError
@@ -79,9 +79,8 @@ def fit_command(
         T = options.seconds(period, "--period")
     from fitting.inference.models.bench_network import bench_network
     from fitting.records.plausible import Artery
-    from fitting.wall.fit_comparison import favoured_law, linear_fit
     from fitting.wall.indices import indices, plain
-    from fitting.wall.site_fit import fit
+    from fitting.wall.site_fit import bootstrap, favoured_law, fit, linear_fit
 
     with sentences(NonPhysicalState, NotPeriodic), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
@@ -89,13 +88,18 @@ def fit_command(
         given: dict[str, Any] = {"R0": radius, "eta": eta, "lag_free": lag}
         kept = fit(beats, site, thickness, chosen, **given)
         fits = [*linear_fit(kept, beats, given), kept]
-        checked = _bootstrapped(kept, beats, replicates, progress)
+        checked = bootstrap(kept, beats, replicates, progress=lambda fraction: progress(fraction, "bootstrap"))
         found = indices(kept, beats)
         notes = [*_notes(kept), *favoured_law(kept, beats, given)]
         parameters = kept.parameter_set()
         parameters = replace(parameters, provenance={**parameters.provenance, "indices": plain(found)})
-        network = None if bench is None else dumps(bench_network(site, parameters, beats.T))
-        _write(parameters, out, fits, beats, figure, network, bench, force)
+        files: dict[Any, Any] = {
+            bench: bench and dumps(bench_network(site, parameters, beats.T)),
+            out: out and set_content(parameters, out),
+            figure: figure and _drawn(fits, beats),
+        }
+        check_new({bench: files[bench]} if bench else {}, force)
+        write_all({path: content for path, content in files.items() if path is not None})
     if as_json:
         put(set_json(parameters))
     elif not quiet:
@@ -117,30 +121,6 @@ def _check(out: Path | None, figure: Path | None, replicates: int) -> None:
         raise InputError(f"{figure}: a figure is a .png file; rename it.")
     if replicates < 0:
         raise InputError(f"--bootstrap = {replicates}: must be 0 (none) or a number of replicates, such as 200.")
-
-
-def _write(
-    parameters: ParameterSet, out: Path | None, fits: list[WallFit], beats: Beats, figure: Path | None,
-    network: str | None, bench: Path | None, force: bool,
-) -> None:  # fmt: skip
-    """Write all requested files, or none."""
-    files: dict[Any, str | bytes] = {}
-    if bench is not None and network is not None:
-        files[bench] = network
-        check_new({bench: network}, force)
-    if out is not None:
-        files[out] = set_content(parameters, out)
-    if figure is not None:
-        files[figure] = _drawn(fits, beats)
-    write_all(files)
-
-
-def _bootstrapped(kept: WallFit, beats: Beats, replicates: int, progress: Report) -> dict[str, tuple[float, float]]:
-    from fitting.wall.site_fit import bootstrap
-
-    if replicates == 0:
-        return {}
-    return bootstrap(kept, beats, replicates, progress=lambda fraction: progress(fraction, "bootstrap"))
 
 
 def _drawn(fits: list[WallFit], beats: Beats) -> bytes:

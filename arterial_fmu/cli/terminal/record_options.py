@@ -103,8 +103,7 @@ Columns = Annotated[
 # Options rather than further arguments: `RECORD --columns` has no network, and the role of each file must be
 # unambiguous
 Further = Annotated[
-    list[Path] | None,
-    typer.Option("--and", metavar="FILE", help="A further recording of the same animal, repeatable."),
+    list[Path] | None, typer.Option("--and", metavar="FILE", help="A further recording of the same animal, repeatable.")
 ]
 HeldOutFiles = Annotated[
     list[Path] | None,
