@@ -354,7 +354,7 @@ def test_unknown_is_said_as_far_as_the_search_went(healthy: tuple[Record, Prepar
     )
     said = "the gap to held-out beats is 1.89 times the noise."
     assert whole == f"Something is missing, and no law of the catalogue explains it: {said}"
-    assert cut.startswith(f"Something is missing, and none of the laws compared explains it: {said} The search is ")
+    assert cut.startswith(f"Something is missing, and none of the laws compared explains it: {said} The time limit ")
 
 
 def test_a_bench_is_of_one_site() -> None:
