@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtrc
 
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
@@ -165,7 +165,7 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
     if study.site is None:
         return of_map
     base = naming.base.fit
-    return float(chi2_distribution.sf(base.chi2, max(1, len(base.z) - len(base.x))))
+    return float(chdtrc(max(1, len(base.z) - len(base.x)), base.chi2))
 
 
 def fmu_warnings(shown: Shown) -> tuple[str, ...]:
@@ -243,7 +243,8 @@ def sentence(
         said = f"Something is missing: {gap}. {tried[0].upper()}{tried[1:]}. {acts_as(acting)}"
     else:
         said = f"Something is missing, and {_tried(naming)}: the gap to held-out beats is {left(before)}."
-    return said if naming.complete else joined(said, "The search is incomplete: the time limit ended it.")
+    ended = "" if naming.complete else "The time limit ended the search before all candidates were compared."
+    return joined(said, ended)
 
 
 def _tried(naming: Naming) -> str:

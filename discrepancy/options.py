@@ -7,17 +7,18 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from fitting.calibrate.calibration_prior import Prior, read_prior
-from fitting.records.read.record import Record
 from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 from solver.tracing.native import check_backend
 
-from .name.model_selection import COMMON, INDIVIDUAL
+if TYPE_CHECKING:
+    from fitting.calibrate.calibration_prior import Prior
+    from fitting.records.read.record import Record
 
+COMMON, INDIVIDUAL = "common", "individual"  # walls
 TIME_LIMIT = 300.0  # s
 
 
@@ -68,6 +69,8 @@ class Asked:
         """
         if self.prior is None:
             return None
+        from fitting.calibrate.calibration_prior import read_prior  # takes half a second
+
         found = read_prior(self.prior, network)
         if record is not None and INFLOW not in record.channels:
             raise InputError(

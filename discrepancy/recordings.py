@@ -14,7 +14,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from fitting.calibrate.calibrated import labels_of
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term, candidates, rewired
@@ -23,7 +22,7 @@ from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import parameter_values
 from fitting.records.read.record import Record
-from fitting.records.recordings import not_judged
+from fitting.records.recordings import labels_of, not_judged
 from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
@@ -33,10 +32,9 @@ from .find.plausibility import check_beats, check_record, check_waves
 from .find.study import Study, prepare
 from .findings.recorded import Recorded
 from .name.joint_selection import name_together
-from .name.model_selection import COMMON
 from .name.scoring import seen_by, weighed
 from .name.verdict import Naming
-from .options import Asked
+from .options import COMMON, Asked
 from .show.fmu_validation import Gap, Run, confirmed, fall, held_out
 
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries

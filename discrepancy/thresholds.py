@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from fitting.inference.model_discrepancy import PART as PART  # price of each nonzero part of the model error of a bench
 from fitting.inference.unknown import OUTLIER as OUTLIER  # stated spreads
@@ -60,7 +60,7 @@ INCOMPLETE = 0.5
 # --- the FMU on held-out beats ---
 # for an effect that the fitted three quarters of the beats show with d', chi2 falls by d'^2/3 +- 2 d'/sqrt(3): 47 % of
 # effects with d' 6 do not pass, 11 % with 10, 0.4 % with 15
-FALL = float(norm.isf(CHANCE))  # standard deviations by which chi2 must fall
+FALL = float(-ndtri(CHANCE))  # standard deviations by which chi2 must fall
 # by definition: 1 is noise. A true model leaves less in half of the records, one that lacks an effect of d' 10 in 16 %
 # (500 data), of d' 15 in 2 %
 NO_GAP = 1.0

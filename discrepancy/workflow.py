@@ -49,9 +49,9 @@ from .findings.map_marks import entry
 from .findings.outcome import LearnedLaw, NamedEffect, Outcome
 from .name.individual_walls import subject_without
 from .name.intervals import stated
-from .name.model_selection import COMMON, name
+from .name.model_selection import name
 from .name.verdict import Naming
-from .options import TIME_LIMIT, Asked
+from .options import COMMON, TIME_LIMIT, Asked
 from .plan.second_state import second_state
 from .recordings import drives, recordings_of
 from .report.page import check_folder, write_study
@@ -106,47 +106,54 @@ def discover(
     readable record that cannot be used gives the verdict "unusable", which does not overwrite the study of a usable
     record; without a model it is refused.
     """
-    started, folder = time.perf_counter(), Path(out)
+    started = time.perf_counter()
     asked = Asked(
         period, walls, prior, time_limit, jobs, tuple(filters), tuple(further), tuple(varies), tuple(hold_out),
         backend,
     )  # fmt: skip
     asked.check()
     check_one(reading.beside if reading else (), len(asked.others) + 1)
-    described = None if model is None else read_model(model)
-    measured, *others = (_read(each, reading) for each in (record, *asked.others))
-    said: list[str] = []
-    if model is None:
-        check_folder(folder, [record, prior, *asked.others])
-        model, *said = first_of(measured, folder, period, as_measured)
-    network = with_filters(described or read_model(model), asked.filters)
-    known = asked.known(network, measured if isinstance(measured, Record) else None)
-    if known is None and walls != COMMON and is_first(network):
-        known = Prior(network, spread(network))
-        said.append(OF_FIRST)
-    told = asked.plain  # the calibration as it is now: its file may change or vanish during the study
-    check_folder(folder, [record, *(reading.beside if reading else ()), model, prior, *asked.others])
-    journal = None
-    try:
-        records, unjudged = _usable([measured, *others], asked, network, as_measured)
-        said += unjudged
-        measured = records[0]
-        given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model), [r.sha256 for r in records]]
-        journal = Journal(folder, [*given, told, deciding_numbers(), software()])
-        outcome, fmu = _Work(records, network, Path(model), journal, asked, known, progress).run()
-    except UnusableRecord as error:
-        outcome, fmu = unusable(str(error), record, model, measured), None
-    doubts = known.doubts(measured) if known and isinstance(measured, Record) else ()
-    outcome = replace(
-        outcome,
-        seconds=time.perf_counter() - started,
-        provenance={**outcome.provenance, "asked": told},
-        warnings=(*said, *doubts, *outcome.warnings),
-    )
-    outcome = write_study(outcome, fmu, folder, progress)
+    outcome, fmu, journal = _studied(record, model, Path(out), asked, reading, as_measured, progress)
+    outcome = replace(outcome, seconds=time.perf_counter() - started)
+    outcome = write_study(outcome, fmu, Path(out), progress)
     if journal is not None:
         journal.close()
     return outcome
+
+
+def _studied(
+    record: str | os.PathLike[str], model: str | os.PathLike[str] | None, folder: Path, asked: Asked,
+    reading: Reading | None, as_measured: bool, progress: Progress,
+) -> tuple[Outcome, bytes | None, Journal | None]:  # fmt: skip
+    """The outcome, the FMU to deliver, and the journal of the study; without FMU or journal if it is unusable."""
+    described = None if model is None else read_model(model)
+    measured, *others = (_read(each, reading) for each in (record, *asked.others))
+    notes: list[str] = []
+    if model is None:
+        check_folder(folder, [record, asked.prior, *asked.others])
+        model, *notes = first_of(measured, folder, asked.period, as_measured)
+    network = with_filters(described or read_model(model), asked.filters)
+    known = asked.known(network, measured if isinstance(measured, Record) else None)
+    if known is None and asked.walls != COMMON and is_first(network):
+        known = Prior(network, spread(network))
+        notes.append(OF_FIRST)
+    options = asked.plain  # with the calibration as it is now: its file may change or vanish during the study
+    check_folder(folder, [record, *(reading.beside if reading else ()), model, asked.prior, *asked.others])
+    journal = fmu = None
+    try:
+        records, unjudged = _usable([measured, *others], asked, network, as_measured)
+        notes += unjudged
+        measured = records[0]
+        given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model), [r.sha256 for r in records]]
+        journal = Journal(folder, [*given, options, deciding_numbers(), software()])
+        outcome, fmu = _Work(records, network, Path(model), journal, asked, known, progress).run()
+    except UnusableRecord as error:
+        outcome = unusable(str(error), record, model, measured)
+    doubts = known.doubts(measured) if known and isinstance(measured, Record) else ()
+    outcome = replace(
+        outcome, provenance={**outcome.provenance, "asked": options}, warnings=(*notes, *doubts, *outcome.warnings)
+    )
+    return outcome, fmu, journal
 
 
 def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | UnusableRecord:
@@ -240,7 +247,7 @@ class _Work:
 
     def _name(self) -> Naming:
         limit, begun = self.asked.time_limit, monotonic()
-        last = f"done by {datetime.now() + timedelta(seconds=limit):%H:%M:%S} at the latest"
+        last = f"the search ends by {datetime.now() + timedelta(seconds=limit):%H:%M:%S}, then the FMUs run"
         self.progress(0.2, f"naming, time limit {limit:g} s")
 
         def told(simulations: int) -> None:

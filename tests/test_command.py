@@ -65,6 +65,29 @@ def test_help_imports_nothing_heavy() -> None:
     assert all(f"  {name} " in done.stdout and command.does in done.stdout for name, command in COMMANDS.items())
 
 
+WRONG = (
+    "first no.csv", "fit no.csv --site AA --h 0.4mm", "fit r.csv --site AA --h 0.4",
+    "calibrate no.csv sheep --free all.E", "calibrate r.csv no.toml --free all.E", "check no.json sheep r.csv",
+    "check sheep_table1 sheep r.csv --backend no", "discover no.csv --out o", "discover r.csv --out o --model no.toml",
+    "discover r.csv --out o --walls no", "isolability no.toml --channels AA.P", "cohort no.csv --out o",
+)  # fmt: skip
+
+
+def test_refusals_import_nothing_heavy(tmp_path: Path) -> None:
+    """A missing file, a number without unit or an unknown word is refused before the imports that take seconds."""
+    (tmp_path / "r.csv").touch()
+    late = {"scipy.linalg", "scipy.optimize", "matplotlib", "polars", "fmpy", "jinja2"}
+    code = (
+        "import sys; from arterial_fmu.__main__ import app\n"
+        f"for line in {WRONG}:\n"
+        "    try: app(line.split())\n"
+        f"    except SystemExit as end: print(line, end.code, sorted({late} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.splitlines() == [f"{line} 2 []" for line in WRONG], done.stderr
+    assert done.stderr.count("Error: ") == len(WRONG)
+
+
 def test_the_same_functions() -> None:
     """Whatever ``python -m`` and build_fmu.py have is here, and is the same function."""
     there = {
@@ -252,15 +275,17 @@ def test_json_of_fits(tmp_path: Path) -> None:
     assert f"wrote {out}" in done.stderr
 
 
-def test_json_of_diagnoses(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_json_of_diagnoses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """discover: what verdict.json holds; isolability: the plan."""
     monkeypatch.setattr("discrepancy.workflow.discover", lambda *_, **__: outcome())
     monkeypatch.setattr("discrepancy.plan.sensor_plan.plan_sensors", lambda *_, **__: plan())
-    assert printed("discover", "r.csv", "--model", "sheep", "--out", "o") == verdict_json(outcome())
+    record = tmp_path / "r.csv"
+    record.touch()
+    assert printed("discover", record, "--model", "sheep", "--out", "o") == verdict_json(outcome())
     assert printed("isolability", "sheep", "--channels", "AA.P") == plan_json(plan())
     unusable = outcome(verdict="unusable", effects=(), gap_before=None, gap_after=None, reason="too short.")
     monkeypatch.setattr("discrepancy.workflow.discover", lambda *_, **__: unusable)
-    done = run("discover", "r.csv", "--model", "sheep", "--out", "o", "--json")
+    done = run("discover", record, "--model", "sheep", "--out", "o", "--json")
     assert done.exit_code == ExitCode.UNUSABLE == 3
     assert json.loads(done.stdout)["verdict"] == "unusable" and "Unusable: too short." in done.stderr
 

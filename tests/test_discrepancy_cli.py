@@ -104,8 +104,10 @@ def outcome(**changes: Any) -> Outcome:
 
 
 @pytest.fixture
-def found(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], None]:
-    """Lets the workflow come to an outcome, or to an exception, at once."""
+def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], None]:
+    """Lets the workflow come to an outcome, or to an exception, at once; in a folder with the record of STUDY."""
+    (tmp_path / STUDY[0]).touch()
+    monkeypatch.chdir(tmp_path)
 
     def set_outcome(what: Any) -> None:
         def discover(*_: Any, **__: Any) -> Outcome:
@@ -189,6 +191,8 @@ def test_walls_are_said(found: Callable[[Any], None]) -> None:
 def test_options_reach_the_workflow(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Walls, prior, processes and time limit, with a unit or in seconds; five minutes and all cores by default."""
     given: list[dict[str, Any]] = []
+    (tmp_path / STUDY[0]).touch()
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(workflow, "discover", lambda *_, **options: given.append(options) or outcome())
     prior = tmp_path / "prior.json"
     options = ("--walls", "individual", "--prior", prior, "--time-limit", "2 min", "--jobs", 3)

@@ -444,7 +444,7 @@ def test_a_search_that_did_not_end_says_nothing_of_the_catalogue(sheep: Network)
         (outlets, "1 of the 14 effects of the catalogue was not compared"),  # a taper breaks the model
         (replace(nothing, candidates=outcome.candidates), "not all candidates were compared"),
     ):
-        assert heading(each) == "Something is missing, and the search is incomplete"
+        assert heading(each) == "Something is missing, and the time limit ended the search"
         assert f"The search ended at its time limit: {left}." in meaning(each)
         first, second, *_ = next_steps(each)
         assert first == f"Run the study again with a longer --time-limit than 5 s: {left}."
@@ -525,7 +525,7 @@ def test_why_walls_are_as_they_are(sheep: Network) -> None:
     individual = replace(cut, complete=True)
     for outcome, asked, said in (
         (individual, {"walls": "by evidence"}, "the record is more probable with individual walls"),
-        (cut, {"walls": "by evidence"}, "the search is incomplete"),
+        (cut, {"walls": "by evidence"}, "the time limit ended the search before the record could decide"),
         (individual, {"walls": "individual"}, "set by --walls individual"),
         (individual, {"walls": "individual", "prior": {"file": "monday.json"}}, "calibrated in monday.json"),
         (common, {"walls": "by evidence"}, "the record gives no evidence for individual walls"),

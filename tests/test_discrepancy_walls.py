@@ -295,5 +295,8 @@ def test_a_calibration_as_prior(network_record: Path) -> None:
     assert outcome.verdict == "none" and outcome.walls is not None and outcome.walls.kind == "individual"
     sources = {name: own.source for name, own in outcome.walls.arteries.items()}
     assert sources["B.E"] == sources["B.phi0"] == "calibration" and sources["B.R0"] == "file"
-    assert any(re.fullmatch(r"naming, \d+ simulations, done by \d\d:\d\d:\d\d at the latest", label) for label in said)
+    assert any(
+        re.fullmatch(r"naming, \d+ simulations, the search ends by \d\d:\d\d:\d\d, then the FMUs run", label)
+        for label in said
+    )
     assert outcome.walls.arteries["B.E"].file == found.values["B.E"] == pytest.approx(NETWORK.segment("B").E, rel=0.02)

@@ -339,7 +339,7 @@ def test_an_incomplete_search_is_said(healthy: tuple[Record, Prepared, Naming]) 
     for complete in (True, False):
         outcome = summary(record, "base.toml", study, replace(naming, complete=complete), Shown(run, run))
         said = verdict_json(outcome)
-        incomplete = "The search is incomplete: the time limit ended it."
+        incomplete = "The time limit ended the search before all candidates were compared."
         for text in (outcome.sentence, said["sentence"], report.page(outcome, {})):
             assert (incomplete in text) != complete
         assert outcome.complete == said["complete"] == complete
@@ -354,7 +354,7 @@ def test_unknown_is_said_as_far_as_the_search_went(healthy: tuple[Record, Prepar
     )
     said = "the gap to held-out beats is 1.89 times the noise."
     assert whole == f"Something is missing, and no law of the catalogue explains it: {said}"
-    assert cut.startswith(f"Something is missing, and none of the laws compared explains it: {said} The search is ")
+    assert cut.startswith(f"Something is missing, and none of the laws compared explains it: {said} The time limit ")
 
 
 def test_a_bench_is_of_one_site() -> None:
@@ -400,7 +400,7 @@ def test_when_naming_ends_at_the_latest(monkeypatch: pytest.MonkeyPatch, limit: 
     assert work._name() == "named"
     assert told[0][1] == f"naming, time limit {limit:g} s"
     assert [label for _, label in told[1:]] == [
-        f"naming, {n} simulations, done by {last} at the latest" for n in (300, 301, 302)
+        f"naming, {n} simulations, the search ends by {last}, then the FMUs run" for n in (300, 301, 302)
     ]
     assert [fraction for fraction, _ in told] == pytest.approx([0.2, 0.45, 0.575, 0.7])
 

@@ -140,7 +140,9 @@ def test_discover(deadly: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         raise HostDied(deadly, -signal.SIGSEGV)
 
     monkeypatch.setattr(workflow, "discover", dies)
-    done = CliRunner().invoke(discover_app, ["record.csv", "--model", "sheep", "--out", os.fspath(tmp_path)])
+    record = tmp_path / "record.csv"
+    record.touch()
+    done = CliRunner().invoke(discover_app, [os.fspath(record), "--model", "sheep", "--out", os.fspath(tmp_path)])
     assert done.exit_code == ExitCode.DOES_NOT_RUN
     assert "died of signal 11 (SIGSEGV)" in done.stderr and "cannot be used" not in done.stderr
 

@@ -19,13 +19,13 @@ from refused import refused
 from typer.testing import CliRunner
 
 import arterial_fmu.__main__
-from fitting.calibrate.calibrated import labels_of
 from fitting.calibrate.calibration_prior import read_prior
 from fitting.calibrate.held_out import judge
 from fitting.calibrate.multistart import Minimum, Starts, calibrate_from
 from fitting.calibrate.network_calibration import calibrate
 from fitting.records.alignment.beats import Beats
 from fitting.records.read.record import write_record
+from fitting.records.recordings import labels_of
 from fitting.results.parameter_set import read_set
 from solver.network.files import write_network
 

@@ -149,7 +149,8 @@ def test_told_before_the_work(name: str, inputs: Path, monkeypatch: pytest.Monke
     for where in (
         "arterial_fmu.cli.solve._run", "build_fmu.build_model", "arterial_fmu.cli.run.run_fmu",
         "fitting.cohort.virtual.virtual_cohort",
-        "arterial_fmu.cli.fit.fit", "fitting.cohort.fits.fit_cohort", "fitting.calibrate.multistart.calibrate_from",
+        "arterial_fmu.cli.terminal.record_options.beats_of", "fitting.cohort.fits.fit_cohort",
+        "fitting.calibrate.multistart.calibrate_from",
         "fitting.check.fmu_check.check", "discrepancy.recordings.prepare", "discrepancy.plan.sensor_plan.plan_sensors",
         "arterial_fmu.study.command.run",
     ):  # fmt: skip

@@ -34,30 +34,15 @@ app = typer.Typer(
     help="Build FMUs of arteries, hearts, bodies and whole systems.",
 )
 
-
 _SPECIES = "|".join(SPECIES)
-
-
 SpeciesName = Annotated[str, typer.Option("--species", metavar=_SPECIES, help="Species of the heart or body.")]
-
-
 Changes = Annotated[
     list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='A start value: "heart.rate=1.3 Hz".')
 ]
-
-
 Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
-
-
 ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
-
-
 Native = Annotated[bool, typer.Option("--native", help="Build an FMU that needs no Python on its host.")]
-
-
 Standard = Annotated[int, typer.Option("--fmi", metavar="2|3", help="With --native: version of FMI.")]
-
-
 Platforms = Annotated[
     str,
     typer.Option(
@@ -74,12 +59,10 @@ def main(
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
     inlet: Annotated[
-        str | None,
-        typer.Option(metavar="flow|pressure", help="Drive of the inlet; default: as in the network file."),
+        str | None, typer.Option(metavar="flow|pressure", help="Drive of the inlet; default: as in the network file.")
     ] = None,
     change: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help='A start value, such as "CA.phi0=0 kPa*s".'),
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='A start value, such as "CA.phi0=0 kPa*s".')
     ] = None,
     native: Native = False,
     fmi: Standard = 2,
@@ -94,8 +77,9 @@ def main(
         arteries = read_network(find_network(network))
         check_destinations(out / f"{arteries.name}.fmu", given=[network], folders=True)
         arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
+        native = _is_native(native, fmi, platforms)
         starts = _start_values(models.arteries_model(arteries, Settings()).table, change or [])
-        if _is_native(native, fmi, platforms):
+        if native:
             target = build_native(arteries, out, None, starts, fmi, _listed(platforms))
         else:
             target = build(arteries, out, execution_tool=execution_tool, starts=starts)
@@ -147,11 +131,7 @@ def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
 
 
 app.command("heart", help="Build the FMU of a left heart.")(_lumped(models.heart_model))
-
-
 _VEINS = "Build the FMU of the veins, which close the volume between arteries and heart."
-
-
 app.command("body", help=_VEINS)(_lumped(models.body_model))
 
 
@@ -159,8 +139,7 @@ app.command("body", help=_VEINS)(_lumped(models.body_model))
 def system_command(
     network: NetworkName = "human",
     species: Annotated[
-        str | None,
-        typer.Option(metavar=_SPECIES, help="Species of heart and body; default: from the network's name."),
+        str | None, typer.Option(metavar=_SPECIES, help="Species of heart and body; default: from the network's name.")
     ] = None,
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,

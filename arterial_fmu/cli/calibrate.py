@@ -12,38 +12,23 @@ import typer
 from arterial_fmu.cli.terminal.console import put, say_notes, say_written, sentences, show
 from arterial_fmu.cli.terminal.options import Json, NetworkName, Quiet
 from arterial_fmu.cli.terminal.progress import PACE, bar
-from fitting.records.alignment.align import align
-from fitting.records.alignment.beats import Beats
 from fitting.records.channels.filters import with_filters
-from fitting.records.plausible import arteries, check_plausible
-from fitting.records.read.columns import Reading
-from fitting.records.read.record import read_record
-from fitting.records.recordings import check_one, not_judged
-from fitting.results.estimate import Estimate
+from fitting.records.recordings import check_one, labels_of, not_judged
 from fitting.results.parameter_set import ParameterSet, read_set, set_content, set_format, set_json
-from fitting.wall.indices import plain
 from solver import NonPhysicalState, NotPeriodic
 from solver.errors import InputError
 from solver.io.writing import check_destinations, write_all
 from solver.network.description import Network
 from solver.network.files import find_network, read_network
 
-from .terminal.record_options import (
-    AsMeasured,
-    Beside,
-    Columns,
-    Decimal,
-    Filters,
-    Further,
-    HeldOutFiles,
-    Mapped,
-    Period,
-    seconds,
-)
+from .terminal import record_options as options
 
 if TYPE_CHECKING:
     from fitting.calibrate.calibrated import Calibration
     from fitting.calibrate.held_out import HeldOut
+    from fitting.calibrate.multistart import Starts
+    from fitting.records.alignment.beats import Beats
+    from fitting.results.estimate import Estimate
 
 Varies = Annotated[
     list[str] | None,
@@ -59,18 +44,19 @@ def calibrate_command(
     ],
     network: NetworkName,
     free: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
-            help='Unknowns to fit, repeatable: "all.E", "CA.phi0:0.1" (prior sd), "CA+FA.E:none", "all.outlet.R_t".'
+            help='Required: unknowns to fit, repeatable: "all.E", "CA.phi0:0.1" (prior sd), "CA+FA.E:none", '
+            '"all.outlet.R_t".'
         ),
-    ],
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Write the parameter set (.json or .ssv); with several recordings, also one for each."),
     ] = None,
-    further: Further = None,
+    further: options.Further = None,
     varies: Varies = None,
-    hold_out: HeldOutFiles = None,
+    hold_out: options.HeldOutFiles = None,
     start: Annotated[
         Path | None, typer.Option(help="Parameter set to start from; default: the network's values.")
     ] = None,
@@ -81,54 +67,51 @@ def calibrate_command(
     seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 1,
     jobs: Annotated[int, typer.Option(help="Parallel processes.")] = 1,
     scheduler: Annotated[str | None, typer.Option(help="Address of a dask cluster: tcp://host:8786.")] = None,
-    mapped: Mapped = None,
-    beside: Beside = None,
-    decimal: Decimal = None,
-    columns: Columns = False,
-    as_measured: AsMeasured = False,
-    filters: Filters = None,
-    period: Period = None,
+    mapped: options.Mapped = None,
+    beside: options.Beside = None,
+    decimal: options.Decimal = None,
+    columns: options.Columns = False,
+    as_measured: options.AsMeasured = False,
+    filters: options.Filters = None,
+    period: options.Period = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Fit parameters of a network to one record, or to several records of one animal."""
-    from fitting.calibrate.calibrated import labels_of
+    paths, judged = [record, *(further or ())], hold_out or []
+    with sentences():
+        check_one(beside, len(paths) + len(judged))
+        how = options.reading([*paths, *judged], mapped, decimal, beside)
+        T = options.seconds(period, "--period")
+        sets = _sets(out, labels_of(paths))
+        check_destinations(*sets, given=[*paths, *judged, *how.beside, network, start])
+        described = _described(network, start, filters or ())
     from fitting.calibrate.multistart import calibrate_from
     from fitting.calibrate.network_indices import network_indices
+    from fitting.inference.unknown_text import parse_unknowns
+    from fitting.records.plausible import arteries
 
     from .tables.fits import calibration_table, network_indices_table
     from .tables.recordings import recordings_table
 
-    paths, judged = [record, *(further or ())], hold_out or []
     with sentences(NonPhysicalState, NotPeriodic), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
-        check_one(beside, len(paths) + len(judged))
-        sets = _sets(out, labels_of(list(map(str, paths))))
-        how = Reading.asked(mapped, decimal, beside)
-        check_destinations(*sets, given=[*paths, *judged, *how.beside, network, start])
-        if out is not None:
-            set_format(out)
-        described = read_network(find_network(network))
-        if start is not None:
-            described = read_set(start).apply(described)
-        described = with_filters(described, filters or ())
-        recordings = [_beats(path, how, described, as_measured, period) for path in paths]
-        unseen = [_beats(path, how, described, as_measured, period) for path in judged]
+        unknowns = parse_unknowns(free or (), described)
+        recordings, unseen = (
+            [options.beats_of(path, how, arteries(described), as_measured, T) for path in files]
+            for files in (paths, judged)
+        )
         tried = calibrate_from(
-            recordings, described, free, starts, varies=varies or (), seed=seed, jobs=jobs, scheduler=scheduler,
+            recordings, described, unknowns, starts, varies=varies or (), seed=seed, jobs=jobs, scheduler=scheduler,
             progress=progress,
         )  # fmt: skip
         result = tried.best
         progress(1.0, "indices of the sites")
         indices = [network_indices(result.of(i), described, beats) for i, beats in enumerate(recordings)]
         held_out, unjudged = _judged(result, unseen, described)
-        extra: dict[str, object] = {"filters": list(filters)} if filters else {}
-        if starts > 1:
-            extra["starts"] = tried.plain()
-        if held_out:
-            extra["held_out"] = [each.plain() for each in held_out]
+        extra = _provenance(filters, tried if starts > 1 else None, held_out)
         written = _parameter_sets(result, extra, indices, complete=start is not None)
-        if out is not None:
+        if sets:
             write_all({path: set_content(own, path) for path, own in zip(sets, written, strict=True)})
     if as_json:
         put(set_json(written[0]))
@@ -146,7 +129,14 @@ def _sets(out: Path | None, labels: Sequence[str]) -> list[Path]:
     """The files of the common values and, for several recordings, of each: set.json, set.A.json, set.B.json."""
     if out is None:
         return []
+    set_format(out)
     return [out, *(out.with_name(f"{out.stem}.{label}{out.suffix}") for label in labels if len(labels) > 1)]
+
+
+def _described(network: str, start: Path | None, filters: Sequence[str]) -> Network:
+    """The network with the values of a parameter set and known filters."""
+    described = read_network(find_network(network))
+    return with_filters(described if start is None else read_set(start).apply(described), filters)
 
 
 def _judged(result: Calibration, unseen: Sequence[Beats], network: Network) -> tuple[list[HeldOut], list[str]]:
@@ -163,6 +153,12 @@ def _judged(result: Calibration, unseen: Sequence[Beats], network: Network) -> t
     return found, unjudged
 
 
+def _provenance(filters: list[str] | None, tried: Starts | None, held_out: Sequence[HeldOut]) -> dict[str, object]:
+    """What the parameter sets say of their origin beside the calibration's own. tried : of several starts."""
+    found = {"filters": filters, "starts": tried and tried.plain(), "held_out": [each.plain() for each in held_out]}
+    return {name: each for name, each in found.items() if each}
+
+
 def _parameter_sets(
     result: Calibration, extra: dict[str, object], indices: Sequence[dict[str, dict[str, Estimate]]], complete: bool
 ) -> list[ParameterSet]:
@@ -174,16 +170,11 @@ def _parameter_sets(
     return [_with(whole, extra, None), *(_with(own, extra, i) for own, i in zip(each, indices, strict=True))]
 
 
-def _beats(path: Path, how: Reading, network: Network, as_measured: bool, period: str | None) -> Beats:
-    measured = read_record(path, how)
-    if not as_measured:
-        check_plausible(measured, arteries(network))
-    return align(measured, seconds(period, "--period"))
-
-
 def _with(
     parameters: ParameterSet, extra: dict[str, object], found: dict[str, dict[str, Estimate]] | None
 ) -> ParameterSet:
     """The set with further provenance, including the physiological indices."""
+    from fitting.wall.indices import plain
+
     indices = {} if found is None else {"indices": {site: plain(each) for site, each in found.items()}}
     return replace(parameters, provenance={**parameters.provenance, **indices, **extra})

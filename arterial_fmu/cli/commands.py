@@ -36,20 +36,20 @@ COMMANDS: Mapping[str, Command] = {
         "fmu_src", "arterial_fmu.cli.doctor:main", "Check whether an FMU runs here, and list what is missing."
     ),
     "virtual": Command(
-        "fitting", "arterial_fmu.cli.fit:virtual_command", "Make synthetic records of a cohort of virtual animals."
+        "fitting", "arterial_fmu.cli.cohort:virtual_command", "Make synthetic records of a cohort of virtual animals."
     ),
     "fit": Command(
         "fitting", "arterial_fmu.cli.fit:fit_command", "Fit the wall of one site from its pressure and radius."
     ),
     "cohort": Command(
-        "fitting", "arterial_fmu.cli.fit:cohort_command", "Fit many subjects at many sites, and test claims."
+        "fitting", "arterial_fmu.cli.cohort:cohort_command", "Fit many subjects at many sites, and test claims."
     ),
     "first": Command("fitting", "arterial_fmu.cli.first:first_command", "Make a first model from a recording."),
     "calibrate": Command(
         "fitting", "arterial_fmu.cli.calibrate:calibrate_command", "Fit parameters of a network to recordings."
     ),
     "check": Command(
-        "fitting", "arterial_fmu.cli.fit:check_command", "Compare an FMU with a record, for a parameter set."
+        "fitting", "arterial_fmu.cli.check:check_command", "Compare an FMU with a record, for a parameter set."
     ),
     "discover": Command(
         "discrepancy",

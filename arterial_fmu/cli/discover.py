@@ -11,23 +11,15 @@ import discrepancy
 from arterial_fmu.cli.terminal.console import complain, faults, put, say, say_notes, say_written, sentences, show
 from arterial_fmu.cli.terminal.options import DefaultGroup, Json, Quiet, networks_for
 from arterial_fmu.cli.terminal.progress import bar
-from arterial_fmu.cli.terminal.record_options import (
-    AsMeasured,
-    Beside,
-    Columns,
-    Decimal,
-    Filters,
-    FMUBackend,
-    Further,
-    HeldOutFiles,
-    Mapped,
-)
-from fitting.records.read.columns import Reading
+from discrepancy.options import Asked
+from fitting.parallel.workers import cores
 from solver import NonPhysicalState, NotPeriodic
 from solver.io.exit_codes import ExitCode
 from solver.io.host_died import HostDied
 from solver.io.writing import check_destinations, write_whole
-from solver.network.files import parse_quantity
+from solver.network.files import find_network, parse_quantity
+
+from .terminal import record_options as options
 
 if TYPE_CHECKING:
     from discrepancy.findings.outcome import Outcome
@@ -38,11 +30,7 @@ _PACE = 600.0  # s over which the remaining time is estimated: stages differ in 
 
 
 app = typer.Typer(
-    cls=DefaultGroup,
-    add_completion=False,
-    help=discrepancy.__doc__,
-    no_args_is_help=True,
-    rich_markup_mode=None,
+    cls=DefaultGroup, add_completion=False, help=discrepancy.__doc__, no_args_is_help=True, rich_markup_mode=None
 )
 
 
@@ -62,12 +50,12 @@ def discover_command(
             autocompletion=networks_for,
         ),
     ] = None,
-    further: Further = None,
+    further: options.Further = None,
     varies: Annotated[
         list[str] | None,
         typer.Option(help='Parameters with a separate value for each recording, repeatable: "*.outlet.R2", "*.E".'),
     ] = None,
-    hold_out: HeldOutFiles = None,
+    hold_out: options.HeldOutFiles = None,
     period: Annotated[
         str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: from the record.')
     ] = None,
@@ -83,13 +71,13 @@ def discover_command(
             "is reported. The runs of the FMUs take additional time."
         ),
     ] = "5 min",
-    filters: Filters = None,
-    mapped: Mapped = None,
-    beside: Beside = None,
-    decimal: Decimal = None,
-    columns: Columns = False,
-    as_measured: AsMeasured = False,
-    backend: FMUBackend = "auto",
+    filters: options.Filters = None,
+    mapped: options.Mapped = None,
+    beside: options.Beside = None,
+    decimal: options.Decimal = None,
+    columns: options.Columns = False,
+    as_measured: options.AsMeasured = False,
+    backend: options.FMUBackend = "auto",
     jobs: Annotated[int | None, typer.Option(help="Parallel processes; default: one per available core.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -98,23 +86,25 @@ def discover_command(
 
     Exit codes: 0 verdict, 3 unusable record, 2 wrong input, 130 interrupted; the same command then continues the study.
     """
+    with sentences():
+        how = options.reading([record, *(further or ()), *(hold_out or ())], mapped, decimal, beside)
+        asked = Asked(
+            options.seconds(period, "--period"), walls, prior, parse_quantity(time_limit, "s", "--time-limit"),
+            cores() if jobs is None else jobs, tuple(filters or ()), tuple(further or ()), tuple(varies or ()),
+            tuple(hold_out or ()), backend,
+        )  # fmt: skip
+        asked.check()
+        if model is not None:
+            find_network(model)
     from discrepancy.findings.outcome import verdict_json
     from discrepancy.report.page import FILES
-    from discrepancy.workflow import discover  # takes a second
-    from fitting.parallel.workers import cores
+    from discrepancy.workflow import discover
     from fitting.results.result_files import json_text
 
     kept = "finished stages are kept; run the same command to continue from the stage that was interrupted."
     with sentences(*_ERRORS, interrupted=kept), bar(quiet, pace=_PACE) as progress:
-        seconds = None if period is None else parse_quantity(period, "s", "--period")
-        limit = parse_quantity(time_limit, "s", "--time-limit")
         progress(0.0, "reading")
-        outcome = discover(
-            record, model, out, further=further or (), varies=varies or (), hold_out=hold_out or (), period=seconds,
-            walls=walls, prior=prior, time_limit=limit, jobs=cores() if jobs is None else jobs,
-            reading=Reading.asked(mapped, decimal, beside), filters=filters or (), as_measured=as_measured,
-            backend=backend, progress=progress,
-        )  # fmt: skip
+        outcome = discover(record, model, out, reading=how, as_measured=as_measured, progress=progress, **vars(asked))
     if as_json:
         put(json_text(verdict_json(outcome)))
     elif not quiet:
@@ -146,12 +136,14 @@ def isolability_command(
     quiet: Quiet = False,
 ) -> None:
     """Predict, before any experiment, the effects that sensors distinguish, those they cannot see, and which to add."""
+    with sentences():
+        find_network(network)
+        check_destinations(out, given=[network])
     from discrepancy.find.model_source import read_model
     from discrepancy.plan.sensor_plan import plan_json, plan_sensors
     from fitting.results.result_files import json_text
 
     with sentences(*_ERRORS), bar(quiet, pace=_PACE) as progress:
-        check_destinations(out, given=[network])
         names = channels.replace(",", " ").split()
         plan = plan_sensors(read_model(network), names, dB, beats, progress)
         text = json_text(plan_json(plan))

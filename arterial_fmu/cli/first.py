@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -11,24 +11,23 @@ from rich.table import Table
 from arterial_fmu.cli.terminal.console import put, right, say_notes, say_written, sentences, show
 from arterial_fmu.cli.terminal.options import Force, Json, Quiet
 from arterial_fmu.cli.terminal.progress import bar
-from fitting.first.model import FirstModel, first_model
-from fitting.first.species import NAMES
-from fitting.first.text import error, value
-from fitting.records.alignment.align import align
-from fitting.records.plausible import check_plausible
-from fitting.records.read.columns import Reading
-from fitting.records.read.record import read_record
+from fitting.first.species import NAMES, typical
 from solver.errors import InputError
 from solver.io.writing import check_destinations, check_new, write_whole
 from solver.quantities.legible import number, significant
 from solver.quantities.text import typed_quantity
 from solver.quantities.units import of_signal
 
-from .terminal.record_options import RECORD_HELP, AsMeasured, Beside, Columns, Decimal, Mapped, Period, seconds
+from .terminal import record_options as options
+
+if TYPE_CHECKING:
+    from fitting.first.model import FirstModel
 
 
 def first_command(
-    record: Annotated[Path, typer.Argument(is_eager=True, help=f"{RECORD_HELP}, with `inlet.Q` and P at the root.")],
+    record: Annotated[
+        Path, typer.Argument(is_eager=True, help=f"{options.RECORD_HELP}, with `inlet.Q` and P at the root.")
+    ],
     out: Annotated[Path | None, typer.Option(help="Network file to write.")] = None,
     like: Annotated[str, typer.Option(help=f"Species of the typical aorta: {', '.join(NAMES)}.")] = "human",
     mass: Annotated[str | None, typer.Option(help='Body mass, "35 kg"; default: typical of the species.')] = None,
@@ -41,33 +40,31 @@ def first_command(
         list[str] | None,
         typer.Option(help='Sites along one path, repeatable: "Ao,CA"; default: one path, in the order of the delays.'),
     ] = None,
-    period: Period = None,
-    beside: Beside = None,
-    mapped: Mapped = None,
-    decimal: Decimal = None,
-    columns: Columns = False,
-    as_measured: AsMeasured = False,
+    period: options.Period = None,
+    beside: options.Beside = None,
+    mapped: options.Mapped = None,
+    decimal: options.Decimal = None,
+    columns: options.Columns = False,
+    as_measured: options.AsMeasured = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a first model from a recording: resistance, compliance, impedance, delays, and the network from them."""
+    with sentences():
+        how = options.reading([record], mapped, decimal, beside)
+        T = options.seconds(period, "--period")
+        check_destinations(out, given=[record, *how.beside])
+        typical(like)
+        kilograms = None if mass is None else typed_quantity(mass, "kg", "--mass")
+        P_venous = typed_quantity(venous, "Pa", "--venous")
+        distances = _distances(distance or [])
+    from fitting.first.model import first_model
+
     with sentences(), bar(quiet) as progress:
         progress(0.0, "reading")
-        how = Reading.asked(mapped, decimal, beside)
-        check_destinations(out, given=[record, *how.beside])
-        measured = read_record(record, how)
-        if not as_measured:
-            check_plausible(measured, {})
-        beats = align(measured, seconds(period, "--period"))
-        found = first_model(
-            beats,
-            like,
-            mass=None if mass is None else typed_quantity(mass, "kg", "--mass"),
-            P_venous=typed_quantity(venous, "Pa", "--venous"),
-            distances=_distances(distance or []),
-            paths=path or [],
-        )
+        beats = options.beats_of(record, how, {}, as_measured, T)
+        found = first_model(beats, like, mass=kilograms, P_venous=P_venous, distances=distances, paths=path or [])
         if out is not None:
             check_new({out: found.text}, force)
             write_whole(out, found.text)
@@ -94,6 +91,8 @@ def plain(model: FirstModel) -> dict[str, Any]:
 
 def tables(model: FirstModel) -> tuple[Table, Table]:
     """Tables of the numbers, and of each channel of the record against the model."""
+    from fitting.first.text import error, value
+
     found = Table("found", right("value"), right("1 sd"), "how", title="First model", title_justify="left")
     for each in model.found:
         found.add_row(each.name, value(each), error(each), each.how)

@@ -84,14 +84,9 @@ def main(
 
 
 def _settings(
-    scheme: str,
-    dt: float,
-    element_length: str | None,
-    cell: str | None,
-    cfl: float | None,
-    ends: str | None,
+    scheme: str, dt: float, element_length: str | None, cell: str | None, cfl: float | None, ends: str | None,
     slopes: str | None,
-) -> AnySettings:
+) -> AnySettings:  # fmt: skip
     """The settings of a scheme; raises for an option of the other one."""
     volumes = {"--cell": cell, "--cfl": cfl, "--ends": ends, "--slopes": slopes}
     muscl = scheme == "muscl"
@@ -113,38 +108,15 @@ def _assignments(network: Network, texts: list[str]) -> dict[str, float]:
 
 
 def _run(
-    network: Network,
-    scheme: str,
-    settings: AnySettings,
-    duration: str | None,
-    start: str | None,
-    tolerance: float,
-    max_beats: int,
-    backend: str,
-    quiet: bool,
-) -> Waveforms:
+    network: Network, scheme: str, settings: AnySettings, duration: str | None, start: str | None, tolerance: float,
+    max_beats: int, backend: str, quiet: bool,
+) -> Waveforms:  # fmt: skip
     with bar(quiet, f"simulating {network.name}") as progress:
+        how: dict[str, Any] = {"settings": settings, "scheme": scheme, "backend": backend, "progress": progress}
         if duration is not None:
             seconds = parse_quantity(duration, "s", "--duration")
-            return simulate(
-                network,
-                duration=seconds,
-                settings=settings,
-                scheme=scheme,
-                start=start or "rest",
-                progress=progress,
-                backend=backend,
-            )
-        return simulate_periodic(
-            network,
-            settings=settings,
-            scheme=scheme,
-            tolerance=tolerance,
-            max_beats=max_beats,
-            start=start,
-            progress=progress,
-            backend=backend,
-        )
+            return simulate(network, duration=seconds, start=start or "rest", **how)
+        return simulate_periodic(network, tolerance=tolerance, max_beats=max_beats, start=start, **how)
 
 
 def _plain(network: Network, result: Waveforms, out: Path | None) -> dict[str, Any]:

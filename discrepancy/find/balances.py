@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import false_discovery_control, norm
+from scipy.special import chdtrc, ndtr
 
 from fitting.inference.fit import Array
 from fitting.inference.models.bench import bench
@@ -41,7 +40,7 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
     """
     variance = np.einsum("kii->ki", covariance).real
     z = np.abs(residual) / np.sqrt(variance)
-    p = np.where(np.arange(len(z))[:, None] == 0, 2.0 * norm.sf(z), np.exp(-(z**2)))
+    p = np.where(np.arange(len(z))[:, None] == 0, 2.0 * ndtr(-z), np.exp(-(z**2)))
     significant = benjamini_yekutieli(p, thresholds.CHANCE)
     order = np.argsort(-np.where(significant, z, -1.0), axis=None)
     located = []
@@ -53,13 +52,16 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
             located.append(Located(site, signal, int(k), float(z[k, i]), phase))
     power = np.einsum("ki,kij,kj->k", residual.conj(), np.linalg.inv(covariance), residual).real
     total = power[0] + 2.0 * power[1:].sum()  # χ² = Σ weight x† C⁻¹ x
-    p_value = float(chi2_distribution.sf(total, residual.shape[1] * (2 * len(power) - 1)))
+    p_value = float(chdtrc(residual.shape[1] * (2 * len(power) - 1), total))
     return Found(z, p_value, tuple(located))
 
 
 def benjamini_yekutieli(p: Array, rate: float) -> Array:
     """Mask of the p-values that are discoveries at this false discovery rate, under any dependence; any shape."""
-    return np.asarray(false_discovery_control(p.ravel(), method="by") <= rate).reshape(p.shape)
+    ranks = np.arange(1, p.size + 1)
+    found = np.sort(p, axis=None)
+    found = found[found <= rate * ranks / (p.size * np.sum(1.0 / ranks))]
+    return np.asarray(p <= found.max(initial=-1.0))
 
 
 def mass_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:

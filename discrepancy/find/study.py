@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from fitting.inference.forward import Single
 from fitting.inference.hypothesis import Term, candidates
@@ -187,7 +187,7 @@ def other_law(beats: Beats, network: Network, site: str) -> tuple[str, ...]:
         return ()
     law, own, weights = found.model.elastic, network.elastic_law, found.evidence
     decided = law != own and weights is not None and weights.decided
-    if not decided or chi2.sf(found.chi2, found.dof) < MISFIT:
+    if not decided or chdtrc(found.dof, found.chi2) < MISFIT:
         return ()
     return (
         f"{site}: the file's elastic law is {own}, but a wall of the {law} law explains P and R within their noise by "

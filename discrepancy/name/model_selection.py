@@ -37,13 +37,13 @@ from fitting.inference.unknown import Unknown, absent
 from solver.errors import InputError
 
 from .. import thresholds as at
+from ..options import COMMON
 from .at_places import named_at
 from .individual_walls import set_apart
 from .intervals import profiled
 from .scoring import Compared, Named, exact, last_of, names_of, there
 from .verdict import Naming, decided
 
-COMMON, INDIVIDUAL = "common", "individual"
 _MAPPED = 0.6  # of the time limit: most that the source map may take
 _NO_SIZE = 0.05  # of x: a smaller effect did not lower the cost itself
 

@@ -67,7 +67,7 @@ def why_walls(outcome: Outcome) -> str:
     if asked.get("walls") == walls:
         return f"set by --walls {walls}"
     if not outcome.complete:
-        return "the search is incomplete"
+        return "the time limit ended the search before the record could decide"
     if walls == "individual":
         return "the record is more probable with individual walls"
     return "the record gives no evidence for individual walls"

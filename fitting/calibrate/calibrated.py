@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -190,16 +188,6 @@ def _over_all(rms: Sequence[Mapping[str, float]]) -> dict[str, float]:
 def noise_known(beats: Sequence[int]) -> float:
     """Degrees of freedom of the noise estimate from recordings with these numbers of beats."""
     return sum(degrees_of_freedom(n, at_ends=True) for n in beats)
-
-
-def labels_of(sources: Sequence[str]) -> list[str]:
-    """Names of recordings: those of their files without folder and suffix, with a number where two are the same."""
-    labels: list[str] = []
-    for source in sources:
-        stem = Path(source).stem
-        numbered = (f"{stem}-{i}" for i in count(2))
-        labels.append(next(label for label in chain([stem], numbered) if label not in labels))
-    return labels
 
 
 def _plain(each: Recording) -> dict[str, Any]:

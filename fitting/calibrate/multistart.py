@@ -21,7 +21,7 @@ from ..inference.unknown import Unknown, starting_points
 from ..inference.unknown_text import parse_unknowns, varied
 from ..parallel.tasks import done
 from ..records.alignment.beats import Beats
-from .calibrated import labels_of
+from ..records.recordings import labels_of
 from .network_calibration import Calibration, Progress, calibrate
 
 Array = np.ndarray

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import f as f_distribution
-from scipy.stats import t as t_distribution
+from scipy.special import fdtrc, stdtr, stdtrit
 
 from solver.errors import InputError
 
@@ -36,14 +35,14 @@ class Contrast:
 
     def interval(self, level: float) -> tuple[float, float]:
         """Its two-sided interval, 0 < level < 1, by Student's t."""
-        half = float(t_distribution.ppf(0.5 + 0.5 * level, self.df)) * self.se
+        half = float(stdtrit(self.df, 0.5 + 0.5 * level)) * self.se
         return self.estimate - half, self.estimate + half
 
     def p_value(self) -> float:
         """Two-sided p of a true value of 0."""
         if self.se == 0.0:
             return float(self.estimate == 0.0)
-        return float(2.0 * t_distribution.sf(abs(self.estimate) / self.se, self.df))
+        return float(2.0 * stdtr(self.df, -abs(self.estimate) / self.se))
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ class RandomIntercept:
         F = sum((part.estimate / part.se) ** 2 for part in parts) / q
         E = sum(part.df / (part.df - 2.0) for part in parts if part.df > 2.0)
         df = 2.0 * E / (E - q) if E > q else min(part.df for part in parts)
-        return F, float(q), df, float(f_distribution.sf(F, q, df))
+        return F, float(q), df, float(fdtrc(q, df, F))
 
 
 def random_intercept(y: Array, sites: Sequence[str], animals: Sequence[str]) -> RandomIntercept:

@@ -63,8 +63,23 @@ def network_file(
 ) -> str:
     """TOML with all of it. windkessels : R1, C, R2 by stretch [SI]. factor : of the fit, by parameter. late : of the
     inflow [s], as a comment."""
+    lines = [*_head(source, found, notes), *_inlet(source, tubes[0].stretch.name)]
+    for tube in tubes:
+        lines += _segment(tube, factor)
+    lines += _junctions(tubes)
+    for name, numbers in windkessels.items():
+        lines += _outlet(name, numbers, source.P_venous, factor)
+    lines += _sites(source.root, tubes)
+    if late:
+        lines += ["", f'# [channels."{INFLOW}"]  # remove the signs # in front to keep the delay in the model']
+        lines += [f'# delay = "{1e3 * late:.3g} ms"']
+    return "\n".join(lines) + "\n"
 
-    lines = [
+
+def _head(source: Source, found: Iterable[Found], notes: Iterable[str]) -> list[str]:
+    """Comments, texts and numbers of the whole network."""
+    P_ref = (source.P, "mean pressure at the root: R0 and E are those of that pressure")
+    return [
         f"# A first model of {source.record}, for editing: the start of a calibration, not its result.",
         "# Estimates from the recording, with one standard deviation and the method:",
         *(f"#   {each.name} = {value(each)} {error(each)}: {each.how}" for each in found),
@@ -77,62 +92,63 @@ def network_file(
         f'reference = "{REFERENCE}{source.record}, sha256 {source.sha256[:16]}"',
         "",
         "[network]",
-        *_lines(
-            Network,
-            {},
-            P_ref=(source.P, "mean pressure at the root: R0 and E are those of that pressure"),
-            P_0=(source.P, "start there"),
-        ),
+        *_lines(Network, {}, P_ref=P_ref, P_0=(source.P, "start there")),
+    ]
+
+
+def _inlet(source: Source, segment: str) -> list[str]:
+    return [
         "",
         "[inlet]  # the mean beat of inlet.Q, by its harmonics [m^3/s]",
-        f'segment = "{tubes[0].stretch.name}"',
+        f'segment = "{segment}"',
         f'T = "{source.T!r} s"',
         f"Q_mean = {source.Q[0].real:.5g}",
         f"Q_cos = [{', '.join(f'{x:.4g}' for x in 2.0 * source.Q[1:].real)}]",
         f"Q_sin = [{', '.join(f'{x:.4g}' for x in -2.0 * source.Q[1:].imag)}]",
     ]
-    for tube in tubes:
-        s = tube.stretch
-        lines += [
-            "",
-            f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long",
-            *_lines(
-                Segment,
-                of_owner(factor, s.name),
-                L=(tube.L, "wave speed times that time"),
-                R0=(tube.R0, "from c and Z_c over its share of the flow"),
-                h=(tube.h, "a typical fraction of R0"),
-                E=(tube.E, "from c, R0 and h; the recording determines only E h"),
-                phi0=(tube.phi0, "a typical fraction of E"),
-            ),
-        ]
-    heads: dict[str, list[str]] = {}
-    for tube in tubes:
-        if tube.stretch.parent:
-            heads.setdefault(tube.stretch.parent, []).append(tube.stretch.name)
-    for parent, children in heads.items():
-        lines += ["", "[[junctions]]", f'in = ["{parent}"]', f"out = {quoted(tuple(children))}"]
-    for name, (R1, C, R2) in windkessels.items():
-        lines += [
-            "",
-            f"[outlets.{name}]",
-            *_lines(
-                Windkessel,
-                of_owner(factor, f"{name}.outlet"),
-                R1=(R1, "the impedance of the tube: no reflection of steep waves"),
-                C=(C, "its share of the compliance outside the tubes"),
-                R2=(R2, "the rest of its share of the resistance"),
-                P_venous=(source.P_venous, "given, not estimated"),
-            ),
-        ]
-    places = [(source.root, tubes[0].stretch.name, 0.0)] if source.root else []
+
+
+def _segment(tube: Tube, factor: Mapping[str, float]) -> list[str]:
+    s = tube.stretch
+    numbers = _lines(
+        Segment,
+        of_owner(factor, s.name),
+        L=(tube.L, "wave speed times that time"),
+        R0=(tube.R0, "from c and Z_c over its share of the flow"),
+        h=(tube.h, "a typical fraction of R0"),
+        E=(tube.E, "from c, R0 and h; the recording determines only E h"),
+        phi0=(tube.phi0, "a typical fraction of E"),
+    )
+    return ["", f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long", *numbers]
+
+
+def _junctions(tubes: Sequence[Tube]) -> list[str]:
+    parents = dict.fromkeys(tube.stretch.parent for tube in tubes if tube.stretch.parent)
+    lines = []
+    for parent in parents:
+        children = tuple(tube.stretch.name for tube in tubes if tube.stretch.parent == parent)
+        lines += ["", "[[junctions]]", f'in = ["{parent}"]', f"out = {quoted(children)}"]
+    return lines
+
+
+def _outlet(name: str, numbers: tuple[float, ...], P_venous: float, factor: Mapping[str, float]) -> list[str]:
+    R1, C, R2 = numbers
+    written = _lines(
+        Windkessel,
+        of_owner(factor, f"{name}.outlet"),
+        R1=(R1, "the impedance of the tube: no reflection of steep waves"),
+        C=(C, "its share of the compliance outside the tubes"),
+        R2=(R2, "the rest of its share of the resistance"),
+        P_venous=(P_venous, "given, not estimated"),
+    )
+    return ["", f"[outlets.{name}]", *written]
+
+
+def _sites(root: str, tubes: Sequence[Tube]) -> list[str]:
+    places = [(root, tubes[0].stretch.name, 0.0)] if root else []
     places += [(tube.stretch.site, tube.stretch.name, 1.0) for tube in tubes if tube.stretch.site]
-    lines += ["", "[sites]"]
-    lines += [f'{site} = {{ segment = "{segment}", position = {at:g} }}' for site, segment, at in places]
-    if late:
-        lines += ["", f'# [channels."{INFLOW}"]  # remove the signs # in front to keep the delay in the model']
-        lines += [f'# delay = "{1e3 * late:.3g} ms"']
-    return "\n".join(lines) + "\n"
+    texts = (f'{site} = {{ segment = "{segment}", position = {at:g} }}' for site, segment, at in places)
+    return ["", "[sites]", *texts]
 
 
 def _lines(kind: Any, factor: Mapping[str, float], **rows: tuple[float, str]) -> list[str]:

@@ -12,8 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
-from scipy.stats import t as t_distribution
+from scipy.special import ndtri, stdtrit
 
 from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, Coordinate
@@ -224,4 +223,4 @@ def parameter_intervals(
 
 def quantile(dof: float) -> float:
     """Half a 95 % interval in standard deviations, by Student's t."""
-    return float(t_distribution.ppf(0.975, dof))
+    return float(stdtrit(dof, 0.975))

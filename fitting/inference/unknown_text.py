@@ -65,7 +65,9 @@ def parse_unknowns(texts: Iterable[str | Unknown], network: Network) -> tuple[Un
     """The unknowns of some texts, checked against a network. Raises ValueError as :func:`parse_unknown`."""
     unknowns = tuple(parse_unknown(text, network) if isinstance(text, str) else text for text in texts)
     if not unknowns:
-        raise InputError('unknowns: none given; name at least one parameter to find, such as "all.E".')
+        examples = ("all.E", *(name for name in network.parameter_quantities() if ".outlet.R" in name))[:2]
+        given = " ".join(f'--free "{name}"' for name in examples)
+        raise InputError(f"unknowns: none given; name parameters of network {network.name}, such as {given}.")
     moved: dict[tuple[str, ...], str] = {}
     for unknown in unknowns:
         same = tuple(sorted(unknown.variables))

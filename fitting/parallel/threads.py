@@ -10,7 +10,6 @@ from collections.abc import Callable
 from functools import cache, wraps
 from typing import ParamSpec, TypeVar
 
-import scipy.linalg  # noqa: F401  (a BLAS must be loaded to be found)
 from threadpoolctl import ThreadpoolController
 
 Arguments = ParamSpec("Arguments")
@@ -33,4 +32,6 @@ def single_threaded(function: Callable[Arguments, Result]) -> Callable[Arguments
 
 @cache
 def _controller() -> ThreadpoolController:
+    import scipy.linalg  # noqa: F401  (a BLAS must be loaded to be found)
+
     return ThreadpoolController()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtri
 
 from ..inference.models.loop import Loop
 from .elastic_law import MISFIT
@@ -68,7 +68,7 @@ def _noise_of_R(fitted: WallFit) -> str:
         key=lambda name: abs(fitted.ignored_noise[name] - fitted.values[name]) / (fitted.sd(name) or np.inf),
     )
     shift = fitted.ignored_noise[worst] - fitted.values[worst]
-    if abs(shift) <= max(float(norm.ppf(0.975)) * fitted.sd(worst), NOISE_BIAS * abs(fitted.values[worst])):
+    if abs(shift) <= max(float(ndtri(0.975)) * fitted.sd(worst), NOISE_BIAS * abs(fitted.values[worst])):
         return ""
     return (
         f"the noise of R biases ordinary least squares by more than the interval ({worst} by "
@@ -85,7 +85,7 @@ def _misfit(fitted: WallFit) -> str:
             if missed > MISSED
             else ""
         )
-    if chi2.sf(fitted.chi2, fitted.dof) >= MISFIT:
+    if chdtrc(fitted.dof, fitted.chi2) >= MISFIT:
         return ""
     return (
         f"the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from solver.errors import InputError
 from solver.laws.wall import Wall
@@ -198,5 +198,5 @@ def measured_loss(beats: Beats, site: str) -> tuple[float, float]:
 def measured_estimate(beats: Beats, site: str) -> Estimate:
     """:func:`measured_loss` with its 95 % interval."""
     loss, sd = measured_loss(beats, site)
-    half = float(norm.ppf(0.975)) * sd
+    half = float(ndtri(0.975)) * sd
     return Estimate(loss, "J/m", (loss - half, loss + half))

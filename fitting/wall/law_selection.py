@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from solver.network.description import Segment
 from solver.quantities.quantity import quantities
@@ -40,7 +40,7 @@ def weighing_model(name: str) -> str:
 def evidence(fits: Sequence[WallFit], refused: Sequence[str] = ()) -> LawEvidence:
     """The evidence from fits of one loop, one per law. refused : laws without a fit."""
     missed, dof = min(map(_missed, fits)), 2 * _harmonics(fits[0]) + 1 - len(fits[0].model.free)
-    c = max(1.0, missed / dof) + max(0.0, missed - float(chi2.isf(MISFIT, dof)))
+    c = max(1.0, missed / dof) + max(0.0, missed - float(chdtri(dof, MISFIT)))
     ln = {f.model.elastic: -0.5 * (_missed(f) / c - _log_volume(f)) for f in fits}
     best = max(ln.values())
     return LawEvidence({law: x - best for law, x in ln.items()}, tuple(refused))

@@ -11,8 +11,10 @@ between beats gives the variance of each
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -128,14 +130,38 @@ def without_lag(beats: Beats, fitted: WallFit) -> Beats:
 
 
 @single_threaded
+def linear_fit(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[WallFit]:
+    """The linear model's fit, for comparison with that of another model; empty if there is none.
+
+    options : of :func:`fit`, as for ``kept``.
+    """
+    with suppress(NoFit):
+        if kept.model.name != "linear":
+            return [fit(beats, kept.site, kept.h, model("linear", kept.model.elastic), **options)]
+    return []
+
+
+def favoured_law(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[str]:
+    """A sentence if the record favours a law other than the given one. options : as for :func:`linear_fit`."""
+    with suppress(NoFit):
+        if kept.evidence is None:
+            best = fit(beats, kept.site, kept.h, kept.model.name, **options)
+            if best.evidence is not None and best.evidence.decided and best.model.elastic != kept.model.elastic:
+                return [f"{kept.site}: --law {kept.model.elastic} was given, but the record favours {best.law}."]
+    return []
+
+
 def bootstrap(
     fitted: WallFit, beats: Beats, replicates: int = 200, seed: int = 0, progress: Callable[[float], None] | None = None
 ) -> dict[str, tuple[float, float]]:
     """95 % bootstrap intervals from beats drawn with replacement, to check the intervals of :func:`fit`.
 
     Each replicate refits the mean of n drawn beats; the noise of the harmonics stays that of the record. Percentile
-    intervals, for ``model.free``, widened by √(n/(n - 1)), because n drawn beats scatter less than n measured ones.
+    intervals, for ``model.free``; none without replicates. They are widened by √(n/(n - 1)), because n drawn beats
+    scatter less than n measured ones.
     """
+    if replicates == 0:
+        return {}
     rng = np.random.default_rng(seed)
     beats, lag = paired(without_lag(beats, fitted), fitted.site), 0.0 if np.isfinite(fitted.lag[1]) else None
     names = (f"{fitted.site}.P", f"{fitted.site}.R")

@@ -44,7 +44,9 @@ class Settings:
             value = getattr(self, name)
             if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
                 allowed = f"[{low:g}, {high:g}] {unit}".rstrip()
-                raise InputError(f"settings: {name} = {value!r} must be a number in {allowed}.")
+                raise InputError(
+                    f"settings: {name} = {value!r} must be a number in {allowed}, such as {getattr(Settings, name):g}."
+                )
         if not isinstance(self.degree, (int, np.integer)) or not 1 <= self.degree <= 12:
             raise InputError(f"settings: degree = {self.degree!r} must be an integer from 1 to 12.")
 

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from arterial_fmu.cli.terminal.console import put, say, sentences, show
 from fitting.cohort.file import read_cohort
 from fitting.records.read.columns import Reading
-from fitting.records.read.preview import preview, preview_questions
+from fitting.records.recordings import check_readable
 from solver.network.files import parse_quantity
 
 from ..tables.preview import preview_table
+
+if TYPE_CHECKING:
+    from fitting.records.alignment.beats import Beats
+    from fitting.records.plausible import Artery
 
 
 def _look(ctx: typer.Context, wanted: bool) -> None:
     """Show the columns and stop, before other arguments are checked."""
     if not wanted or ctx.resilient_parsing:
         return
+    from fitting.records.read.preview import preview, preview_questions
+
     given: dict[str, Any] = ctx.params
     with sentences():
         path = given["record"] if "record" in given else read_cohort(given["cohort"])[0].record
@@ -74,6 +81,12 @@ AsMeasured = Annotated[
     typer.Option("--as-measured", help="Accept values outside the range of arteries, e.g. of a phantom or a vein."),
 ]
 Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: from the record.')]
+Law = Annotated[
+    str | None,
+    typer.Option(
+        help="Elastic law: beta (the paper's network) or regression (the paper's fit); default: both, by evidence."
+    ),
+]
 FMUBackend = Annotated[
     str,
     typer.Option(
@@ -90,8 +103,7 @@ Columns = Annotated[
 # Options rather than further arguments: `RECORD --columns` has no network, and the role of each file must be
 # unambiguous
 Further = Annotated[
-    list[Path] | None,
-    typer.Option("--and", metavar="FILE", help="A further recording of the same animal, repeatable."),
+    list[Path] | None, typer.Option("--and", metavar="FILE", help="A further recording of the same animal, repeatable.")
 ]
 HeldOutFiles = Annotated[
     list[Path] | None,
@@ -102,3 +114,26 @@ HeldOutFiles = Annotated[
 def seconds(text: str | None, name: str) -> float | None:
     """The value of an option in seconds; None if it is not given."""
     return None if text is None else parse_quantity(text, "s", name)
+
+
+def reading(
+    records: Sequence[Path], mapped: list[str] | None, decimal: str | None, beside: list[Path] | None
+) -> Reading:
+    """How to read these records. Raises InputError for a wrong option, or a file that cannot be opened."""
+    how = Reading.asked(mapped, decimal, beside)
+    check_readable(*records, *how.beside)
+    return how
+
+
+def beats_of(
+    record: Path, how: Reading, arteries: Mapping[str, Artery], as_measured: bool, period: float | None
+) -> Beats:
+    """The beats of a record, after the check of its values unless ``as_measured``. period : [s]."""
+    from fitting.records.alignment.align import align
+    from fitting.records.plausible import check_plausible
+    from fitting.records.read.record import read_record
+
+    measured = read_record(record, how)
+    if not as_measured:
+        check_plausible(measured, arteries)
+    return align(measured, period)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import fdtrc
 
 from solver.errors import InputError
 
@@ -106,13 +107,11 @@ def check_steady(unsteadiness: float, T: float, source: str) -> None:
 
 def without_jitter(values: Mapping[str, Array], T: float) -> tuple[Mapping[str, Array], Array]:
     """Values with significant jitter taken out, and the shifts [s]; the same values and zeros if there is none."""
-    from scipy.stats import f as f_distribution  # takes half a second
-
     n_beats, N = next(iter(values.values())).shape
     turns, information, means = _timing(values.values(), N)
     free = max(n_beats - 2, 1)  # shifts beside mean and period
     noise = 2.0 * (2.0 * limit.NEIGHBOURS + 1.0) * free  # numbers that tell it
-    if n_beats < 3 or f_distribution.sf(information * (turns @ turns) / free, free, noise) > limit.JITTER:
+    if n_beats < 3 or fdtrc(free, noise, information * (turns @ turns) / free) > limit.JITTER:
         return values, np.zeros(n_beats)
     moved = {}
     for (name, beats), mean_beat in zip(values.items(), means, strict=True):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from solver.errors import InputError
 
+from ..recordings import check_readable
 from .binary import read_edf, read_matlab
 from .table import Table
 from .text import read_text_table
@@ -39,8 +40,7 @@ def read_table(path: str | os.PathLike[str], decimal: str | None = None) -> Tabl
     Raises ValueError, one sentence that names the file, what was found and what to do.
     """
     path = Path(path)
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path}: cannot be read (not a regular file); give the name of a CSV file.")
+    check_readable(path)
     try:
         with open(path, "rb") as stream:
             start = stream.read(16)
