@@ -23,6 +23,8 @@ RUNS = {
     "size": (["10", "20"], "a step of 20 segments, comb"),
     "native": (["--small"], "measure"),  # or why it does not
     "native_fmu": (["--small"], "measure"),  # or why it does not
+    "native_fuzz": (["--calls", "2000"], "calls"),  # or why it does not
+    "native_drawn": (["--examples", "10"], "10 networks"),
     "fmu": (["--small"], "doStep of 1 ms where ports are read"),
     "fit_speed": (["--small"], "network: 10 unknowns, P, Q, R at 7 sites"),
     "wall_fits": (["--seeds", "2"], "CA"),
@@ -60,7 +62,7 @@ def test_make_bench_runs_them() -> None:
 
 
 # less than five seconds; the others are run before a release
-SHORT = ("speed", "balance", "size", "native", "native_fmu", "mutations", "periods")
+SHORT = ("speed", "balance", "size", "native", "native_fmu", "native_fuzz", "native_drawn", "mutations", "periods")
 
 
 @pytest.mark.parametrize(

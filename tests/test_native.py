@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
 from native_build import FILE, build
 from test_halving import LONG, jumping
 from test_several_inlets import fork
@@ -19,15 +17,11 @@ from test_table_source import table
 from test_toy import Orifice, TissueSupport
 
 from solver import (
-    Inlet,
     InputError,
-    Junction,
     Network,
     NonPhysicalState,
     Reflection,
-    Segment,
     Settings,
-    Site,
     Waveforms,
     Windkessel,
     load,
@@ -334,70 +328,6 @@ def test_what_is_not_recorded(branching: Network) -> None:
     assert run.backend == "numpy: this network is not recorded: a number is asked for that depends on the state"
     with pytest.raises(InputError, match=r"^backend = 'native': this network is not recorded: .*'numpy'\.$"):
         simulate(branching, duration=0.02, settings=COARSE, backend="native")
-
-
-# --- drawn networks ---------------------------------------------------------------------------------------------------
-
-
-@st.composite
-def networks(draw: Any) -> tuple[Network, dict[str, Any]]:
-    """A tree of up to five arteries, perhaps closed to a loop, of any outlets, laws and effects, and a batch of two."""
-    real = lambda low, high: draw(st.floats(low, high))  # noqa: E731
-    count, loop = draw(st.integers(1, 5)), draw(st.booleans())
-    parents = [draw(st.integers(0, i - 1)) for i in range(1, count)]
-    ways = {i: [f"S{j}" for j, p in enumerate(parents, 1) if p == i] for i in range(count)}
-    segments = [
-        Segment(
-            f"S{i}",
-            real(0.02, 0.15),
-            real(3e-3, 1e-2),
-            real(5e-4, 1e-3),
-            real(5e5, 2e6),
-            draw(st.sampled_from([0.0, 1e4])),
-        )
-        for i in range(count)
-    ]
-    if loop:  # two ways from the root to one end
-        segments += [Segment(name, real(0.02, 0.1), 4e-3, 6e-4, 8e5, 1e4) for name in ("P", "Q", "E")]
-        ways[0] += ["P", "Q"]
-    junctions = [Junction((f"S{i}",), tuple(way), k=real(0.0, 1.0)) for i, way in ways.items() if way]
-    junctions += [Junction(("P", "Q"), ("E",))] if loop else []
-    ends = [f"S{i}" for i, way in ways.items() if not way] + (["E"] if loop else [])
-    kinds = {
-        "R_t": lambda s: Reflection(s, R_t=real(-0.5, 0.9)), "P": lambda s: Pressure(s, P_venous=real(0.0, 500.0)),
-        "RCR": lambda s: Windkessel(s, R1=1e8, C=real(1e-10, 1e-8), R2=1e9),
-        "R": lambda s: Resistance(s, R=real(1e7, 1e9)),
-    }  # fmt: skip
-    network = Network(
-        "drawn", tuple(segments), Inlet("S0", Q_max=real(2e-5, 5e-5), T=0.4), tuple(junctions),
-        tuple(kinds[draw(st.sampled_from(sorted(kinds)))](end) for end in ends),
-        tuple(Site(s.name, s.name, real(0.0, 1.0)) for s in segments),
-        elastic_law=draw(st.sampled_from(sorted(ELASTIC_LAWS))),
-        viscous_law=draw(st.sampled_from(["quadratic", "monotone"])),
-    )  # fmt: skip
-    for name in draw(
-        st.sets(st.sampled_from(["stress_relaxation", "taper", "stenosis", "side_branch", "unsteady_friction"]))
-    ):
-        effect = effects.BY_NAME[name]
-        places = {"all", "S0"} & {*effect.where(network)}  # none for the memory of an elastic wall
-        network = effect.add(network, min(places), values_of(effect)) if places else network
-    return network, {"S0.E": np.array([8e5, real(5e5, 2e6)])} if draw(st.booleans()) else {}
-
-
-@settings(max_examples=15, phases=[Phase.explicit, Phase.generate])
-@given(networks())
-def test_drawn_networks(drawn: tuple[Network, dict[str, Any]]) -> None:
-    """Any of these: equal where steps are solved to round-off, so that nothing is left over that may differ."""
-    network, parameters = drawn
-    options = {"parameters": parameters, "settings": Settings(dt=2e-3, tolerance=1e-12), "duration": 0.05}
-    try:
-        expected = simulate(network, backend="numpy", **options)
-    except NonPhysicalState as error:
-        with pytest.raises(NonPhysicalState, match=f"^{re.escape(str(error))}$"):
-            simulate(network, backend="native", **options)
-        return
-    found = simulate(network, backend="native", **options)
-    assert found.backend == "native" and off(found, expected) < EQUAL
 
 
 # --- what goes wrong --------------------------------------------------------------------------------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -13,17 +12,16 @@ from collections.abc import Callable
 from ctypes import CDLL
 from pathlib import Path
 
-import fmpy
+import native_fuzz
 import pytest
 from c_host import CHost, Unpacked, unpack
 from fmpy.fmi2 import fmi2Discard, fmi2Error
 from fmus import COARSE, Store
-from native_fmus import COMPILER, needs_compiler
+from native_fmus import needs_compiler
 from test_fmu_bad_input import BAD, HOST, sentence_of_the_solver
 
 from build_fmu import build_native, build_native_model
 from fmu_src.contents.models import Model, body_model, heart_model
-from fmu_src.native.binaries import SOURCES
 from solver import Network, load
 
 pytestmark = needs_compiler
@@ -186,9 +184,7 @@ def test_a_logger_that_calls_back(c_host: CHost, coarse: Unpacked) -> None:
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_every_function_is_exported(coarse: Unpacked, fmi: int) -> None:
     """All functions that the headers of the standard declare, as FMPy brings them; those of model exchange, too."""
-    header = Path(fmpy.__file__).parent / "c-code" / f"fmi{fmi}Functions.h"
-    names = set(re.findall(rf"#define (fmi{fmi}\w+) +fmi{fmi}FullName", header.read_text()))
-    library = CDLL(os.fspath(coarse.library))
+    names, library = native_fuzz.functions(fmi), CDLL(os.fspath(coarse.library))
     assert len(names) > 40 and [name for name in sorted(names) if not hasattr(library, name)] == []
 
 
@@ -233,40 +229,37 @@ def answers(native: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
 # --- sanitizers ---------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def fuzz(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The fuzzing host with the FMU's sources in it, under the address and undefined-behaviour sanitizers."""
-    program = tmp_path_factory.mktemp("fuzz") / "fuzz"
-    flags = ["-std=gnu11", "-g", "-O1", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined"]
-    files = [*map(str, sorted(SOURCES.glob("*.c"))), *map(str, sorted(SOURCES.glob("fmu/*.c")))]
-    host = Path(__file__).with_name("native_fuzz.c")
-    line = [str(COMPILER), *flags, "-fno-sanitize-recover=all", *files, str(host), "-o", str(program), "-lm"]
-    done = subprocess.run(line, capture_output=True, text=True)
-    if "sanitizer" in done.stderr or "libasan" in done.stderr:
-        pytest.skip("the compiler has no sanitizers")
-    assert done.returncode == 0, done.stderr
-    return program
+@pytest.fixture(scope="module", params=[2, 3])
+def fuzz(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
+    """A version of FMI, and its fuzzing host with the FMU's sources in it."""
+    try:
+        return request.param, native_fuzz.compiled(request.param, tmp_path_factory.mktemp("fuzz"))
+    except native_fuzz.NoSanitizers as reason:
+        pytest.skip(str(reason))
 
 
-def survives(fuzz: Path, fmu: Unpacked, seed: int) -> None:
+def survives(fuzz: tuple[int, Path], fmu: Path, folder: Path, seed: int) -> None:
     """50 000 random calls to three instances: no report of the sanitizers, and steps and derivatives among what
     succeeded."""
-    n = len(fmu.outputs)
-    numbers = [seed, 50_000, len(fmu.references) - n, n]
-    line = [str(fuzz), str(fmu.folder / "resources"), fmu.instantiate(0).split()[4], *map(str, numbers)]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=500)
-    assert (done.returncode, done.stderr) == (0, "")
-    _, fine, steps, derived, lines = map(int, done.stdout.split())
-    assert fine > 10_000 and steps > 1_000 and derived > 50 and lines > 10_000
+    counts, report = native_fuzz.run(fuzz[1], unpack(fmu, folder).folder, seed, 50_000)
+    assert counts is not None and report == ""
+    assert counts.fine > 10_000 and counts.steps > 1_000 and counts.derived > 50 and counts.lines > 10_000
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_every_function_is_called(fmi: int) -> None:
+    """The fuzzing hosts call all functions of the standard."""
+    assert native_fuzz.called(fmi) == native_fuzz.functions(fmi)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [heart_model, body_model])
-def test_random_calls_of_hearts_and_bodies(fuzz: Path, tmp_path: Path, make: Callable[..., Model]) -> None:
-    survives(fuzz, unpack(build_native_model(make("human", None, 2), tmp_path), tmp_path / "fmu"), 1)
+def test_random_calls_of_hearts_and_bodies(fuzz: tuple[int, Path], tmp_path: Path, make: Callable[..., Model]) -> None:
+    fmu = build_native_model(make("human", None, fuzz[0]), tmp_path, fmi=fuzz[0])
+    survives(fuzz, fmu, tmp_path / "fmu", 1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-def test_random_calls(fuzz: Path, coarse: Unpacked, seed: int) -> None:
-    survives(fuzz, coarse, seed)
+def test_random_calls(fuzz: tuple[int, Path], stored: Store, tmp_path: Path, seed: int) -> None:
+    survives(fuzz, stored(build_native, load("sheep"), settings=COARSE, fmi=fuzz[0]), tmp_path, seed)

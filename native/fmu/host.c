@@ -181,7 +181,7 @@ int state_write(instance *i, void *state, char *bytes, size_t size)
     head h = {{0}, (uint64_t)i->c->n_numbers, 0, {0}};
     if (!held(i, state)) return refused(i, STATUS_ERROR);
     if (!bytes || size < sizeof(head) + bytes_of(i))
-        return no(i, "too little memory for the state; give that of the size that fmi2SerializedFMUstateSize tells.");
+        return no(i, "too little memory for the state; give that of the size of a serialized state.");
     h.digest = digest(((saved *)state)->numbers, bytes_of(i));
     memcpy(h.magic, MAGIC, sizeof(MAGIC));
     snprintf(h.guid, sizeof(h.guid), "%s", i->c->r.guid);
@@ -190,7 +190,7 @@ int state_write(instance *i, void *state, char *bytes, size_t size)
     return STATUS_OK;
 }
 
-static const char DAMAGED[] = "incomplete or damaged; give all bytes of fmi2SerializeFMUstate and no more.";
+static const char DAMAGED[] = "incomplete or damaged; give all bytes of the serialized state and no more.";
 
 static int bad_bytes(instance *i, size_t size, const char *why)
 {

@@ -69,7 +69,7 @@ def from_bytes(blob: bytes, guid: str, kinds: Mapping[type, Kind]) -> Any:
         raise InputError(f"state in format {version}: this FMU reads format {FORMAT}; save the state anew with it.")
     if hashlib.sha256(content).digest() != digest:
         raise InputError(
-            f"state of {len(blob)} bytes: incomplete or damaged; give all bytes of fmi2SerializeFMUstate and no more."
+            f"state of {len(blob)} bytes: incomplete or damaged; give all bytes of the serialized state and no more."
         )
     try:
         header = json.loads(content[:length])

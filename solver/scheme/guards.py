@@ -81,7 +81,7 @@ def margins(model: Model, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Arra
 
 
 def _viscosity_reason(model: Model, relative: Array) -> str:
-    r = np.broadcast_to(model.wall.r, relative.shape).ravel()[np.argmin(relative)]
+    r = np.broadcast_to(model.wall.r, relative.shape)[_worst(relative)]
     return VISCOSITY_REASON.format(-0.5 / r)
 
 
@@ -94,9 +94,20 @@ def _length(model: Model, b: int, s: int) -> float:
     return float(model.coefficients.L[b if model.coefficients.batched else 0, s])
 
 
+def _worst(margin: Array) -> tuple[int, int, int]:
+    """The point (b, e, g) where a margin : (B, n_e, N) is smallest, in the first member where it is not positive.
+
+    Members may be equal to round-off, which must not choose among them.
+    """
+    margin = np.nan_to_num(margin, nan=-np.inf)
+    b = int(np.argmin(margin.min(axis=(1, 2)) > 0.0))
+    e, g = map(int, np.unravel_index(int(np.argmin(margin[b])), margin.shape[1:]))
+    return b, e, g
+
+
 def _fail(error: type[NonPhysicalState], model: Model, margin: Array, t: float, reason: str, remedy: str) -> NoReturn:
-    """Raise the error at the point (b, e, g) where ``margin`` : (B, n_e, N) is smallest."""
-    b, e, g = map(int, np.unravel_index(int(np.argmin(np.nan_to_num(margin, nan=-np.inf))), margin.shape))
+    """Raise the error at the worst point of ``margin`` : (B, n_e, N)."""
+    b, e, g = _worst(margin)
     s = int(model.mesh.segment[e])
     x = float(model.mesh.positions(model.mesh.element.x_gauss)[e, g]) * _length(model, b, s)
     if model.wall.phi0[b if model.coefficients.batched else 0, e, g] == 0.0:

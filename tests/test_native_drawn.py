@@ -1,0 +1,60 @@
+"""Networks drawn by hypothesis: the engine and its FMU do what NumPy does, failures included.
+
+``python benchmarks/native_drawn.py`` draws as many as one likes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from drawn_networks import (
+    Drawn,
+    by_pulse,
+    component_outputs,
+    fmu_outputs,
+    in_equations,
+    networks,
+    outcome,
+    outputs,
+)
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from native_fmus import needs_compiler
+
+from fmu_src.variables.arteries_variables import INTERPOLATIONS
+from solver.laws.effect import Effect
+from solver.tracing import native
+
+EQUAL = 1e-10  # of each channel's pulse
+GENERATED: dict[str, Any] = {"phases": [Phase.generate], "suppress_health_check": list(HealthCheck)}
+
+
+@pytest.mark.parametrize("effect", in_equations(), ids=lambda effect: effect.name)
+@settings(max_examples=3, **GENERATED)
+@given(st.data())
+def test_engine(effect: Effect, data: st.DataObject) -> None:
+    """With every effect of the catalogue: equal outputs and as many halvings of steps, or the same sentence."""
+    try:
+        native.library()
+    except native.NoEngine as reason:
+        pytest.skip(str(reason))
+    drawn = data.draw(networks(effect))
+    expected, found = outcome(outputs, drawn, "numpy"), outcome(outputs, drawn, "native")
+    if isinstance(expected, str):
+        assert found == expected
+    else:
+        assert found[1] == expected[1]
+        assert by_pulse(tuple(drawn.network.output_units()), found[0], expected[0]) < EQUAL
+
+
+@needs_compiler
+@settings(max_examples=5, **GENERATED)
+@given(networks(), st.sampled_from(INTERPOLATIONS))
+def test_fmu(drawn: Drawn, way: str) -> None:
+    """The FMU that needs no Python against the component of the other one, tunable parameters changed between steps."""
+    expected, found = outcome(component_outputs, drawn, way), outcome(fmu_outputs, drawn, way)
+    if isinstance(expected, str):
+        assert found == expected
+    else:
+        assert by_pulse(tuple(drawn.network.output_units()), found, expected) < EQUAL
