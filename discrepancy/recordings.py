@@ -8,6 +8,7 @@ for these, only the parameters that vary are refitted.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
@@ -156,6 +157,33 @@ class Recordings:
         if fitted:
             study = replace(study, problem=whole.parts[i] if whole else naming.problem.first)
         without, best = there(base), there(naming.best.fit) if naming.adds else None
+        found = self._through(i, record, study, without, best, before, after)
+        if best is None or not (whole and fitted):
+            return found
+        seen = seen_by(naming.best.fit, best.terms)[whole.rows[i]]
+        return replace(found[0], d=float(np.linalg.norm(seen))), *found[1:]
+
+    def unseen_by(
+        self, base: Fit, law: Fit, there: Callable[[Study], Study], before: FreeRun, after: FreeRun
+    ) -> list[Recorded]:
+        """The free runs of the recordings that are held out whole, without and with a learned law. Those that cannot be
+        simulated are left out: the verdict has said so.
+
+        base : fit without the law. there : the study of a recording with the ranges of the law in its network.
+        """
+        found = list[Recorded]()
+        for i, (record, study) in enumerate(self.unseen, len(self.records)):
+            ranged = there(study)
+            with suppress(InputError, RunFailed):
+                fits = _refitted(self.whole, study, base), _refitted(self.whole, ranged, law)
+                found.append(self._through(i, record, ranged, *fits, before, after)[0])
+        return found
+
+    def _through(
+        self, i: int, record: Record, study: Study, without: Fit, best: Fit | None, before: FreeRun, after: FreeRun
+    ) -> tuple[Recorded, Run, Run | None]:
+        """The free runs of a recording through the FMUs: of its fits without effects and, if there are any, with."""
+        fitted = i < len(self.records)
         drive, wave = drives(study, without, best)
         stage = f"_{i}" if i else ""
         first = before(f"before{stage}", without, drive, moved(study.network, without), study)
@@ -171,7 +199,7 @@ class Recordings:
         # the FMU with the effects has the values of the first recording
         last = after(f"after{stage}", best, wave, moved(study.network, best) if i else {}, study)
         fallen, sd = fall(study, first, last)
-        seen = seen_by(naming.best.fit, best.terms)[whole.rows[i]] if whole and fitted else seen_by(best, best.terms)
+        seen = seen_by(best, best.terms)
         recorded = replace(
             recorded, gap_after=last.gap.total, rms_after=held_out(last.gap.rms), fallen=fallen, sd=sd,
             d=float(np.linalg.norm(seen)),

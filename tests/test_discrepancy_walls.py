@@ -179,7 +179,7 @@ def test_a_partial_answer_is_added(partial: tuple[Outcome, dict[str, Any], Path]
     assert (folder / "model.fmu").is_file()
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "Residual:" in page and verdict["remains"] in page
-    assert "A missing effect explains part of the disagreement" in page
+    assert "A part of the disagreement looks like a known effect" in page
 
 
 # --- the time limit ---------------------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from discrepancy.add.learning import Learnt, in_range, learns, learnt, stands
 from discrepancy.checkpoint import Journal
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.outcome import LearnedLaw, Outcome, law_json, verdict_json
+from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.shown_map import beat_of
 from discrepancy.name.scoring import weighed
 from discrepancy.name.verdict import Naming
@@ -180,6 +181,18 @@ def test_a_law_must_shrink_the_gap() -> None:
     assert kept.network.segment(SITE).terms["learned_cubic"] == pytest.approx(kept.parameters["AA.learned_cubic"].value)
     assert stands(study, law, before, source, lambda own, network, fit: (before, lambda: b"")) is None
     assert own.problem.site == SITE
+    for fallen, sd in ((-50.0, 10.0), (10.0, 10.0), (50.0, 10.0)):  # of a recording that it has not seen
+        each = [Recorded("b", "b.csv", "cd", 12, 0.5, False, (7.0, 6.0), {}, (2.0, 1.5), {}, 15.0, fallen, sd)]
+        ran = stands(
+            study,
+            law,
+            before,
+            source,
+            lambda own, network, fit: (run(fit, own), lambda: b""),
+            lambda _, each=each: each,
+        )
+        assert (ran is not None) == (fallen > 3.0 * sd)
+        assert ran is None or (ran.elsewhere == {"b": (6.0, 1.5)} and ran.explains)
 
 
 # --- words and files --------------------------------------------------------------------------------------------------
@@ -194,16 +207,36 @@ LAW = LearnedLaw(
 def test_a_law_is_said_with_range_and_source() -> None:
     text = law_text(LAW)
     outlet = replace(LAW, name="learned_outlet", where=("C",), seen={"C": (8e3, 12e3, 1e5)})
-    assert "for the outlet of C closes" in law_text(outlet) and "pressures of 60 to 90 mmHg above" in law_text(outlet)
+    assert "to the outlet of C describes" in law_text(outlet) and "pressures of 60 to 90 mmHg above" in law_text(outlet)
     assert law_json(outlet)["seen"] == {"C": {"pressure": [8e3, 12e3], "rate": 1e5}}
-    assert "for the wall of B closes 87 % of the gap to held-out beats (from 8 to 1.04 times the noise): σ = …" in text
+    assert text.startswith(
+        "A law fitted to the wall of B describes this recording: σ = … + cubic ε̇³, B.learned_cubic = "
+    )
+    assert "gap to held-out beats of the same recording falls from 8 to 1.04 times the noise. " in text
     assert "B.learned_cubic = 55000 (50000 to 60000) Pa·s³" in text
-    assert "covers strains from 0.02 to 0.081 and rates up to 1.2/s; no other record" in text
-    assert " in place of stenosis at B closes" in law_text(replace(LAW, instead=("stenosis at B",)))
-    assert ", beside stenosis at B, closes" in law_text(replace(LAW, beside=("stenosis at B",)))
+    assert text.endswith("covers strains from 0.02 to 0.081 and rates up to 1.2/s.")
+    assert " in place of stenosis at B describes" in law_text(replace(LAW, instead=("stenosis at B",)))
+    assert ", beside stenosis at B, describes" in law_text(replace(LAW, beside=("stenosis at B",)))
     content = json.loads(json.dumps(law_json(LAW)))
     assert content["seen"] == {"B": {"strain": [0.02, 0.081], "rate": 1.21}}
     assert content["gap"]["after"] == {"fit": 1.2, "held_out": 1.04}
+
+
+@pytest.mark.parametrize(("kind", "other"), [("network", "branches or other physics"), ("bench", "other physics")])
+def test_a_law_of_one_recording_is_no_explanation(kind: str, other: str) -> None:
+    """Said before any gap, and no closed part of the gap is; another recording that supports it makes it one."""
+    law = replace(LAW, kind=kind)
+    described = f"a description and no explanation: no other recording has tested it, and it may stand for {other} that"
+    text = law_text(law)
+    assert described in text and "%" not in text and text.index(described) < text.index("the gap")
+    assert law_json(law)["explains"] is False and law_json(law)["elsewhere"] == {}
+    tested = replace(law, elsewhere={"pacing": (7.0, 1.1)})
+    assert "recordings that it has not seen: there the gap falls as well (pacing from 7 to 1.1)." in law_text(tested)
+    assert "no explanation" not in law_text(tested) and law_json(tested)["explains"] is True
+    assert law_json(tested)["elsewhere"] == {"pacing": {"before": 7.0, "after": 1.1}}
+    tables = replace(tested, is_law=False)
+    assert "describes this recording" in law_text(tables) and "explains nothing" in law_text(tables)
+    assert law_json(tables)["explains"] is False
 
 
 def test_files_of_a_law_or_of_the_map(tmp_path: Path) -> None:
@@ -211,14 +244,14 @@ def test_files_of_a_law_or_of_the_map(tmp_path: Path) -> None:
     files = learned_files(LAW, None)
     (tmp_path / MODEL).write_text(str(files[MODEL]), encoding="utf-8")
     assert read_network(tmp_path / MODEL) == NETWORK
-    assert str(files[MODEL]).startswith("# A law learned") and "# From b.csv (sha256 ab12)." in str(files[MODEL])
+    assert str(files[MODEL]).startswith("# A law fitted") and "# From b.csv (sha256 ab12)." in str(files[MODEL])
     table = list(csv.reader(io.StringIO(str(learned_files(None, shown(LEAK, SQUEEZED))[TABLE]))))
     assert table[0][:3] == ["time [s]", "a loss of flow along B [m^3/s]", "sd of a loss of flow along B [m^3/s]"]
     leak = shown(LEAK).acting[0]
     np.testing.assert_allclose([float(r[1]) for r in table[1:]], leak.mean, atol=1e-8 * leak.rms)
     assert learned_files(None, None) == learned_files(None, shown()) == {}
     outcome = with_law(Outcome("unknown", "Something is missing.", "b.csv", "m.toml", "network"), LAW)
-    assert outcome.sentence.startswith("Something is missing. A law learned")
+    assert outcome.sentence.startswith("Something is missing. A law fitted")
     assert verdict_json(outcome)["learned"]["formula"] == LAW.formula
     assert found().explains  # of the map that this is beside
 

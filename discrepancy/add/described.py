@@ -64,7 +64,8 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
         record=(record.path, record.sha256),
         network=network,
         archive=archive(),
-        explains=False,
+        kind=study.problem.kind,
+        is_law=False,
     )
 
 

@@ -208,7 +208,7 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         return _without(naming, "none", reason)
     if after is None:
         return naming
-    why = _not_fallen([r for r in each if r.fitted], len(each) > 1) or _not_fallen([r for r in each if not r.fitted])
+    why = not_fallen([r for r in each if r.fitted], len(each) > 1) or not_fallen([r for r in each if not r.fitted])
     if not why and naming.verdict == "partial" and after.total[1] > (1.0 - at.PART_CLOSED) * left:
         why = "most of it remains" + _closed_above(before, after)
     if why:
@@ -230,8 +230,8 @@ def _closed_above(before: Gap, after: Gap) -> str:
     return ""
 
 
-def _not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
-    """The reason why some recordings do not support a name; "" if they do, or if there are none."""
+def not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
+    """The reason why some recordings do not support a name or a law; "" if they do, or if there are none."""
     told = [(r, r.fallen, r.sd) for r in each if r.fallen is not None and r.sd is not None]
     if not told:
         return ""
