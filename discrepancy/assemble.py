@@ -259,8 +259,8 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str, kind: str
     """The named effects, the change of the gap with them, and the alternatives."""
     labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
     sensors, others = all(of_sensor(e.name) for e in effects), max(len(naming.members) - 1, 0)
-    kind = "pair" if naming.verdict == "several" else "candidate"
-    rest = f"{others} other {kind}{'s' if others > 1 else ''} cannot be ruled out"
+    each = "pair" if naming.verdict == "several" else "candidate"
+    rest = f"{others} other {each}{'s' if others > 1 else ''} cannot be ruled out"
     lacks, tail = "The model lacks", ""
     match naming.verdict:
         case "effect" if sensors:
@@ -274,7 +274,8 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str, kind: str
         case "partial":
             lacks = _ONE_SITE if naming.of_one_site else "Something acts like"
             other = f"{'both' if len(effects) > 1 else 'it'} may stand for {stands_for(kind)} that the model lacks"
-            tail = f", but more than noise remains, and {other}" + (f"; {rest}" if others else "")
+            other = "" if naming.of_one_site else f", and {other}"
+            tail = f", but more than noise remains{other}" + (f"; {rest}" if others else "")
     return f"{lacks} {labels}: with {'both' if len(effects) > 1 else 'it'} {gap}{tail}."
 
 

@@ -122,7 +122,8 @@ class Recordings:
         """
         found, unjudged = self.each(naming, base, before, after)
         fitted = [(first.gap, last and last.gap) for each, first, last in found if each.fitted]
-        gaps = joined([first for first, _ in fitted]), joined([g for _, g in fitted if g]) if naming.adds else None
+        ran = naming.adds and all(last for _, last in fitted)
+        gaps = joined([first for first, _ in fitted]), joined([last for _, last in fitted if last]) if ran else None
         each = tuple(recorded for recorded, _, _ in found)
         naming = confirmed(naming, each, *gaps)
         _, first, last = found[0]
@@ -137,10 +138,14 @@ class Recordings:
         """The free runs of each recording, and sentences on held-out ones that could not be judged."""
         found, unjudged = [], list[str]()
         for i, (record, study) in enumerate((*zip(self.records, self.studies, strict=True), *self.unseen)):
+            fitted = i < len(self.records)
             try:
-                found.append(self._run(i, record, study, naming, base, before, after))
+                ran = self._run(i, record, study, naming, base, before, after)
+                if ran[0].failed and not fitted:
+                    raise RunFailed(ran[0].failed)
+                found.append(ran)
             except (InputError, RunFailed) as error:
-                if i < len(self.records):
+                if fitted:
                     raise
                 unjudged.append(not_judged(record.path, error))  # the verdict does not depend on it
         return found, unjudged
@@ -158,7 +163,7 @@ class Recordings:
             study = replace(study, problem=whole.parts[i] if whole else naming.problem.first)
         without, best = there(base), there(naming.best.fit) if naming.adds else None
         found = self._through(i, record, study, without, best, before, after)
-        if best is None or not (whole and fitted):
+        if best is None or not (whole and fitted) or found[0].failed:
             return found
         seen = seen_by(naming.best.fit, best.terms)[whole.rows[i]]
         return replace(found[0], d=float(np.linalg.norm(seen))), *found[1:]
@@ -197,7 +202,10 @@ class Recordings:
         if best is None:
             return recorded, first, None
         # the FMU with the effects has the values of the first recording
-        last = after(f"after{stage}", best, wave, moved(study.network, best) if i else {}, study)
+        try:
+            last = after(f"after{stage}", best, wave, moved(study.network, best) if i else {}, study)
+        except RunFailed as error:
+            return replace(recorded, failed=str(error)), first, None
         fallen, sd = fall(study, first, last)
         seen = seen_by(best, best.terms)
         recorded = replace(

@@ -288,6 +288,22 @@ def test_own_numbers_are_of_the_model_that_stands() -> None:
     assert found.own == {"CA.E": 1e6} and found.gap_after is None
 
 
+def test_an_fmu_that_does_not_run_bears_no_name_out() -> None:
+    """The record is as good as it was: the name is withdrawn with the FMU's sentence, and the numbers of the model
+    without it stay. Of two recordings, one that fails is enough."""
+    ran, failed = one("A", 100.0, 20.0), replace(one("B", 0.0, 0.0), failed="x.fmu: the flow is supercritical.")
+    runs = [Run(np.zeros((1, 1)), {}, gap) for gap in (BEFORE, AFTER)]
+    for each in ([(failed, runs[0], None)], [(ran, *runs), (failed, runs[0], None)]):
+        several: Any = SimpleNamespace(each=lambda *_, each=each: (each, []), warnings=(), alone=False)
+        base: Any = object()
+        judged = Recordings.judged(several, named(RELAXATION, 1)[2], base, base, base)
+        assert judged.naming.verdict == "unknown" and judged.naming.confidence <= 0.5
+        assert judged.before is runs[0] and judged.after is None and judged.gaps[1] is None
+        assert "its FMU does not run with this record: x.fmu: the flow is supercritical." in (
+            judged.naming.reason or ""
+        )
+
+
 def test_all_is_all() -> None:
     """Numbers that are the same are said together; as those of all only where no other differs."""
     two = {"B.outlet.P_venous": 133.322, "C.outlet.P_venous": 133.322}

@@ -89,6 +89,17 @@ def compared(study: Study, fit: Fit, X: Array) -> Run:
     return Run(X, beats, gap(study, X))
 
 
+def inferred_run(study: Study, fit: Fit, wave: Array) -> Run | None:
+    """The same of the model that the search compared, which has no transient; None if it has no answer to the wave."""
+    X = study.problem.answer(wave, fit)
+    if X is None:
+        return None
+    beats = {
+        n: np.fft.irfft(x, study.fitted.N, norm="forward") for n, x in zip(study.problem.signals, X.T, strict=True)
+    }
+    return Run(X, beats, gap(study, X))
+
+
 def gap(study: Study, X: Array) -> Gap:
     """The gap between coefficients X : (K+1, m), after sensors, and the record."""
     K = len(X) - 1
@@ -188,10 +199,11 @@ def parity(fmu: Path, network: Network) -> float | None:
 def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
     """The naming if the free runs support it; otherwise without a name, with the numbers as the reason.
 
-    χ² of held-out beats must fall by more than chance over all recordings together and in each in which the effect has
-    a d' of 12 (it then falls in 96 %), and rise by more than chance in none; likewise over those held out whole. A
-    partial effect must close most of the gap. A verdict ``none`` becomes unknown if the model explains the record only
-    with implausible parameters. each : results per recording. before, after : over all fitted ones.
+    The FMU with the effects must run. χ² of held-out beats must fall by more than chance over all recordings together
+    and in each in which the effect has a d' of 12 (it then falls in 96 %), and rise by more than chance in none;
+    likewise over those held out whole. A partial effect must close most of the gap. A verdict ``none`` becomes unknown
+    if the model explains the record only with implausible parameters. each : results per recording. before, after :
+    over all fitted ones.
     """
     naming = _borne_out(naming, each, before, after)
     odd = implausible(naming.base.fit) if naming.verdict == "none" else {}
@@ -206,6 +218,9 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         found = f"{best} was found but not named" if after else "no effect was named"
         reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
         return _without(naming, "none", reason)
+    if failed := [r.failed for r in each if r.failed]:
+        reason = f"{best} comes nearest, but its FMU does not run with this record: {failed[0]}"
+        return _without(naming, "unknown", reason)
     if after is None:
         return naming
     why = not_fallen([r for r in each if r.fitted], len(each) > 1) or not_fallen([r for r in each if not r.fitted])
