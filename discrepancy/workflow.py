@@ -58,7 +58,7 @@ from .plan.second_state import second_state
 from .recordings import drives, recordings_of
 from .report.page import check_folder, write_study
 from .report.verdict_text import with_law
-from .show.fmu_validation import Run, agreement, free_run, inferred_run, parity
+from .show.fmu_validation import Run, agreement, free_run, parity
 
 _LEARNING = 0.3  # of the time limit: further time for learning a law
 
@@ -193,7 +193,6 @@ class _Work:
         runs = Runs(Meter(lambda simulations: progress(0.08, f"{simulations} simulations")))
         self.recordings = recordings_of(records, self.network, asked, calibrated, runs)
         self.study = self.recordings.studies[0]
-        self.warnings = list[str]()
         self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
     def run(self) -> tuple[Outcome, bytes | None]:
@@ -220,7 +219,7 @@ class _Work:
             fmu = self._fmu(network, "extended")
         self.progress(0.82, f"running the {'extended FMU' if naming.adds else 'model with this subject’s walls'}")
         base = subject_without(naming)
-        judged = self.recordings.judged(naming, base, partial(self._without, given), partial(self._kept, fmu))
+        judged = self.recordings.judged(naming, base, partial(self._kept, given), partial(self._kept, fmu), as_given)
         found = naming.best.fit if naming.adds else None
         naming, before, after = judged.naming, judged.before, judged.after
         study, best = weighted(self.study, naming), found if after else None
@@ -234,7 +233,7 @@ class _Work:
         self.progress(0.92, "comparing the candidates with the held-out beats")
         shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
         outcome = with_law(summary(self.record, self.model, self.study, naming, shown), law)
-        said = (*outcome.warnings, *judged.warnings, *self.warnings)
+        said = (*outcome.warnings, *judged.warnings)
         ran = {"FMUs run": " and ".join(dict.fromkeys(read_fmu(each).tool for each in (given, fmu)))}
         origin = {**outcome.provenance, **ran}
         return replace(outcome, recordings=judged.recordings, warnings=said, provenance=origin), shown.archive
@@ -336,21 +335,6 @@ class _Work:
             return self._kept(fmu, stage, fit, wave, starts, study)
         except RunFailed as error:
             raise Unusable(f"{study.fitted.source}: the model does not run with this record: {error}") from None
-
-    def _without(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
-        """The free run without effects. The walls of a fit without effect may have absorbed so much that no run from
-        rest reaches their beat, though the record and the file are sound: then the response that the search found."""
-        try:
-            return self._kept(fmu, stage, fit, wave, starts, study)
-        except RunFailed as error:
-            run = inferred_run(study, fit, wave)
-            if run is None:
-                raise Unusable(f"{study.fitted.source}: the model does not run with this record: {error}") from None
-            self.warnings.append(
-                f"{study.fitted.source}: without effect, the FMU does not run with the walls that were fitted: {error} "
-                "The gap without effect is that of the model of the search, and these walls are not to be used."
-            )
-            return run
 
     def _kept(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
         return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study, fit, wave, starts))

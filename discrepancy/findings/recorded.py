@@ -26,7 +26,8 @@ class Recorded:
     period : of the beat [s]. gap_before, gap_after : whitened RMS on (fitted, held-out) beats. rms_before, rms_after :
     on the held-out beats by channel [SI]. d : d' of the added effects in the fitted beats. fallen, sd : decrease of χ²
     of the held-out beats by these effects, and its standard deviation. own : its own parameters [SI] in the model with
-    the added effects, own_before : without. failed : why the FMU with the added effects does not run, else "".
+    the added effects, own_before : without. failed : why the FMU does not run, with or without the
+    added effects, else "".
     """
 
     label: str

@@ -89,17 +89,6 @@ def compared(study: Study, fit: Fit, X: Array) -> Run:
     return Run(X, beats, gap(study, X))
 
 
-def inferred_run(study: Study, fit: Fit, wave: Array) -> Run | None:
-    """The same of the model that the search compared, which has no transient; None if it has no answer to the wave."""
-    X = study.problem.answer(wave, fit)
-    if X is None:
-        return None
-    beats = {
-        n: np.fft.irfft(x, study.fitted.N, norm="forward") for n, x in zip(study.problem.signals, X.T, strict=True)
-    }
-    return Run(X, beats, gap(study, X))
-
-
 def gap(study: Study, X: Array) -> Gap:
     """The gap between coefficients X : (K+1, m), after sensors, and the record."""
     K = len(X) - 1
@@ -219,7 +208,7 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
         return _without(naming, "none", reason)
     if failed := [r.failed for r in each if r.failed]:
-        reason = f"{best} comes nearest, but its FMU does not run with this record: {failed[0]}"
+        reason = f"{best} comes nearest, but cannot be judged: {failed[0]}"
         return _without(naming, "unknown", reason)
     if after is None:
         return naming
