@@ -15,10 +15,12 @@ import pytest
 from forked import CHANNELS, NETWORK, N, T, exact, inflow, record
 from test_source_map_report import LEAK, SQUEEZED, found, shown
 from truth.anatomy import anatomy
-from truth.beat import Beat
+from truth.beat import Beat, at_phase
 from truth.hide import Effect, hide
 from truth.network import Balance
-from truth.records import Case, Made, hidden_model, make, write
+from truth.records import Case, Made, hidden_model, make, truth_channels, write
+from truth.sensors import clock, measured, pulsatile
+from truth.shapes import arteries, ejection
 
 from discrepancy import discover
 from discrepancy.add.described import described, tables_of
@@ -274,6 +276,41 @@ def test_a_study_offers_the_law(tmp_path: Path) -> None:
     assert isinstance(law.network.parameters()[f"{SITE}.learned_cubic"], float) and not isinstance(law, Learnt)
 
 
+def another(made: Made, hidden: tuple[Effect, ...], seed: int = 9) -> Record:
+    """Another recording of the same wall with what is hidden in it: another rate, waveform and noise."""
+    rng, case = np.random.default_rng(seed), replace(made.case, effects=hidden)
+    beat = Beat(0.42, made.beat.K, made.beat.samples)
+    heart = ejection(rng, beat, 1.0)
+    drive = arteries(rng, beat, heart).pressure(heart, beat.omega)
+    clean, _ = truth_channels(case, anatomy(made.base), made.nuisance, drive, beat)
+    at = clock(rng, beat.T, 20)
+    noise = {name: pulsatile(clean[name]) * 10.0 ** (-case.dB / 20.0) for name in case.names}
+    channels = {n: measured(rng, at_phase(clean[n], at.phase), at, noise[n], beat.T) for n in case.names}
+    return Record("another", "", at.time, channels, {})
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("one_process")
+@pytest.mark.parametrize("same", [True, False])
+def test_another_recording_tests_the_law(tmp_path: Path, same: bool) -> None:
+    """Held out whole, of the same wall at another rate: the law is valid there, and that is said. Where the other
+    recording is of a wall without the law, it is not offered."""
+    cubic = (Effect("cubic_rate", (SITE,), 2.0),)
+    made = make(Case("bench", SITE, 40.0, cubic), 1)
+    write(made, tmp_path / "aa.csv")
+    other = another(made, cubic if same else ())
+    write_record(tmp_path / "other.csv", other.time, other.channels, {f"{SITE}.P": "mmHg", f"{SITE}.R": "mm"})
+    write_network(made.base, tmp_path / "aa.toml")
+    outcome = discover(tmp_path / "aa.csv", tmp_path / "aa.toml", tmp_path / "out", hold_out=[tmp_path / "other.csv"])
+    law = outcome.learned
+    if same:
+        assert law is not None and law.explains
+        ((before, after),) = law.elsewhere.values()
+        assert after < 1.5 < before and "recordings that it has not seen" in outcome.sentence
+    else:
+        assert law is None
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_a_study_offers_tables_where_there_is_no_law(tmp_path: Path) -> None:
@@ -290,6 +327,7 @@ def test_a_study_offers_tables_where_there_is_no_law(tmp_path: Path) -> None:
     write_network(NETWORK, tmp_path / "fork.toml")
     outcome = discover(tmp_path / "fork.csv", tmp_path / "fork.toml", tmp_path / "out")
     assert outcome.verdict == "unknown" and outcome.learned is not None and not outcome.learned.explains
+    assert not outcome.learned.is_law
     law = outcome.learned
     assert law.name == "table_source" and "C" in law.where and law.before[1] > 2.0 and law.after[1] < 1.3
     assert "not an explanation" in outcome.sentence

@@ -185,6 +185,7 @@ def test_rivals_are_what_stands_in_the_place_of_one() -> None:
     assert "The record is nearly as probable without a pressure in the wall of C." in text
     many = [Rival((p,), 1.0) for p in PLACES if p.kind == "drop"][:6]
     assert "x/L = 0.5 or 3 other places." in acts_as(shown(LEAK, rivals=many))
+    assert "x/L = 0.5 or 1 other place." in acts_as(shown(LEAK, rivals=many[:4]))
 
 
 @pytest.mark.parametrize(

@@ -256,7 +256,8 @@ def _alike(a: Acting, several: bool) -> str:
     it = phrase(a.place) if several else "it"
     others = [" with ".join(map(phrase, rival.places)) for rival in a.rivals if rival.places]
     if len(others) > _MOST:
-        others = [*others[:_MOST], f"{len(others) - _MOST} other places"]
+        more = len(others) - _MOST
+        others = [*others[:_MOST], f"{more} other place{'s' if more > 1 else ''}"]
     *first, last = others or [""]
     named = f"{', '.join(first)} or {last}" if first else last
     sentences = [f"This record cannot distinguish {it} from {named}."] if others else []
