@@ -219,7 +219,8 @@ def test_an_unknown_law_is_told_by_place_and_shape(complete: bool) -> None:
     assert said.startswith(begun) and ("The search is incomplete" in said) != complete
     assert sentence(naming, (), gap, None, shown()) == sentence(naming, (), gap, None)
     partial = sentence(replace(naming, verdict="partial"), (), gap, gap, shown(LEAK))
-    assert "but more than noise remains. All missing physics together acts as a loss of flow along B" in partial
+    assert "but more than noise remains, and it may stand for branches or other physics that the model lacks" in partial
+    assert "lacks. All missing physics together acts as a loss of flow along B" in partial
 
 
 def test_the_outcome_has_the_map_of_its_naming() -> None:
