@@ -330,7 +330,7 @@ def test_a_study_offers_tables_where_there_is_no_law(tmp_path: Path) -> None:
     assert not outcome.learned.is_law
     law = outcome.learned
     assert law.name == "table_source" and "C" in law.where and law.before[1] > 2.0 and law.after[1] < 1.3
-    assert "not an explanation" in outcome.sentence
+    assert "describes this recording by tables over the beat" in outcome.sentence
     assert read_network(tmp_path / "out" / DESCRIBED) == law.network and (tmp_path / "out" / TABLE).exists()
     assert (tmp_path / "out" / "model_described.fmu").stat().st_size > 0 and not (tmp_path / "out" / MODEL).exists()
     assert json.loads((tmp_path / "out" / "verdict.json").read_text())["learned"]["explains"] is False
