@@ -30,7 +30,7 @@ from .findings.shown_map import SourceMapShown, gap_shares, shown_map
 from .name.individual_walls import implausible, odd_ones, walls_of
 from .name.intervals import stated
 from .name.verdict import Naming
-from .report.verdict_text import acts_as, joined, late_drive, separating_measurement
+from .report.verdict_text import acts_as, joined, late_drive, separating_measurement, stands_for
 from .show.fmu_validation import Gap, Run, changed, left, met_only_with
 
 _SHOWN = 12  # candidates listed in the report
@@ -93,7 +93,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     late = late_drive(shown.effects, study.problem.signals) if after and study.site is None else ""
     return Outcome(
         verdict=naming.verdict,
-        sentence=sentence(naming, shown.effects, *gaps, acting, late),
+        sentence=sentence(naming, shown.effects, *gaps, acting, late, study.problem.kind),
         confidence=naming.confidence,
         complete=naming.complete,
         met=_met(naming),
@@ -220,17 +220,18 @@ def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]
 
 def sentence(
     naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None,
-    acting: SourceMapShown | None = None, late: str = "",
+    acting: SourceMapShown | None = None, late: str = "", kind: str = "network",
 ) -> str:  # fmt: skip
     """The verdict in one sentence, and a second one if the search was incomplete or no law explains everything.
 
     acting : the source map, which then describes what is missing. late : the reading as a delay of the drive, or "".
+    kind : of the study. An effect that leaves more than noise may itself stand for what the model lacks.
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
         said = f"Nothing is missing: the model fits the record, with a gap to held-out beats of {left(before)}."
     elif naming.adds and after:
-        said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}")
+        said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}", kind)
         said += f" The simplest reading: {late}." if late else ""
         if acting and somewhere and naming.verdict == "partial":
             said = f"{said} {acts_as(acting, 'All missing physics together')}"
@@ -255,12 +256,12 @@ def _tried(naming: Naming) -> str:
     return "none of the laws compared explains it" if compared else "no law was compared with it"
 
 
-def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
+def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str, kind: str) -> str:
     """The named effects, the change of the gap with them, and the alternatives."""
     labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
     sensors, others = all(of_sensor(e.name) for e in effects), max(len(naming.members) - 1, 0)
-    kind = "pair" if naming.verdict == "several" else "candidate"
-    rest = f"{others} other {kind}{'s' if others > 1 else ''} cannot be ruled out"
+    each = "pair" if naming.verdict == "several" else "candidate"
+    rest = f"{others} other {each}{'s' if others > 1 else ''} cannot be ruled out"
     lacks, tail = "The model lacks", ""
     match naming.verdict:
         case "effect" if sensors:
@@ -272,8 +273,10 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
         case "ambiguous":
             lacks, tail = "The model lacks something like", f", but {rest}"
         case "partial":
-            lacks = _ONE_SITE if naming.of_one_site else "The measurement is at fault," if sensors else lacks
-            tail = ", but more than noise remains" + (f"; {rest}" if others else "")
+            lacks = _ONE_SITE if naming.of_one_site else "Something acts like"
+            other = f"{'both' if len(effects) > 1 else 'it'} may stand for {stands_for(kind)} that the model lacks"
+            other = "" if naming.of_one_site else f", and {other}"
+            tail = f", but more than noise remains{other}" + (f"; {rest}" if others else "")
     return f"{lacks} {labels}: with {'both' if len(effects) > 1 else 'it'} {gap}{tail}."
 
 

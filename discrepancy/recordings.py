@@ -8,6 +8,7 @@ for these, only the parameters that vary are refitted.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
@@ -112,14 +113,23 @@ class Recordings:
 
     # --- through the FMUs ---------------------------------------------------------------------------------------------
 
-    def judged(self, naming: Naming, base: Fit, before: FreeRun, after: FreeRun) -> Judged:
+    def judged(self, naming: Naming, base: Fit, before: FreeRun, after: FreeRun, given: Sequence[Run] = ()) -> Judged:
         """The naming if the free runs of all recordings support it, with these runs.
 
-        base : fit without the added effects. before, after : run the FMU without and with the added effects.
+        base : fit without the added effects. before, after : run the FMU without and with the added effects. given :
+        runs of the file as it is, under each fitted recording. The walls of a fit without effect may have absorbed so
+        much that the FMU does not run with them, though record and file are sound: the gaps are then those of the file,
+        and no name stands.
         """
-        found, unjudged = self.each(naming, base, before, after)
+        found, unjudged = self.each(naming, base, before, after, given)
+        unjudged += [
+            f"{r.source}: {r.failed} The gap is that of the file as it is; do not use these walls."
+            for (r, first, _), own in zip(found, given, strict=False)
+            if first is own
+        ]
         fitted = [(first.gap, last and last.gap) for each, first, last in found if each.fitted]
-        gaps = joined([first for first, _ in fitted]), joined([g for _, g in fitted if g]) if naming.adds else None
+        ran = naming.adds and all(last for _, last in fitted)
+        gaps = joined([first for first, _ in fitted]), joined([last for _, last in fitted if last]) if ran else None
         each = tuple(recorded for recorded, _, _ in found)
         naming = confirmed(naming, each, *gaps)
         _, first, last = found[0]
@@ -129,21 +139,33 @@ class Recordings:
         return Judged(naming, first, last, gaps, () if self.alone else each, (*self.warnings, *unjudged))
 
     def each(
-        self, naming: Naming, base: Fit, before: FreeRun, after: FreeRun
+        self, naming: Naming, base: Fit, before: FreeRun, after: FreeRun, given: Sequence[Run] = ()
     ) -> tuple[list[tuple[Recorded, Run, Run | None]], list[str]]:
         """The free runs of each recording, and sentences on held-out ones that could not be judged."""
         found, unjudged = [], list[str]()
         for i, (record, study) in enumerate((*zip(self.records, self.studies, strict=True), *self.unseen)):
+            fitted = i < len(self.records)
             try:
-                found.append(self._run(i, record, study, naming, base, before, after))
+                ran = self._run(i, record, study, naming, base, before, after, given)
+                if ran[0].failed and not fitted:
+                    raise RunFailed(ran[0].failed)
+                found.append(ran)
             except (InputError, RunFailed) as error:
-                if i < len(self.records):
+                if fitted:
                     raise
                 unjudged.append(not_judged(record.path, error))  # the verdict does not depend on it
         return found, unjudged
 
     def _run(
-        self, i: int, record: Record, study: Study, naming: Naming, base: Fit, before: FreeRun, after: FreeRun
+        self,
+        i: int,
+        record: Record,
+        study: Study,
+        naming: Naming,
+        base: Fit,
+        before: FreeRun,
+        after: FreeRun,
+        given: Sequence[Run],
     ) -> tuple[Recorded, Run, Run | None]:
         """The free runs of one recording, without and with the added effects."""
         fitted, whole = i < len(self.records), naming.problem if isinstance(naming.problem, Several) else None
@@ -154,22 +176,67 @@ class Recordings:
         if fitted:
             study = replace(study, problem=whole.parts[i] if whole else naming.problem.first)
         without, best = there(base), there(naming.best.fit) if naming.adds else None
+        found = self._through(i, record, study, without, best, before, after, given)
+        if best is None or not (whole and fitted) or found[0].failed:
+            return found
+        seen = seen_by(naming.best.fit, best.terms)[whole.rows[i]]
+        return replace(found[0], d=float(np.linalg.norm(seen))), *found[1:]
+
+    def unseen_by(
+        self, base: Fit, law: Fit, there: Callable[[Study], Study], before: FreeRun, after: FreeRun
+    ) -> list[Recorded]:
+        """The free runs of the recordings that are held out whole, without and with a learned law. Those that cannot be
+        simulated are left out: the verdict has said so.
+
+        base : fit without the law. there : the study of a recording with the ranges of the law in its network.
+        """
+        found = list[Recorded]()
+        for i, (record, study) in enumerate(self.unseen, len(self.records)):
+            ranged = there(study)
+            with suppress(InputError, RunFailed):
+                fits = _refitted(self.whole, study, base), _refitted(self.whole, ranged, law)
+                found.append(self._through(i, record, ranged, *fits, before, after)[0])
+        return found
+
+    def _through(
+        self,
+        i: int,
+        record: Record,
+        study: Study,
+        without: Fit,
+        best: Fit | None,
+        before: FreeRun,
+        after: FreeRun,
+        given: Sequence[Run] = (),
+    ) -> tuple[Recorded, Run, Run | None]:
+        """The free runs of a recording through the FMUs: of its fits without effects and, if there are any, with."""
+        fitted = i < len(self.records)
         drive, wave = drives(study, without, best)
         stage = f"_{i}" if i else ""
-        first = before(f"before{stage}", without, drive, moved(study.network, without), study)
+        failed = ""
+        try:
+            first = before(f"before{stage}", without, drive, moved(study.network, without), study)
+        except RunFailed as error:
+            if i >= len(given):
+                raise
+            first, failed = given[i], f"without effect, the FMU does not run with the walls that were fitted: {error}"
         if not fitted:
             check_waves(study, first.beats)
         own, own_before = ({} if self.alone else _own(self.whole, study, fit) for fit in (best or without, without))
         recorded = Recorded(
             self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats,
             study.fitted.T, fitted, first.gap.total, held_out(first.gap.rms), own=own, own_before=own_before,
+            failed=failed,
         )  # fmt: skip
-        if best is None:
+        if best is None or failed:
             return recorded, first, None
         # the FMU with the effects has the values of the first recording
-        last = after(f"after{stage}", best, wave, moved(study.network, best) if i else {}, study)
+        try:
+            last = after(f"after{stage}", best, wave, moved(study.network, best) if i else {}, study)
+        except RunFailed as error:
+            return replace(recorded, failed=f"its FMU does not run with this record: {error}"), first, None
         fallen, sd = fall(study, first, last)
-        seen = seen_by(naming.best.fit, best.terms)[whole.rows[i]] if whole and fitted else seen_by(best, best.terms)
+        seen = seen_by(best, best.terms)
         recorded = replace(
             recorded, gap_after=last.gap.total, rms_after=held_out(last.gap.rms), fallen=fallen, sd=sd,
             d=float(np.linalg.norm(seen)),

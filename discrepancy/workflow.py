@@ -16,6 +16,7 @@ from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 from fitting.calibrate.calibration_prior import Prior
 from fitting.check.fmu_build import build_fmu
@@ -39,7 +40,7 @@ from solver.network.description import Network, to_dict
 from solver.network.files import write_network
 
 from .add.described import NOTHING
-from .add.learning import law_of, learns
+from .add.learning import Learnt, in_range, law_of, learns
 from .assemble import Shown, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
 from .find.model_source import OF_FIRST, first_of, read_model
@@ -47,6 +48,7 @@ from .find.plausibility import check_record, check_waves
 from .find.study import Study, Unusable
 from .findings.map_marks import entry
 from .findings.outcome import LearnedLaw, NamedEffect, Outcome
+from .findings.recorded import Recorded
 from .name.individual_walls import subject_without
 from .name.intervals import stated
 from .name.model_selection import name
@@ -224,7 +226,7 @@ class _Work:
             fmu = self._fmu(network, "extended")
         self.progress(0.82, f"running the {'extended FMU' if naming.adds else 'model with this subject’s walls'}")
         base = subject_without(naming)
-        judged = self.recordings.judged(naming, base, partial(self._free, given), partial(self._free, fmu))
+        judged = self.recordings.judged(naming, base, partial(self._kept, given), partial(self._kept, fmu), as_given)
         found = naming.best.fit if naming.adds else None
         naming, before, after = judged.naming, judged.before, judged.after
         study, best = weighted(self.study, naming), found if after else None
@@ -234,7 +236,7 @@ class _Work:
         )
         if after is not None:
             shown = self._with_model(replace(shown, after=after, network=network), naming, fmu)
-        law = self._law(naming, after or before)
+        law = self._law(naming, after or before, best or base, network_fmu=fmu if after else given)
         self.progress(0.92, "comparing the candidates with the held-out beats")
         shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
         outcome = with_law(summary(self.record, self.model, self.study, naming, shown), law)
@@ -281,19 +283,35 @@ class _Work:
         effects = tuple(NamedEffect(t.effect, t.where, found, sure, entry(t.effect).equation) for t, found in each)
         return replace(shown, archive=fmu.read_bytes(), parity=difference, failure=failure, effects=effects)
 
-    def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
-        """A law of the remaining misfit, if only one recording is fitted."""
+    def _law(self, naming: Naming, before: Run, without: Fit, network_fmu: Path) -> LearnedLaw | None:
+        """A law of the remaining misfit, if only one recording is fitted.
+
+        before, without, network_fmu : the run without a law, its fit and its FMU.
+        """
         if len(self.recordings.studies) > 1 or not learns(naming):
             return None
+        built = dict[str, Path]()
 
         def run(own: Study, network: Network, fit: Fit) -> tuple[Run, Callable[[], bytes]]:
             stage = "described" if network.sources else "learned"
-            fmu = self._fmu(network, stage)
+            fmu = built[stage] = self._fmu(network, stage)
             run = self._kept(fmu, stage, fit, own.problem.wave(own.fitted, fit), {}, own)
             return run, lambda: self._whole(network, f"{stage}_model", fmu).read_bytes()
 
+        def unseen(law: Learnt) -> list[Recorded]:
+            def ran(fmu: Path, stage: str, *rest: Any) -> Run:
+                return self._kept(fmu, f"law_{stage}", *rest)
+
+            return self.recordings.unseen_by(
+                without,
+                law.fit,
+                lambda own: replace(own, problem=in_range(own.problem, law.ranges)),
+                partial(ran, network_fmu),
+                partial(ran, built["learned"]),
+            )
+
         until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
-        return law_of(self.study, naming, before, self.record, run, self.asked.jobs, until, self.journal.stage)
+        return law_of(self.study, naming, before, self.record, run, unseen, self.asked.jobs, until, self.journal.stage)
 
     # --- FMUs ---------------------------------------------------------------------------------------------------------
 

@@ -77,6 +77,19 @@ def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
     assert "imitate" not in said(LAG, GAIN)
 
 
+@pytest.mark.parametrize(("kind", "other"), [("network", "branches or other physics"), ("bench", "other physics")])
+def test_a_part_is_not_said_to_be_what_the_model_lacks(kind: str, other: str) -> None:
+    """While more than noise remains, the effect itself may stand for something else; of one that explains all, no."""
+    gap, best, problem = Gap((9.0, 9.0), {}), pair(WALL), None
+
+    def said(verdict: str) -> str:
+        naming = Naming(verdict, problem, best, (best,), (best,), {}, (), 0.6, "RMS 3")  # type: ignore[arg-type]
+        return sentence(naming, (NamedEffect(WALL[0], (WALL[1],), {}, 0.6),), gap, gap, kind=kind)
+
+    assert said("partial").startswith("Something acts like ") and f"it may stand for {other} that" in said("partial")
+    assert said("effect").startswith("The model lacks ") and "may stand" not in said("effect")
+
+
 # --- beside what is found ---------------------------------------------------------------------------------------------
 
 

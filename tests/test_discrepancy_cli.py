@@ -185,7 +185,7 @@ def test_walls_are_said(found: Callable[[Any], None]) -> None:
         "walls: individual, one change for each artery (the record is more probable with individual walls). Standard "
         "deviations between arteries, relative: E 0.11 (stated 0.08)."
     ) in said
-    assert "explains a part" in said and "Note: CA.E: 25 % above the file's." in said
+    assert "a part of the gap looks like it" in said and "Note: CA.E: 25 % above the file's." in said
 
 
 def test_options_reach_the_workflow(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

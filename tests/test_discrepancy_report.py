@@ -137,7 +137,7 @@ SAID = {
         "wall viscosity at CA with channel lag at CA.P",
     ),
     "partial": (
-        "explains part of the disagreement",
+        "part of the disagreement looks like",
         "Residual: Whitened RMS 3.1",
         "87 %",
         "89 %",

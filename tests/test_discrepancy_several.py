@@ -36,14 +36,15 @@ from discrepancy.name.joint_selection import name_together
 from discrepancy.name.model_selection import name as name_one
 from discrepancy.name.verdict import Naming
 from discrepancy.plan.second_state import second_state, separations
-from discrepancy.recordings import Recordings, _named
+from discrepancy.recordings import Judged, Recordings, _named
 from discrepancy.show.fmu_validation import Gap, Run, confirmed
+from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Member
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import OutOfTime, Runs
-from fitting.records.read.record import write_record
+from fitting.records.read.record import Record, write_record
 from solver.network.files import read_network, write_network
 
 pytestmark = pytest.mark.usefixtures("one_process")
@@ -286,6 +287,49 @@ def test_own_numbers_are_of_the_model_that_stands() -> None:
     (found,) = judged.recordings
     assert judged.naming.verdict == "unknown" and judged.after is None and judged.gaps[1] is None
     assert found.own == {"CA.E": 1e6} and found.gap_after is None
+
+
+def test_an_fmu_that_does_not_run_bears_no_name_out() -> None:
+    """The record is as good as it was: the name is withdrawn with the FMU's sentence, and the numbers of the model
+    without it stay. Of two recordings, one that fails is enough."""
+    ran, failed = one("A", 100.0, 20.0), replace(one("B", 0.0, 0.0), failed="its FMU does not run: supercritical.")
+    runs = [Run(np.zeros((1, 1)), {}, gap) for gap in (BEFORE, AFTER)]
+    base: Any = object()
+
+    def judged(each: list[tuple[Recorded, Run, Run | None]], given: Sequence[Run] = ()) -> Judged:
+        several: Any = SimpleNamespace(each=lambda *_: (each, []), warnings=(), alone=False)
+        return Recordings.judged(several, named(RELAXATION, 1)[2], base, base, base, given)
+
+    for each in ([(failed, runs[0], None)], [(ran, *runs), (failed, runs[0], None)]):
+        found = judged(each)
+        assert found.naming.verdict == "unknown" and found.naming.confidence <= 0.5
+        assert found.before is runs[0] and found.after is None and found.gaps[1] is None and not found.warnings
+        assert "cannot be judged: its FMU does not run: supercritical." in (found.naming.reason or "")
+    (said,) = judged(
+        [(failed, runs[0], None)], runs[:1]
+    ).warnings  # the run of the file stands in for that without effect
+    assert "supercritical. The gap is that of the file as it is" in said
+
+
+def test_walls_with_which_no_fmu_runs() -> None:
+    """The fit without effect has walls with which the FMU breaks down: the run of the file takes its place where there
+    is one, and nothing of an effect is run; an effect whose FMU breaks down leaves the run without it."""
+    (study, *_), (naming, *_), _ = named(RELAXATION, 1)
+    own = Recordings((Record("a.csv", "ab", np.zeros(1), {}, {}),), (study,))
+    fit, run = naming.base.fit, Run(np.zeros((1, 1)), {}, BEFORE)
+
+    def breaks(*_: object) -> Run:
+        raise RunFailed("x.fmu: supercritical.")
+
+    def through(before: Any, after: Any, given: Sequence[Run]) -> tuple[Recorded, Run, Run | None]:
+        return own._through(0, own.records[0], study, fit, naming.best.fit, before, after, given)
+
+    recorded, first, last = through(breaks, pytest.fail, [run])
+    assert first is run and last is None and "with the walls that were fitted: x.fmu" in recorded.failed
+    with pytest.raises(RunFailed):
+        through(breaks, pytest.fail, [])
+    recorded, first, last = through(lambda *_: run, breaks, [])
+    assert first is run and last is None and "its FMU does not run with this record: x.fmu" in recorded.failed
 
 
 def test_all_is_all() -> None:

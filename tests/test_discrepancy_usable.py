@@ -86,6 +86,21 @@ def test_one_channel_with_another_heart_rate(model: Path, tmp_path: Path) -> Non
     assert "channel C.Q repeats every 0.46 s, the others every 0.4 s" in refused(waves, model, tmp_path)
 
 
+@pytest.mark.parametrize("names", [("inlet.Q", "A.P", "B.P", "C.Q"), ("inlet.Q", "B.P")])
+@pytest.mark.parametrize("upstrokes", [3, 3.7])
+def test_a_channel_that_rings_has_the_same_heart_rate(names: tuple[str, ...], upstrokes: float) -> None:
+    """B.P rings at 3 or 3.7 times the rate of the heart, from each upstroke on: by itself it repeats after a part of a
+    beat, but after a beat as well. The same oscillation without the beat has a period of its own."""
+    waves, t = healthy(), DT * np.arange(20 * N)
+    ringing = 3e3 * np.cos(2.0 * np.pi * upstrokes * t / T)
+    ring = np.cos(2.0 * np.pi * upstrokes * (t % T) / T)
+    waves["B.P"] = waves["B.P"].mean() + 3e3 * ring + 0.3 * (waves["B.P"] - waves["B.P"].mean())
+    check_record(as_record({name: waves[name] for name in names}))
+    if upstrokes % 1.0:
+        with pytest.raises(Unusable, match=r"B\.P repeats every|inlet\.Q repeats every"):
+            check_record(as_record({name: waves[name] for name in names} | {"B.P": 1e4 + ringing}))
+
+
 @pytest.mark.parametrize("name", ["A.P", "inlet.Q"])
 def test_dead_for_a_part(model: Path, tmp_path: Path, name: str) -> None:
     """A channel is flat in six of twenty beats; of these the two at the ends may count as drifting."""

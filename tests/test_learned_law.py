@@ -15,10 +15,12 @@ import pytest
 from forked import CHANNELS, NETWORK, N, T, exact, inflow, record
 from test_source_map_report import LEAK, SQUEEZED, found, shown
 from truth.anatomy import anatomy
-from truth.beat import Beat
+from truth.beat import Beat, at_phase
 from truth.hide import Effect, hide
 from truth.network import Balance
-from truth.records import Case, Made, hidden_model, make, write
+from truth.records import Case, Made, hidden_model, make, truth_channels, write
+from truth.sensors import clock, measured, pulsatile
+from truth.shapes import arteries, ejection
 
 from discrepancy import discover
 from discrepancy.add.described import described, tables_of
@@ -26,6 +28,7 @@ from discrepancy.add.learning import Learnt, in_range, learns, learnt, stands
 from discrepancy.checkpoint import Journal
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.outcome import LearnedLaw, Outcome, law_json, verdict_json
+from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.shown_map import beat_of
 from discrepancy.name.scoring import weighed
 from discrepancy.name.verdict import Naming
@@ -180,6 +183,18 @@ def test_a_law_must_shrink_the_gap() -> None:
     assert kept.network.segment(SITE).terms["learned_cubic"] == pytest.approx(kept.parameters["AA.learned_cubic"].value)
     assert stands(study, law, before, source, lambda own, network, fit: (before, lambda: b"")) is None
     assert own.problem.site == SITE
+    for fallen, sd in ((-50.0, 10.0), (10.0, 10.0), (50.0, 10.0)):  # of a recording that it has not seen
+        each = [Recorded("b", "b.csv", "cd", 12, 0.5, False, (7.0, 6.0), {}, (2.0, 1.5), {}, 15.0, fallen, sd)]
+        ran = stands(
+            study,
+            law,
+            before,
+            source,
+            lambda own, network, fit: (run(fit, own), lambda: b""),
+            lambda _, each=each: each,
+        )
+        assert (ran is not None) == (fallen > 3.0 * sd)
+        assert ran is None or (ran.elsewhere == {"b": (6.0, 1.5)} and ran.explains)
 
 
 # --- words and files --------------------------------------------------------------------------------------------------
@@ -194,16 +209,36 @@ LAW = LearnedLaw(
 def test_a_law_is_said_with_range_and_source() -> None:
     text = law_text(LAW)
     outlet = replace(LAW, name="learned_outlet", where=("C",), seen={"C": (8e3, 12e3, 1e5)})
-    assert "for the outlet of C closes" in law_text(outlet) and "pressures of 60 to 90 mmHg above" in law_text(outlet)
+    assert "to the outlet of C describes" in law_text(outlet) and "pressures of 60 to 90 mmHg above" in law_text(outlet)
     assert law_json(outlet)["seen"] == {"C": {"pressure": [8e3, 12e3], "rate": 1e5}}
-    assert "for the wall of B closes 87 % of the gap to held-out beats (from 8 to 1.04 times the noise): σ = …" in text
+    assert text.startswith(
+        "A law fitted to the wall of B describes this recording: σ = … + cubic ε̇³, B.learned_cubic = "
+    )
+    assert "gap to held-out beats of the same recording falls from 8 to 1.04 times the noise. " in text
     assert "B.learned_cubic = 55000 (50000 to 60000) Pa·s³" in text
-    assert "covers strains from 0.02 to 0.081 and rates up to 1.2/s; no other record" in text
-    assert " in place of stenosis at B closes" in law_text(replace(LAW, instead=("stenosis at B",)))
-    assert ", beside stenosis at B, closes" in law_text(replace(LAW, beside=("stenosis at B",)))
+    assert text.endswith("covers strains from 0.02 to 0.081 and rates up to 1.2/s.")
+    assert " in place of stenosis at B describes" in law_text(replace(LAW, instead=("stenosis at B",)))
+    assert ", beside stenosis at B, describes" in law_text(replace(LAW, beside=("stenosis at B",)))
     content = json.loads(json.dumps(law_json(LAW)))
     assert content["seen"] == {"B": {"strain": [0.02, 0.081], "rate": 1.21}}
     assert content["gap"]["after"] == {"fit": 1.2, "held_out": 1.04}
+
+
+@pytest.mark.parametrize(("kind", "other"), [("network", "branches or other physics"), ("bench", "other physics")])
+def test_a_law_of_one_recording_is_no_explanation(kind: str, other: str) -> None:
+    """Said before any gap, and no closed part of the gap is; another recording that supports it makes it one."""
+    law = replace(LAW, kind=kind)
+    described = f"a description and no explanation: no other recording has tested it, and it may stand for {other} that"
+    text = law_text(law)
+    assert described in text and "%" not in text and text.index(described) < text.index("the gap")
+    assert law_json(law)["explains"] is False and law_json(law)["elsewhere"] == {}
+    tested = replace(law, elsewhere={"pacing": (7.0, 1.1)})
+    assert "recordings that it has not seen: there the gap falls as well (pacing from 7 to 1.1)." in law_text(tested)
+    assert "no explanation" not in law_text(tested) and law_json(tested)["explains"] is True
+    assert law_json(tested)["elsewhere"] == {"pacing": {"before": 7.0, "after": 1.1}}
+    tables = replace(tested, is_law=False)
+    assert "describes this recording" in law_text(tables) and "explains nothing" in law_text(tables)
+    assert law_json(tables)["explains"] is False
 
 
 def test_files_of_a_law_or_of_the_map(tmp_path: Path) -> None:
@@ -211,14 +246,14 @@ def test_files_of_a_law_or_of_the_map(tmp_path: Path) -> None:
     files = learned_files(LAW, None)
     (tmp_path / MODEL).write_text(str(files[MODEL]), encoding="utf-8")
     assert read_network(tmp_path / MODEL) == NETWORK
-    assert str(files[MODEL]).startswith("# A law learned") and "# From b.csv (sha256 ab12)." in str(files[MODEL])
+    assert str(files[MODEL]).startswith("# A law fitted") and "# From b.csv (sha256 ab12)." in str(files[MODEL])
     table = list(csv.reader(io.StringIO(str(learned_files(None, shown(LEAK, SQUEEZED))[TABLE]))))
     assert table[0][:3] == ["time [s]", "a loss of flow along B [m^3/s]", "sd of a loss of flow along B [m^3/s]"]
     leak = shown(LEAK).acting[0]
     np.testing.assert_allclose([float(r[1]) for r in table[1:]], leak.mean, atol=1e-8 * leak.rms)
     assert learned_files(None, None) == learned_files(None, shown()) == {}
     outcome = with_law(Outcome("unknown", "Something is missing.", "b.csv", "m.toml", "network"), LAW)
-    assert outcome.sentence.startswith("Something is missing. A law learned")
+    assert outcome.sentence.startswith("Something is missing. A law fitted")
     assert verdict_json(outcome)["learned"]["formula"] == LAW.formula
     assert found().explains  # of the map that this is beside
 
@@ -241,6 +276,41 @@ def test_a_study_offers_the_law(tmp_path: Path) -> None:
     assert isinstance(law.network.parameters()[f"{SITE}.learned_cubic"], float) and not isinstance(law, Learnt)
 
 
+def another(made: Made, hidden: tuple[Effect, ...], seed: int = 9) -> Record:
+    """Another recording of the same wall with what is hidden in it: another rate, waveform and noise."""
+    rng, case = np.random.default_rng(seed), replace(made.case, effects=hidden)
+    beat = Beat(0.42, made.beat.K, made.beat.samples)
+    heart = ejection(rng, beat, 1.0)
+    drive = arteries(rng, beat, heart).pressure(heart, beat.omega)
+    clean, _ = truth_channels(case, anatomy(made.base), made.nuisance, drive, beat)
+    at = clock(rng, beat.T, 20)
+    noise = {name: pulsatile(clean[name]) * 10.0 ** (-case.dB / 20.0) for name in case.names}
+    channels = {n: measured(rng, at_phase(clean[n], at.phase), at, noise[n], beat.T) for n in case.names}
+    return Record("another", "", at.time, channels, {})
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("one_process")
+@pytest.mark.parametrize("same", [True, False])
+def test_another_recording_tests_the_law(tmp_path: Path, same: bool) -> None:
+    """Held out whole, of the same wall at another rate: the law is valid there, and that is said. Where the other
+    recording is of a wall without the law, it is not offered."""
+    cubic = (Effect("cubic_rate", (SITE,), 2.0),)
+    made = make(Case("bench", SITE, 40.0, cubic), 1)
+    write(made, tmp_path / "aa.csv")
+    other = another(made, cubic if same else ())
+    write_record(tmp_path / "other.csv", other.time, other.channels, {f"{SITE}.P": "mmHg", f"{SITE}.R": "mm"})
+    write_network(made.base, tmp_path / "aa.toml")
+    outcome = discover(tmp_path / "aa.csv", tmp_path / "aa.toml", tmp_path / "out", hold_out=[tmp_path / "other.csv"])
+    law = outcome.learned
+    if same:
+        assert law is not None and law.explains
+        ((before, after),) = law.elsewhere.values()
+        assert after < 1.5 < before and "recordings that it has not seen" in outcome.sentence
+    else:
+        assert law is None
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_a_study_offers_tables_where_there_is_no_law(tmp_path: Path) -> None:
@@ -257,9 +327,10 @@ def test_a_study_offers_tables_where_there_is_no_law(tmp_path: Path) -> None:
     write_network(NETWORK, tmp_path / "fork.toml")
     outcome = discover(tmp_path / "fork.csv", tmp_path / "fork.toml", tmp_path / "out")
     assert outcome.verdict == "unknown" and outcome.learned is not None and not outcome.learned.explains
+    assert not outcome.learned.is_law
     law = outcome.learned
     assert law.name == "table_source" and "C" in law.where and law.before[1] > 2.0 and law.after[1] < 1.3
-    assert "not an explanation" in outcome.sentence
+    assert "describes this recording by tables over the beat" in outcome.sentence
     assert read_network(tmp_path / "out" / DESCRIBED) == law.network and (tmp_path / "out" / TABLE).exists()
     assert (tmp_path / "out" / "model_described.fmu").stat().st_size > 0 and not (tmp_path / "out" / MODEL).exists()
     assert json.loads((tmp_path / "out" / "verdict.json").read_text())["learned"]["explains"] is False

@@ -185,6 +185,7 @@ def test_rivals_are_what_stands_in_the_place_of_one() -> None:
     assert "The record is nearly as probable without a pressure in the wall of C." in text
     many = [Rival((p,), 1.0) for p in PLACES if p.kind == "drop"][:6]
     assert "x/L = 0.5 or 3 other places." in acts_as(shown(LEAK, rivals=many))
+    assert "x/L = 0.5 or 1 other place." in acts_as(shown(LEAK, rivals=many[:4]))
 
 
 @pytest.mark.parametrize(
@@ -218,7 +219,8 @@ def test_an_unknown_law_is_told_by_place_and_shape(complete: bool) -> None:
     assert said.startswith(begun) and ("The time limit ended the search" in said) != complete
     assert sentence(naming, (), gap, None, shown()) == sentence(naming, (), gap, None)
     partial = sentence(replace(naming, verdict="partial"), (), gap, gap, shown(LEAK))
-    assert "but more than noise remains. All missing physics together acts as a loss of flow along B" in partial
+    assert "but more than noise remains, and it may stand for branches or other physics that the model lacks" in partial
+    assert "lacks. All missing physics together acts as a loss of flow along B" in partial
 
 
 def test_the_outcome_has_the_map_of_its_naming() -> None:

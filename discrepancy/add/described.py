@@ -57,6 +57,7 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
         return None
     return LearnedLaw(
         name="table_source",
+        kind=study.problem.kind,
         where=tuple(dict.fromkeys(table.segment for table in tables)),
         formula=" and ".join(dict.fromkeys(s.place.label for s in found.signals if s.place.sources)),
         before=left,
@@ -64,7 +65,7 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
         record=(record.path, record.sha256),
         network=network,
         archive=archive(),
-        explains=False,
+        is_law=False,
     )
 
 

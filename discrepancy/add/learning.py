@@ -7,7 +7,8 @@ law generates energy over no loop (:mod:`solver.laws.learned`). Terms are added 
 evidence gains more than their price; each hypothesis is refitted in full with all walls. Then dispensable terms are
 dropped. The search starts without effects, and from the effects of a partial verdict. The law acts in the one wall of a
 bench, or in walls and outlets where the source map has something, and in all alike. Its FMU must confirm it on the
-held-out beats; otherwise tables describe the sources (:mod:`discrepancy.add.described`).
+held-out beats, and on recordings that are held out whole; otherwise tables describe the sources
+(:mod:`discrepancy.add.described`).
 """
 
 from __future__ import annotations
@@ -42,9 +43,10 @@ from solver.simulate import BROKEN
 from .. import thresholds as at
 from ..find.study import Study
 from ..findings.outcome import LearnedLaw
+from ..findings.recorded import Recorded
 from ..name.scoring import there, weighed
 from ..name.verdict import Naming
-from ..show.fmu_validation import Run, agreement
+from ..show.fmu_validation import Run, agreement, not_fallen
 from .described import Runner, described, gap_that_falls, with_network
 
 _TRIED = 2  # most promising terms, refitted at every step
@@ -75,23 +77,35 @@ class Learnt:
         return self.fit.terms[-1]
 
 
+Unseen = Callable[[Learnt], Sequence[Recorded]]
+
+
 def learns(naming: Naming) -> bool:
     """True if more than noise remains that no effect of the catalogue explains."""
     return naming.verdict == "partial" or (naming.verdict == "unknown" and not naming.base.explains)
 
 
 def law_of(
-    study: Study, naming: Naming, before: Run, record: Record, run: Runner, jobs: int, until: float, stage: Stage
+    study: Study,
+    naming: Naming,
+    before: Run,
+    record: Record,
+    run: Runner,
+    unseen: Unseen,
+    jobs: int,
+    until: float,
+    stage: Stage,
 ) -> LearnedLaw | None:
     """A law of the remaining misfit, if one is found in time and its FMU confirms it (:func:`stands`); otherwise the
     tables that describe the misfit.
 
-    jobs : number of simulating processes. until : deadline in ``time.monotonic`` [s]. stage : stores the found law.
+    unseen : as in :func:`stands`. jobs : number of simulating processes. until : deadline in ``time.monotonic`` [s].
+    stage : stores the found law.
     """
     with suppress(OutOfTime, RunFailed), Workers(jobs) as workers:
         runs = Runs(deadline=until, clock=monotonic, workers=workers)
         found: Learnt | None = stage("learned", lambda: learnt(study, naming, runs))
-        law = None if found is None else stands(study, found, before, record, run)
+        law = None if found is None else stands(study, found, before, record, run, unseen)
         if law is not None:
             return law
     return described(study, naming, before, record, run)
@@ -201,12 +215,15 @@ class _Path:
 # --- its FMU ----------------------------------------------------------------------------------------------------------
 
 
-def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner) -> LearnedLaw | None:
+def stands(
+    study: Study, found: Learnt, before: Run, record: Record, run: Runner, unseen: Unseen = lambda law: ()
+) -> LearnedLaw | None:
     """The law if its FMU confirms it, otherwise None. The FMU must agree with the inferred model and shrink the gap to
     the held-out beats by more than chance; if it leaves more than noise, it must close most of the gap.
 
     before : the run without it. run : runs a law's FMU under the record's wave; it also returns a
-    function that builds the FMU to deliver.
+    function that builds the FMU to deliver. unseen : runs it under recordings that are held out whole; there the gap
+    must fall as for a name (:func:`discrepancy.show.fmu_validation.confirmed`).
     """
     own = replace(study, problem=in_range(study.problem, found.ranges))
     network = extended(own.problem.network, found.fit)
@@ -216,6 +233,9 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
         return None
     explains = misfit(found.fit, own.problem.dof_of_noise) < at.MISFIT
     if (left := gap_that_falls(own, before, after, explains)) is None:
+        return None
+    elsewhere = tuple(unseen(found))
+    if not_fallen(elsewhere):
         return None
     fit, term = hierarchy.with_widths(found.fit), found.term
     return LearnedLaw(
@@ -231,6 +251,8 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
         record=(record.path, record.sha256),
         network=network,
         archive=archive(),
+        kind=study.problem.kind,
+        elsewhere={r.label: (r.gap_before[1], r.gap_after[1]) for r in elsewhere if r.gap_after},
     )
 
 

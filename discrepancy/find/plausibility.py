@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 
 from fitting.inference.fit import Array
-from fitting.records.alignment.period import usual_period
+from fitting.records.alignment.period import repeats, usual_period
 from fitting.records.read.record import Record
 from solver.errors import InputError
 
@@ -24,24 +25,34 @@ _DEAD_FOR = 0.125  # fraction of dead beats that is refused
 
 
 def check_record(record: Record) -> None:
-    """Raise Unusable unless all channels have the same heart rate."""
+    """Raise Unusable unless there is one period after which all channels repeat.
+
+    The period that a channel shows by itself may be a part of it, as of a pulse that rings, or several, as of beats
+    that alternate.
+    """
     periods = {}
     for name, values in record.channels.items():
         try:
             periods[name] = usual_period({name: values}, record.dt, record.path).T
         except InputError:  # too noisy by itself; the channels together may have a period
             continue
-    if not periods:
+    if not periods or any(
+        all(_repeats(record, name, own, T) for name, own in periods.items()) for T in periods.values()
+    ):
         return
     middle = float(np.median(list(periods.values())))
-    for name, T in periods.items():
-        ratio = T / middle
-        whole = min(abs(ratio - round(ratio)) if ratio >= 1.0 else abs(1.0 / ratio - round(1.0 / ratio)), 1.0)
-        if whole > _PERIODS:
-            raise Unusable(
-                f"{record.path}: channel {name} repeats every {T:.4g} s, the others every {middle:.4g} s: they were "
-                f"not recorded together, or one clock is wrong; record all channels at once."
-            )
+    name, T = max(periods.items(), key=lambda item: abs(math.log(item[1] / middle)))
+    raise Unusable(
+        f"{record.path}: channel {name} repeats every {T:.4g} s, the others every {middle:.4g} s: they were "
+        f"not recorded together, or one clock is wrong; record all channels at once."
+    )
+
+
+def _repeats(record: Record, name: str, own: float, T: float) -> bool:
+    """True if a channel, whose own period is ``own`` [s], repeats after T [s]."""
+    if abs(T / own - max(round(T / own), 1)) <= _PERIODS:
+        return True
+    return abs(repeats(record.channels[name], record.dt, T) / T - 1.0) <= _PERIODS
 
 
 def check_beats(study: Study) -> None:

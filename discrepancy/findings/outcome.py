@@ -175,8 +175,12 @@ class LearnedLaw:
     formula : of the added term. parameters : with 95 % intervals. seen : range of the data, by segment: lowest and
     highest strain [-] and highest strain rate [1/s]; for outlets P - P_venous [Pa] and its rate. beside : effects that
     act with it, instead : effects of a partial verdict that it replaces. before, after : the gap on (fitted, held-out)
-    beats. record : path and hash. network, archive : with the law, and its FMU. explains : False for tables, which only
-    describe a source.
+    beats. record : path and hash. network, archive : with the law, and its FMU. kind : of the study, "bench" or
+    "network". is_law : False for tables of a source over the beat. elsewhere : the gap to held-out beats, before and
+    after, of each recording that was held out whole.
+
+    Law and tables describe the one recording that they are from. Its held-out beats are in the same state: they cannot
+    tell a law from what else moves alike in this state, such as a branch that the network lacks.
     """
 
     name: str
@@ -191,17 +195,19 @@ class LearnedLaw:
     seen: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     beside: tuple[str, ...] = ()
     instead: tuple[str, ...] = ()
-    explains: bool = True
+    kind: str = "network"
+    is_law: bool = True
+    elsewhere: Mapping[str, Pair] = field(default_factory=dict)
+
+    @property
+    def explains(self) -> bool:
+        """True if it is a law and recordings that it has not seen support it."""
+        return self.is_law and bool(self.elsewhere)
 
     @property
     def of_outlet(self) -> bool:
         """True if it is a law of outlets."""
-        return effects.BY_NAME[self.name].owner == "outlet" if self.explains else False
-
-    @property
-    def closed(self) -> float:
-        """The fraction of the gap to held-out beats that it closes."""
-        return 1.0 - self.after[1] / self.before[1]
+        return effects.BY_NAME[self.name].owner == "outlet" if self.is_law else False
 
 
 @dataclass(frozen=True)
@@ -360,4 +366,5 @@ def law_json(law: LearnedLaw) -> dict[str, Any]:
         "beside": law.beside,
         "instead": law.instead,
         "gap": {"before": pair_json(law.before), "after": pair_json(law.after)},
+        "elsewhere": {label: {"before": before, "after": after} for label, (before, after) in law.elsewhere.items()},
     }

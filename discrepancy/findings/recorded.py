@@ -26,7 +26,8 @@ class Recorded:
     period : of the beat [s]. gap_before, gap_after : whitened RMS on (fitted, held-out) beats. rms_before, rms_after :
     on the held-out beats by channel [SI]. d : d' of the added effects in the fitted beats. fallen, sd : decrease of χ²
     of the held-out beats by these effects, and its standard deviation. own : its own parameters [SI] in the model with
-    the added effects, own_before : without.
+    the added effects, own_before : without. failed : why the FMU does not run, with or without the
+    added effects, else "".
     """
 
     label: str
@@ -44,6 +45,7 @@ class Recorded:
     sd: float | None = None
     own: Mapping[str, float] = field(default_factory=dict)
     own_before: Mapping[str, float] = field(default_factory=dict)
+    failed: str = ""
 
     @property
     def plain(self) -> dict[str, Any]:

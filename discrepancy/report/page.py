@@ -151,10 +151,10 @@ def learned_files(law: LearnedLaw | None, shown: SourceMapShown | None) -> dict[
     of the source map as a table with its band, which describes the record and is not an explanation."""
     files: dict[str, str | bytes] = {}
     if law is not None:
-        model, fmu = (MODEL, FMU) if law.explains else (DESCRIBED, ITS_FMU)
+        model, fmu = (MODEL, FMU) if law.is_law else (DESCRIBED, ITS_FMU)
         source = f"# From {law.record[0]} (sha256 {law.record[1]}).\n"
         files = {model: f"# {law_text(law)}\n{source}\n{dumps(law.network)}", fmu: law.archive}
-    signals = shown is not None and shown.signals and not (law and law.explains)
+    signals = shown is not None and shown.signals and not (law and law.is_law)
     return files | {TABLE: _table(shown)} if shown is not None and signals else files
 
 

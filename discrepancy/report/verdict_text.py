@@ -256,7 +256,8 @@ def _alike(a: Acting, several: bool) -> str:
     it = phrase(a.place) if several else "it"
     others = [" with ".join(map(phrase, rival.places)) for rival in a.rivals if rival.places]
     if len(others) > _MOST:
-        others = [*others[:_MOST], f"{len(others) - _MOST} other places"]
+        more = len(others) - _MOST
+        others = [*others[:_MOST], f"{more} other place{'s' if more > 1 else ''}"]
     *first, last = others or [""]
     named = f"{', '.join(first)} or {last}" if first else last
     sentences = [f"This record cannot distinguish {it} from {named}."] if others else []
@@ -274,24 +275,43 @@ def axis_label(a: Acting) -> str:
 
 
 def law_text(law: LearnedLaw) -> str:
-    """A law in two sentences: its formula with the parameters and the gap that it closes, and its range of validity.
-    Tables over the beat take one sentence."""
-    if not law.explains:
+    """A law, or tables over the beat, in sentences: its formula with the parameters, what has tested it, the gaps
+    without and with it, and its range of validity."""
+    if not law.is_law:
         return (
-            f"No law was found for it. Tables over the beat ({law.formula}) close {number(100.0 * law.closed, 2)} % of "
-            f"the gap to held-out beats (from {number(law.before[1])} to {number(law.after[1])} times the noise): "
-            f"{DESCRIBED} describes this record and is not an explanation."
+            f"No law was found for it. {DESCRIBED} describes this recording by tables over the beat ({law.formula}) "
+            f"and explains nothing. {_gaps(law, 'them')}."
         )
     numbers = ", ".join(f"{name} = {each}" for name, each in law.parameters.items())
-    before, after = number(law.before[1]), number(law.after[1])
+    owner = f"{'outlet' if law.of_outlet else 'wall'} of {places_text(law.where)}"
     beside = f", beside {' and '.join(map(label_text, law.beside))}," if law.beside else ""
     beside = f" in place of {' and '.join(map(label_text, law.instead))}" if law.instead else beside
     return (
-        f"A law learned from this record for the {'outlet' if law.of_outlet else 'wall'} of {places_text(law.where)}"
-        f"{beside} closes "
-        f"{number(100.0 * law.closed, 2)} % of the gap to held-out beats (from {before} to {after} times the noise): "
-        f"{law.formula}, {numbers}. The record covers {_seen(law)}; no other record has confirmed the law."
+        f"A law fitted to the {owner}{beside} describes this recording: {law.formula}, {numbers}. {_tested(law)} "
+        f"{_gaps(law, 'it')}. The recording covers {_seen(law)}."
     )
+
+
+def _gaps(law: LearnedLaw, it: str) -> str:
+    """The gaps without and with a law; held-out beats of the same recording are no test of it."""
+    before, after = number(law.before[1]), number(law.after[1])
+    return f"With {it} the gap to held-out beats of the same recording falls from {before} to {after} times the noise"
+
+
+def _tested(law: LearnedLaw) -> str:
+    """Which recordings have tested a law, and what it may stand for."""
+    if not law.elsewhere:
+        return (
+            f"This is a description and no explanation: no other recording has tested it, and it may stand for "
+            f"{stands_for(law.kind)} that the model lacks."
+        )
+    gaps = (f"{label} from {number(x)} to {number(y)}" for label, (x, y) in law.elsewhere.items())
+    return f"It was tested on recordings that it has not seen: there the gap falls as well ({', '.join(gaps)})."
+
+
+def stands_for(kind: str) -> str:
+    """What a term that leaves more than noise may stand for in a model of this kind."""
+    return "other physics" if kind == "bench" else "branches or other physics"
 
 
 def with_law(outcome: Outcome, law: LearnedLaw | None) -> Outcome:

@@ -188,10 +188,11 @@ def parity(fmu: Path, network: Network) -> float | None:
 def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
     """The naming if the free runs support it; otherwise without a name, with the numbers as the reason.
 
-    χ² of held-out beats must fall by more than chance over all recordings together and in each in which the effect has
-    a d' of 12 (it then falls in 96 %), and rise by more than chance in none; likewise over those held out whole. A
-    partial effect must close most of the gap. A verdict ``none`` becomes unknown if the model explains the record only
-    with implausible parameters. each : results per recording. before, after : over all fitted ones.
+    The FMU with the effects must run. χ² of held-out beats must fall by more than chance over all recordings together
+    and in each in which the effect has a d' of 12 (it then falls in 96 %), and rise by more than chance in none;
+    likewise over those held out whole. A partial effect must close most of the gap. A verdict ``none`` becomes unknown
+    if the model explains the record only with implausible parameters. each : results per recording. before, after :
+    over all fitted ones.
     """
     naming = _borne_out(naming, each, before, after)
     odd = implausible(naming.base.fit) if naming.verdict == "none" else {}
@@ -206,9 +207,12 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         found = f"{best} was found but not named" if after else "no effect was named"
         reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
         return _without(naming, "none", reason)
+    if failed := [r.failed for r in each if r.failed]:
+        reason = f"{best} comes nearest, but cannot be judged: {failed[0]}"
+        return _without(naming, "unknown", reason)
     if after is None:
         return naming
-    why = _not_fallen([r for r in each if r.fitted], len(each) > 1) or _not_fallen([r for r in each if not r.fitted])
+    why = not_fallen([r for r in each if r.fitted], len(each) > 1) or not_fallen([r for r in each if not r.fitted])
     if not why and naming.verdict == "partial" and after.total[1] > (1.0 - at.PART_CLOSED) * left:
         why = "most of it remains" + _closed_above(before, after)
     if why:
@@ -230,8 +234,8 @@ def _closed_above(before: Gap, after: Gap) -> str:
     return ""
 
 
-def _not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
-    """The reason why some recordings do not support a name; "" if they do, or if there are none."""
+def not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
+    """The reason why some recordings do not support a name or a law; "" if they do, or if there are none."""
     told = [(r, r.fallen, r.sd) for r in each if r.fallen is not None and r.sd is not None]
     if not told:
         return ""

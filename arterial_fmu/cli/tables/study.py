@@ -34,7 +34,7 @@ def effect_rows(outcome: Outcome) -> Iterator[tuple[str, ...]]:
 
 def effects_table(outcome: Outcome) -> Table:
     """The added effects with their parameters; name, place and confidence of an effect only in its first line."""
-    titles = {"ambiguous": "best of the class", "partial": "added effect: explains a part"}
+    titles = {"ambiguous": "best of the class", "partial": "added effect: a part of the gap looks like it"}
     title = titles.get(outcome.verdict, "added effect" + ("s" if len(outcome.effects) > 1 else ""))
     if outcome.verdict == "ambiguous" and len(outcome.members) < 2:
         title = "two sensor faults"

@@ -96,6 +96,18 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
     return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
 
 
+def repeats(values: Array, dt: float, T: float) -> float:
+    """The time near T [s] after which stretches of T of one channel usually go on; NaN if they do not go on alike.
+
+    A channel may go on alike after less, too: a pulse that rings has several upstrokes a beat.
+    """
+    _, x, step = _screened({"": values}, dt)
+    if not len(x) or 2.0 * T > x.shape[1] * step * 1.02:
+        return np.nan
+    (later,) = _later(x, T / step, (T / step,))
+    return later.lag * step if later.alike[0] >= limit.HALF else np.nan
+
+
 def _whole(x: Array, lag: float, candidates: Array) -> bool:
     """Whether stretches as long as the lag go on alike, too: two thirds of a beat of three upstrokes do not."""
     one, *more = _around(x, lag, candidates)
