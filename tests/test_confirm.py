@@ -89,6 +89,18 @@ def test_a_part_that_leaves_most_of_the_gap_is_no_name() -> None:
     assert confirmed(s, named("partial"), before, stiffer(s, 0.3)).verdict == "partial"
 
 
+@pytest.mark.parametrize(("left", "verdict"), [(1.0, "unknown"), (0.0, "none")])
+def test_a_model_that_fits_but_does_not_run(left: float, verdict: str) -> None:
+    """Nothing was found missing with walls with which the FMU does not run: the gap is that of the file as it is, and
+    the verdict is none only if that gap is noise."""
+    s = study()
+    run = stiffer(s, left)
+    each = [Recorded("A", "A.csv", "", 20, s.fitted.T, True, run.gap.total, {}, failed="the FMU does not run.")]
+    found = fmu_validation.confirmed(named("none"), each, run.gap, None)
+    assert found.verdict == verdict
+    assert verdict == "none" or (found.reason or "").endswith("cannot be judged: the FMU does not run.")
+
+
 def test_how_often_a_fall_is_chance() -> None:
     """Two models as far from the truth on either side: χ² falls by nothing on average.
 

@@ -200,16 +200,18 @@ def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap 
 
 
 def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
+    best, left = label_text(naming.best.label), before.total[1]
+    failed = next((r.failed for r in each if r.failed), "") if left > at.NO_GAP else ""
+    if failed and naming.verdict == "none":
+        return _without(naming, "unknown", f"the model fits the record, but this cannot be judged: {failed}")
     if not naming.adds and naming.verdict != "unknown":
         return naming
-    best, left = label_text(naming.best.label), before.total[1]
     if left <= at.NO_GAP:
         found = f"{best} was found but not named" if after else "no effect was named"
         reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
         return _without(naming, "none", reason)
-    if failed := [r.failed for r in each if r.failed]:
-        reason = f"{best} comes nearest, but cannot be judged: {failed[0]}"
-        return _without(naming, "unknown", reason)
+    if failed:
+        return _without(naming, "unknown", f"{best} comes nearest, but cannot be judged: {failed}")
     if after is None:
         return naming
     why = not_fallen([r for r in each if r.fitted], len(each) > 1) or not_fallen([r for r in each if not r.fitted])
