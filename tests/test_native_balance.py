@@ -9,17 +9,33 @@ import numpy as np
 import pytest
 from forked import NETWORK, SETTINGS, exact, record
 from hypothesis import Phase, given, settings
-from test_native import TOYS, branching, elastic, engine, networks, values_of
+from hypothesis import strategies as st
+from test_native import TOYS, branching, elastic, engine, values_of
 from test_several_inlets import fork
 from test_toy import Orifice
 
 import solver.harmonics
 import solver.periodic.native_balance
 from fitting.calibrate.network_calibration import calibrate
-from solver import InputError, Network, Pressure, Reflection, Resistance, Settings, Windkessel, beat_harmonics, load
+from solver import (
+    Inlet,
+    InputError,
+    Junction,
+    Network,
+    Pressure,
+    Reflection,
+    Resistance,
+    Segment,
+    Settings,
+    Site,
+    Windkessel,
+    beat_harmonics,
+    load,
+)
 from solver.laws import effects
 from solver.laws.effect import Array, Effect
 from solver.laws.outlets import OUTLETS, Outlet
+from solver.laws.wall_laws import ELASTIC_LAWS
 from solver.mesh.sources import Drop, Outflow, OutletFlow, Source, WallPressure
 from solver.network.curve import Curve
 from solver.network.files import bundled_names
@@ -140,6 +156,51 @@ def test_tables_of_sources(sheep: Network) -> None:
     """They are part of the forcing, so that the program is that of the network without them."""
     curve = Curve.series("Q", 0.0, np.array([2e-6, 1e-6]), np.array([1e-6, 0.0]), sheep.inlet.T)
     assert both(replace(sheep, sources=(TableSource("outlet", "CA", curve, {}),))) < EQUAL
+
+
+@st.composite
+def networks(draw: Any) -> tuple[Network, dict[str, Any]]:
+    """A tree of up to five arteries, perhaps closed to a loop, of any outlets, laws and effects, and a batch of two."""
+    real = lambda low, high: draw(st.floats(low, high))  # noqa: E731
+    count, loop = draw(st.integers(1, 5)), draw(st.booleans())
+    parents = [draw(st.integers(0, i - 1)) for i in range(1, count)]
+    ways = {i: [f"S{j}" for j, p in enumerate(parents, 1) if p == i] for i in range(count)}
+    segments = [
+        Segment(
+            f"S{i}",
+            real(0.02, 0.15),
+            real(3e-3, 1e-2),
+            real(5e-4, 1e-3),
+            real(5e5, 2e6),
+            draw(st.sampled_from([0.0, 1e4])),
+        )
+        for i in range(count)
+    ]
+    if loop:  # two ways from the root to one end
+        segments += [Segment(name, real(0.02, 0.1), 4e-3, 6e-4, 8e5, 1e4) for name in ("P", "Q", "E")]
+        ways[0] += ["P", "Q"]
+    junctions = [Junction((f"S{i}",), tuple(way), k=real(0.0, 1.0)) for i, way in ways.items() if way]
+    junctions += [Junction(("P", "Q"), ("E",))] if loop else []
+    ends = [f"S{i}" for i, way in ways.items() if not way] + (["E"] if loop else [])
+    kinds = {
+        "R_t": lambda s: Reflection(s, R_t=real(-0.5, 0.9)), "P": lambda s: Pressure(s, P_venous=real(0.0, 500.0)),
+        "RCR": lambda s: Windkessel(s, R1=1e8, C=real(1e-10, 1e-8), R2=1e9),
+        "R": lambda s: Resistance(s, R=real(1e7, 1e9)),
+    }  # fmt: skip
+    network = Network(
+        "drawn", tuple(segments), Inlet("S0", Q_max=real(2e-5, 5e-5), T=0.4), tuple(junctions),
+        tuple(kinds[draw(st.sampled_from(sorted(kinds)))](end) for end in ends),
+        tuple(Site(s.name, s.name, real(0.0, 1.0)) for s in segments),
+        elastic_law=draw(st.sampled_from(sorted(ELASTIC_LAWS))),
+        viscous_law=draw(st.sampled_from(["quadratic", "monotone"])),
+    )  # fmt: skip
+    for name in draw(
+        st.sets(st.sampled_from(["stress_relaxation", "taper", "stenosis", "side_branch", "unsteady_friction"]))
+    ):
+        effect = effects.BY_NAME[name]
+        places = {"all", "S0"} & {*effect.where(network)}  # none for the memory of an elastic wall
+        network = effect.add(network, min(places), values_of(effect)) if places else network
+    return network, {"S0.E": np.array([8e5, real(5e5, 2e6)])} if draw(st.booleans()) else {}
 
 
 @settings(max_examples=15, phases=[Phase.explicit, Phase.generate])

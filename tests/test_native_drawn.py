@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 from drawn_networks import (
+    IN_EQUATIONS,
     Drawn,
     by_pulse,
     component_outputs,
     fmu_outputs,
-    in_equations,
+    nearly,
     networks,
     outcome,
     outputs,
@@ -30,22 +31,27 @@ EQUAL = 1e-10  # of each channel's pulse
 GENERATED: dict[str, Any] = {"phases": [Phase.generate], "suppress_health_check": list(HealthCheck)}
 
 
-@pytest.mark.parametrize("effect", in_equations(), ids=lambda effect: effect.name)
+def equal(drawn: Drawn, found: Any, expected: Any) -> bool:
+    """Whether two outcomes are the same sentence, or as many halvings and the same outputs."""
+    if isinstance(found, str) or isinstance(expected, str):
+        return bool(isinstance(found, str) and found == expected)
+    same = by_pulse(tuple(drawn.network.output_units()), found[0], expected[0]) < EQUAL
+    return bool(found[1] == expected[1] and same)
+
+
+@pytest.mark.parametrize("effect", IN_EQUATIONS, ids=lambda effect: effect.name)
 @settings(max_examples=3, **GENERATED)
 @given(st.data())
 def test_engine(effect: Effect, data: st.DataObject) -> None:
-    """With every effect of the catalogue: equal outputs and as many halvings of steps, or the same sentence."""
+    """With every effect of the catalogue: equal outputs and as many halvings of steps, or the same sentence, as NumPy
+    has for the network or for one that differs from it by round-off."""
     try:
         native.library()
     except native.NoEngine as reason:
         pytest.skip(str(reason))
     drawn = data.draw(networks(effect))
-    expected, found = outcome(outputs, drawn, "numpy"), outcome(outputs, drawn, "native")
-    if isinstance(expected, str):
-        assert found == expected
-    else:
-        assert found[1] == expected[1]
-        assert by_pulse(tuple(drawn.network.output_units()), found[0], expected[0]) < EQUAL
+    found = outcome(outputs, drawn, "native")
+    assert any(equal(drawn, found, outcome(outputs, each, "numpy")) for each in nearly(drawn))
 
 
 @needs_compiler

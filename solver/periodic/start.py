@@ -20,9 +20,10 @@ from .waves import Waves
 
 Array = np.ndarray
 
-# Steps remove what a start leaves within a beat. With 32 harmonics, 6 corrections and 1e-4, the beats of four networks
-# needed no fewer steps and 1.1 to 1.4 times the CPU time (measured); with 20 harmonics, adan56 needed 8 beats, not 2
-_MOST, _FEWEST = 24, 4  # harmonics
+# Steps remove what a start leaves within a beat. With 32 harmonics, 6 corrections and 1e-4, beats of the sheep and the
+# human needed as many steps and 1.25 to 1.4 times the CPU time, those of adan56 3.5 beats, not 2.25 (measured); with 24,
+# the sheep needs a quarter of a beat more for a tolerance of 1e-5
+_MOST, _FEWEST = 28, 4  # harmonics
 _CORRECTIONS = 4
 _SMALL = 1e-3  # of the waves: a smaller correction is the last
 
