@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.check.fmu_build import answering
+from fitting.check.fmu_build import with_starts
 from fitting.check.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Array, Fit
 from fitting.inference.models.bench_observation import mean_wander, sense
@@ -73,8 +73,9 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
     }
     drive = study.problem.driven(wave)
     values.update(drive.values)
-    with answering(described, drive.variable, wave, T, values, drive.beats) as (_, answer):
-        waves = dict(answer.values)
+    with with_starts(described, values) as running:
+        answer = periodic_answer(running, drive.variable, wave, T, values, drive.beats)
+    waves = dict(answer.values)
     if drive.imposed is not None:
         waves[drive.imposed] = fourier(wave, steps_per_beat(described, T))
     return compared(study, fit, np.stack([np.fft.rfft(waves[n], norm="forward") for n in names], axis=1))

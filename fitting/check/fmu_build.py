@@ -83,7 +83,7 @@ def answering(
     reaches the periodic beat, pythonfmu's is built, which can start from any periodic beat. Both exist until the end.
     Raises RunFailed with the FMU's sentence.
     """
-    with _with_starts(fmu, starts) as running:
+    with with_starts(fmu, starts) as running:
         try:
             answer = periodic_answer(running, driver, beat, T, starts, beats)
         except RunFailed:
@@ -100,7 +100,7 @@ def answering(
 
 
 @contextmanager
-def _with_starts(fmu: FMU, starts: Mapping[str, float | str]) -> Iterator[FMU]:
+def with_starts(fmu: FMU, starts: Mapping[str, float | str]) -> Iterator[FMU]:
     """The FMU; if it has the compiled engine and does not take these start values, another one that was built with
     them, which exists until the end."""
     if not fmu.native or takes(fmu, starts):

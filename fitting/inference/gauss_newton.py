@@ -88,8 +88,7 @@ class Rules:
     latent : a point has hidden unknowns, which change with every step; the search then ends after a step with too
     small a gain, and relaxes them once after a step without gain. hopeless : a search continues only if its predicted
     cost is at most this far above the best of its batch. damped : λ where the cost rises again. afar : the search
-    starts far from its minimum, so that its prediction counts only after the derivatives were recomputed. exact : ends
-    with derivatives computed at its point, by which evidence is compared; updated ones determine steps only.
+    starts far from its minimum, so that its prediction counts only after the derivatives were recomputed.
     """
 
     gain: float
@@ -101,7 +100,6 @@ class Rules:
     hopeless: float = 150.0
     damped: float = 0.05
     afar: bool = False
-    exact: bool = False
 
     def goes_on(self, promise: float, best: float, turn: int) -> bool:
         """True if a search with this predicted cost deserves another evaluation, given the best of its batch."""
@@ -283,8 +281,6 @@ def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf
         best = min((s.cost for s in searches if not s.failed), default=known)
         active = [s for s in active if s.rules.goes_on(s.promise, min(best, known), turn)]
         if not active:
-            active = _with_derivatives(evaluate, searches)
-        if not active:
             break
         fresh = active[0].rules.fresh
         if fresh and turn and turn % fresh == 0:
@@ -297,15 +293,6 @@ def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf
         ]
         for s, found in zip(active, evaluate(trials), strict=True):
             s.answer(found)
-
-
-def _with_derivatives(evaluate: Evaluate, searches: Sequence[Search]) -> list[Search]:
-    """Derivatives at the ends of exact searches; those with which a search goes on."""
-    ends = [s for s in searches if s.rules.exact and not (s.derived or s.failed)]
-    derive(evaluate, ends)
-    for s in ends:
-        s.ended = not s.derived
-    return [s for s in ends if s.proposes()]
 
 
 def derive(evaluate: Evaluate, searches: Sequence[Search]) -> None:

@@ -20,12 +20,9 @@ from .waves import Waves
 
 Array = np.ndarray
 
-# Steps remove what a start leaves within a beat. With 32 harmonics, 6 corrections and 1e-4, beats of the sheep and the
-# human needed as many steps and 1.25 to 1.4 times the CPU time, those of adan56 3.5 beats, not 2.25 (measured); with 24,
-# the sheep needs a quarter of a beat more for a tolerance of 1e-5
-_MOST, _FEWEST = 28, 4  # harmonics
-_CORRECTIONS = 4
-_SMALL = 1e-3  # of the waves: a smaller correction is the last
+_MOST, _FEWEST = 32, 4  # harmonics
+_CORRECTIONS = 6
+_SMALL = 1e-4  # of the waves: a smaller correction is the last
 
 
 def periodic_state(

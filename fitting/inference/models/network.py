@@ -53,7 +53,6 @@ _STEP = 0.02  # finite difference step of x
 # 7 higher than with 4
 _RULES = Rules(gain=0.1, fresh=8)
 _FINE = replace(_RULES, gain=0.02)  # for intervals: within a seventh of a standard deviation
-_EXACT = replace(_FINE, exact=True)  # for evidences
 _SHARPER = 2  # times that the elements are halved, at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller solver error needs no shorter elements
 
@@ -292,7 +291,7 @@ class NetworkProblem(Single):
         return self._searched([Search(m, rules, known=known) for m in members], runs, cost)
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        return self._searched([continued(f, _EXACT) for f in fits], runs or Runs())
+        return self._searched([continued(f, _FINE) for f in fits], runs or Runs())
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None, rough: bool = False) -> list[Fit | None]:
         rules = _RULES if rough else _FINE
