@@ -74,7 +74,7 @@ def fmu_of(source: str | os.PathLike[str], backend: str) -> Iterator[Path]:
 
 @contextmanager
 def answering(
-    fmu: FMU, driver: str, beat: Array, T: float, starts: Mapping[str, float | str], beats: int | None = None
+    fmu: FMU, driver: str, beat: Array, T: float, starts: Mapping[str, float | str]
 ) -> Iterator[tuple[FMU, Answer]]:
     """The FMU that runs with these start values and its periodic response to a beat, see :func:`periodic_answer`.
 
@@ -85,10 +85,11 @@ def answering(
     """
     with with_starts(fmu, starts) as running:
         try:
-            answer = periodic_answer(running, driver, beat, T, starts, beats)
-        except RunFailed:
+            answer = periodic_answer(running, driver, beat, T, starts)
+        except RunFailed as error:
             if not fmu.native:
                 raise
+            failed = error
         else:
             yield running, answer
             return
@@ -96,7 +97,11 @@ def answering(
         file = Path(folder) / "network.toml"
         write_network(read_network(Path(fmu.path)), file)
         other = read_fmu(build_fmu(file, Path(folder)))
-        yield other, periodic_answer(other, driver, beat, T, starts, beats)
+        try:
+            answer = periodic_answer(other, driver, beat, T, starts)
+        except RunFailed:
+            raise failed from None  # the sentence of the FMU that was given
+        yield other, answer
 
 
 @contextmanager

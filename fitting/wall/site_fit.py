@@ -129,7 +129,6 @@ def without_lag(beats: Beats, fitted: WallFit) -> Beats:
     return replace(beats, values={**beats.values, name: moved})
 
 
-@single_threaded
 def linear_fit(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[WallFit]:
     """The linear model's fit, for comparison with that of another model; empty if there is none.
 
@@ -151,6 +150,7 @@ def favoured_law(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[s
     return []
 
 
+@single_threaded
 def bootstrap(
     fitted: WallFit, beats: Beats, replicates: int = 200, seed: int = 0, progress: Callable[[float], None] | None = None
 ) -> dict[str, tuple[float, float]]:
