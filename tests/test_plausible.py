@@ -158,7 +158,7 @@ def test_a_set_of_another_artery(folder: Path, tmp_path: Path, monkeypatch: pyte
     """A set whose CA has a radius of 13 mm: said before the FMU is run, not when its viscosity turns negative."""
     monkeypatch.chdir(folder)
     write_set(ParameterSet("rat", {"CA.R0": Value(0.013, "m"), "CA.E": Value(1e6, "Pa")}), tmp_path / "rat.json")
-    monkeypatch.setattr("fitting.check.fmu_check.periodic_answer", lambda *_: pytest.fail("the FMU was run"))
+    monkeypatch.setattr("fitting.check.fmu_build.periodic_answer", lambda *_: pytest.fail("the FMU was run"))
     done = run("check", tmp_path / "rat.json", "sheep.fmu", "wrong_network.csv", "--out", tmp_path / "k")
     assert done.exit_code == ExitCode.BAD_INPUT
     assert "its CA.R0 is 13 mm, that of the FMU sheep is 4.06 mm: the set is of another artery" in done.stderr
@@ -170,7 +170,7 @@ def test_a_set_of_another_network(folder: Path, tmp_path: Path, monkeypatch: pyt
     def fail(*_: object) -> None:
         raise RunFailed("sheep.fmu: the effective wall viscosity turned negative.")
 
-    monkeypatch.setattr("fitting.check.fmu_check.periodic_answer", fail)
+    monkeypatch.setattr("fitting.check.fmu_build.periodic_answer", fail)
     for network in ("goat", "sheep"):
         write_set(ParameterSet("s", {"CA.E": Value(1e6, "Pa")}, provenance={"network": network}), tmp_path / "s.json")
         line = (tmp_path / "s.json", folder / "sheep.fmu", folder / "wrong_network.csv", "--as-measured")
