@@ -134,26 +134,42 @@ def test_reference(sheep: Network) -> None:
 
 @pytest.mark.slow
 def test_reference_at_fine_cells(sheep: Network) -> None:
-    """Cells of 1.25 mm: P and Q at MD and CA <= 2e-3, and so at all ten sites; elastic: at MD and CA <= 2e-3."""
-    viscous, elastic = _errors(sheep, 1.25e-3, walls=(1.0, 0.0))
-    assert max(viscous.values()) <= 2e-3
-    assert max(elastic[name] for name in FOUR) <= 2e-3
+    """Cells of 5 mm: P and Q at all ten sites <= 1.2e-4 (9.4e-5 measured); elastic: at MD and CA <= 2.4e-3 (1.9e-3)."""
+    viscous, elastic = _errors(sheep, 5e-3, walls=(1.0, 0.0))
+    assert max(viscous.values()) <= 1.2e-4
+    assert max(elastic[name] for name in FOUR) <= 2.4e-3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("slopes", "most"), [("van Albada", 1.5e-2), ("central", 1e-2)])
-def test_reference_with_neumann_ends(sheep: Network, slopes: str, most: float) -> None:
-    """∂Q/∂x = 0 at the ends, as published, cells of 1.25 mm: P and Q at MD and CA <= 1.5 %; 1 % if not limited."""
-    (errors,) = _errors(sheep, 1.25e-3, "neumann", slopes)
+@pytest.mark.endurance  # two minutes: the table of docs/schemes.md
+@pytest.mark.parametrize(
+    ("ends", "slopes", "most"),
+    [("coupled", "van Albada", 1e-4), ("neumann", "van Albada", 1.5e-2), ("neumann", "central", 1e-2)],
+)
+def test_reference_at_the_finest_cells(sheep: Network, ends: str, slopes: str, most: float) -> None:
+    """Cells of 1.25 mm, P and Q at MD and CA: the reference's own error; ∂Q/∂x = 0 at the ends, as published: 1.5 %, and
+    1 % if not limited."""
+    (errors,) = _errors(sheep, 1.25e-3, ends, slopes)
     assert max(errors[name] for name in FOUR) <= most
 
 
 def test_neumann_ends_cost_accuracy(sheep: Network) -> None:
-    """Viscous pressure dropped at the ends, cells of 1 cm, 0.2 s: off by 1 to 10 %; elastic walls: the same bits."""
+    """Viscous pressure dropped at the ends, cells of 1 cm, 0.2 s: off by 6 to 8 % (7.2 % measured); elastic walls: the
+    same bits."""
     exact = simulate(sheep, duration=0.2)
-    assert 0.01 <= _largest(_run(sheep, 0.2, 0.01, "neumann"), exact, FOUR) <= 0.1
+    assert 0.06 <= _largest(_run(sheep, 0.2, 0.01, "neumann"), exact, FOUR) <= 0.08
     runs = [_run(sheep, 0.05, 0.01, ends, parameters=elastic(sheep.segments)) for ends in ("coupled", "neumann")]
     assert all(np.array_equal(runs[0][name], runs[1][name]) for name in runs[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("slopes", "most"), [("van Albada", 0.028), ("central", 0.022)])
+def test_order_of_neumann_ends(sheep: Network, slopes: str, most: float) -> None:
+    """∂Q/∂x = 0 at the ends, 0.2 s against the default scheme: order 0.7 to 0.85 from cells of 5 to 2.5 mm (0.79 and
+    0.78 measured), where they are off by 2.5 and 1.9 %."""
+    exact = simulate(sheep, duration=0.2)
+    coarse, fine = (_largest(_run(sheep, 0.2, cell, "neumann", slopes), exact, FOUR) for cell in (5e-3, 2.5e-3))
+    assert 0.7 <= np.log2(coarse / fine) <= 0.85, (coarse, fine)
+    assert fine <= most
 
 
 def test_human() -> None:
