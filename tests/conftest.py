@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ import hypothesis
 import pytest
 from c_host import CHost, compiled
 from commands import in_process
-from fmus import COARSE, TIGHT, Instance, Store, mixed
+from fmus import COARSE, TIGHT, Instance, Store, built_once, mixed
 from native_fmus import can_build
 from snippets import Lines, documents
 
@@ -61,20 +62,21 @@ def sheep() -> Network:
 
 
 @pytest.fixture(scope="module")
-def one_process() -> Iterator[None]:
+def one_process(shared_folder: Path) -> Iterator[None]:
     """``python -m build_fmu`` and ``python -m arterial_fmu.cli.run`` are run where the test runs, by the same command
-    line.
+    line; the FMU of a network file and its options is built once for all processes of a run.
 
     For tests whose claim is not about processes: those that start them for good are in test_build.py, test_run.py,
     test_fmu*.py, and in the examples.
     """
     doors = {"build_fmu": "arterial_fmu.cli.build", "arterial_fmu.cli.run": "arterial_fmu.cli.run"}
-    commands = {name: import_module(door).main for name, door in doors.items()}
+    commands = {name: partial(in_process, import_module(door).main) for name, door in doors.items()}
+    commands["build_fmu"] = built_once(commands["build_fmu"], shared_folder / "built")
     real = subprocess.run
 
     def run(line: list[str], **options: Any) -> Any:
         if isinstance(line, list) and line[:2] == [sys.executable, "-m"] and line[2] in commands:
-            return in_process(commands[line[2]], line[3:])
+            return commands[line[2]](line[3:])
         return real(line, **options)
 
     with pytest.MonkeyPatch.context() as patch:

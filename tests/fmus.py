@@ -18,6 +18,8 @@ import fmpy
 from fmpy.fmi2 import FMU2Slave
 
 from solver import Network, Pressure, Resistance, Settings, Windkessel, load
+from solver.io.writing import write_whole
+from solver.network.files import read_network
 
 MS = 1e-3
 COARSE = Settings(dt=2e-3, element_length=0.1)
@@ -54,6 +56,32 @@ class Store:
                     aside.rename(place)
             (self._found[key],) = place.iterdir()
         return self._found[key]
+
+
+Command = Callable[[Sequence[str]], Any]
+
+
+def built_once(build: Command, folder: Path) -> Command:
+    """``build FILE --out FOLDER ...`` that builds each network file once with the same options: after that the FMU is
+    copied. Other command lines, and those that fail, are run as they are."""
+    folder.mkdir(exist_ok=True)
+
+    def run(line: Sequence[str]) -> Any:
+        if len(line) < 4 or line[1] != "--out" or not line[0].endswith(".toml"):
+            return build(line)
+        file, out = Path(line[0]), Path(line[2])
+        kept = folder / hashlib.sha256(pickle.dumps((file.read_bytes(), *line[3:]))).hexdigest()
+        made = out / f"{read_network(file).name}.fmu"
+        if kept.is_file():
+            out.mkdir(parents=True, exist_ok=True)
+            write_whole(made, kept.read_bytes())
+            return subprocess.CompletedProcess(line, 0, "", "")
+        done = build(line)
+        if done.returncode == 0:
+            write_whole(kept, made.read_bytes())
+        return done
+
+    return run
 
 
 @lru_cache(maxsize=16)
