@@ -23,7 +23,7 @@ RUNS = {
     "size": (["10", "20"], "a step of 20 segments, comb"),
     "native": (["--small"], "measure"),  # or why it does not
     "native_fmu": (["--small"], "measure"),  # or why it does not
-    "native_fuzz": (["--calls", "2000"], "calls"),  # or why it does not
+    "native_fuzz": (["--calls", "200"], "calls"),  # or why it does not
     "native_drawn": (["--examples", "10"], "10 networks"),
     "fmu": (["--small"], "doStep of 1 ms where ports are read"),
     "fit_speed": (["--small"], "network: 10 unknowns, P, Q, R at 7 sites"),

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fitting.records.virtual import table_wall
 from fitting.results.parameter_set import read_set
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -198,7 +199,8 @@ def test_own_network(tmp_path: Path) -> None:
 def test_fit_and_check(tmp_path: Path) -> None:
     """Virtual cohort -> fits -> means -> FMU -> check: every P, Q and R within 1 % of the pulse (measured: 0.3 %).
 
-    The means themselves are Table 1 within 0.1 % (E), 0.5 % (φ0) and 0.05 % (R0): the noise of 77 recordings.
+    The means themselves are Table 1 but for the noise of 77 recordings: within 0.05 % (E), 0.4 % (φ0), 0.03 % (R0) and
+    1 % (φ_NL; 15 % at CA, whose wall moves so little that it hardly shows it).
     """
     outcome = run("fit_and_check.py", tmp_path)
     assert outcome.code == 0, outcome.errors
@@ -207,12 +209,13 @@ def test_fit_and_check(tmp_path: Path) -> None:
     assert max(max(row) for row in cells.values()) < 1.0
     assert "77 virtual recordings fitted; regression law" in outcome.output
 
-    means, table1 = (read_set(name).start_values() for name in (outcome.out / "means.json", "sheep_table1"))
+    means = read_set(outcome.out / "means.json").start_values()
     assert means["network.elastic_law"] == "regression"
     assert read_set(outcome.out / "means.ssv").start_values() == means
-    for key, tolerance in (("E", 1e-3), ("phi0", 5e-3), ("R0", 5e-4)):
+    for key, tolerance in (("E", 5e-4), ("phi0", 4e-3), ("R0", 3e-4), ("phiNL", 1e-2)):
         for site in ("AA", "PD", "MD", "DD", "BT", "CA", "FA"):
-            assert means[f"{site}.{key}"] == pytest.approx(table1[f"{site}.{key}"], rel=tolerance), (site, key)
+            most = 0.15 if (key, site) == ("phiNL", "CA") else tolerance
+            assert means[f"{site}.{key}"] == pytest.approx(getattr(table_wall(site), key), rel=most), (site, key)
     assert (outcome.out / "fit_and_check" / "check.html").stat().st_size > 100_000
 
 
