@@ -204,8 +204,8 @@ def test_nothing_is_missing_behind_the_filters() -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
 def test_discovery_knows_the_filters(tmp_path: Path) -> None:
-    """A stenosis of K = 20 in A is named, with K in its interval; the new network has filters and stenosis, and the free
-    run of its FMU through the filters leaves noise."""
+    """A stenosis of K = 20 in A is named, with K in its interval; the new network has filters and stenosis, and its
+    FMU's free run through the filters leaves noise."""
     write_network(NETWORK, tmp_path / "fork.toml")
     channels = {name: beats.ravel() for name, beats in recorded(NETWORK.with_terms({"A.K": 20.0}), 3).values.items()}
     write_record(tmp_path / "r.csv", np.arange(15 * N) * T / N, channels)

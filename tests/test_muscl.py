@@ -146,8 +146,8 @@ def test_reference_at_fine_cells(sheep: Network) -> None:
     [("coupled", "van Albada", 1e-4), ("neumann", "van Albada", 1.5e-2), ("neumann", "central", 1e-2)],
 )
 def test_reference_at_the_finest_cells(sheep: Network, ends: str, slopes: str, most: float) -> None:
-    """Cells of 1.25 mm, P and Q at MD and CA: the reference's own error; ∂Q/∂x = 0 at the ends, as published: 1.5 %, and
-    1 % if not limited."""
+    """Cells of 1.25 mm, P and Q at MD and CA: the reference's own error; ∂Q/∂x = 0 at the ends, as published: 1.5 %,
+    and 1 % if not limited."""
     (errors,) = _errors(sheep, 1.25e-3, ends, slopes)
     assert max(errors[name] for name in FOUR) <= most
 
