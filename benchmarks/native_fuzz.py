@@ -43,7 +43,7 @@ def main(
             place = Path(folder) / f"fmi{fmi}"
             place.mkdir()
             try:
-                program = compiled(fmi, place)
+                program = compiled(fmi, Path(folder))
             except NoSanitizers as reason:
                 print(f"no calls: {reason}")
                 return

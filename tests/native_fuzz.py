@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import subprocess
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -53,19 +54,29 @@ def _compiler() -> list[str]:
 
 
 def compiled(fmi: int, folder: Path) -> Path:
-    """A host with the FMU's sources in it, under the address and undefined-behaviour sanitizers.
+    """A host with the FMU's sources in it, under the address and undefined-behaviour sanitizers; the sources are
+    compiled once for both hosts of a folder.
 
     Raises NoSanitizers where they cannot be had.
     """
     program = folder / f"fuzz{fmi}"
+    _compile([*_sources(folder), str(HERE / f"native_fuzz{fmi}.c"), "-o", str(program), "-lm"], folder)
+    return program
+
+
+@cache
+def _sources(folder: Path) -> list[str]:
+    """The object files of the FMU's sources."""
+    _compile(["-c", *map(str, sorted(SOURCES.glob("*.c"))), *map(str, sorted(SOURCES.glob("fmu/*.c")))], folder)
+    return [*map(str, sorted(folder.glob("*.o")))]
+
+
+def _compile(line: list[str], folder: Path) -> None:
     flags = ["-std=gnu11", "-g", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{HEADERS}", *SANITIZERS]
-    files = [*sorted(SOURCES.glob("*.c")), *sorted(SOURCES.glob("fmu/*.c")), HERE / f"native_fuzz{fmi}.c"]
-    line = [*_compiler(), *flags, *map(str, files), "-o", str(program), "-lm"]
-    done = subprocess.run(line, capture_output=True, text=True)
+    done = subprocess.run([*_compiler(), *flags, *line], cwd=folder, capture_output=True, text=True)
     if "sanitizer" in done.stderr or "libasan" in done.stderr:
         raise NoSanitizers("the compiler has no sanitizers")
     assert done.returncode == 0, done.stderr
-    return program
 
 
 def run(program: Path, fmu: Path, seed: int, calls: int) -> tuple[Counts | None, str]:

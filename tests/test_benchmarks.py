@@ -62,7 +62,7 @@ def test_make_bench_runs_them() -> None:
 
 
 # less than five seconds; the others are run before a release
-SHORT = ("speed", "balance", "size", "native", "native_fmu", "native_fuzz", "native_drawn", "mutations", "periods")
+SHORT = ("speed", "balance", "size", "native", "native_fmu", "native_drawn", "mutations", "periods")
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,12 @@ from test_clients import job, run_c
 from fmu_src.host import TESTED
 from fmu_src.importer.interpreter import Interpreter, interpreter
 
-VERSIONS = [(3, minor) for minor in range(TESTED[0][1], TESTED[1][1] + 1)]
-pytestmark = pytest.mark.slow
+OLDEST, NEWEST = TESTED
+BETWEEN = [(3, minor) for minor in range(OLDEST[1] + 1, NEWEST[1])]
+VERSIONS = [
+    *(pytest.param(version, marks=pytest.mark.slow) for version in (OLDEST, NEWEST)),
+    *(pytest.param(version, marks=pytest.mark.endurance) for version in BETWEEN),  # NumPy is downloaded for each
+]
 
 
 def installed(version: tuple[int, int]) -> Interpreter:

@@ -227,17 +227,17 @@ def test_a_windkessel_in_a_network() -> None:
 
 @pytest.mark.slow
 def test_coverage_of_a_springpot() -> None:
-    """40 records of the generator, 40 dB, share 0.3 of order 0.3: both intervals hold the truth in 90 to 100 %.
+    """20 records of the generator, 40 dB, share 0.3 of order 0.3: both intervals hold the truth in 19 at least.
 
-    40 of 40 measured for both; by the covariance 39 of 40 for both.
+    20 of 20 measured for both, and 40 of 40 for further seeds.
     """
     held = np.zeros(2, int)
-    for seed in range(1000, 1040):
+    for seed in range(1000, 1020):
         problem, best, found, truth = springpot(seed)
         q = quantile(problem.dof_of_noise)
         told = estimates(problem.network, best, found, q, reaches(problem, best, found.unknowns, q))
         held += [low <= truth[name] <= high for name, (low, high) in ((name, e.ci95) for name, e in told.items())]
-    assert held.min() >= 36
+    assert held.min() >= 19
 
 
 # --- the minimum ------------------------------------------------------------------------------------------------------

@@ -200,7 +200,7 @@ def test_accuracy_and_coverage_at_40_dB(site: str, targets: dict[str, float]) ->
     [
         pytest.param(0.0, None, 0.98, marks=pytest.mark.slow),
         pytest.param(0.02, 12, 1.0, marks=pytest.mark.slow),
-        pytest.param(0.05, None, 1.0, marks=pytest.mark.slow),
+        pytest.param(0.05, None, 1.0, marks=pytest.mark.endurance),
     ],
 )
 def test_coverage_of_whole_records(drift: float, bits: int | None, most: float) -> None:

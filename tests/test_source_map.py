@@ -225,8 +225,9 @@ def test_labels_are_words() -> None:
     assert Place(WALL, ALL_PLACES).label == "all walls"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.endurance)]
+)
 def test_the_map_is_weighted_for_the_animal(seed: int) -> None:
     """Nothing hidden in elastic walls, each off by 1.5 times the usual: waves are little damped, and what the noise of
     the inflow does to channels depends on these walls. Weighted for the walls of the file, the map had a fault of the
