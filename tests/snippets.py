@@ -13,6 +13,7 @@ import shlex
 import subprocess
 import sys
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
@@ -55,7 +56,9 @@ ELSEWHERE = {
     "docs/tutorial-real.md": "test_snippets_of_recordings",
 }
 # searches that a document cuts short end earlier still: what they say is in tests of their own
-SHORTER = {'--time-limit "1 min"': '--time-limit "10 s"'}
+SHORTER = {'--time-limit "1 min"': '--time-limit "2 s"'}
+# Python that changes the catalogue of its process
+APART = ("effects.ALL +=",)
 # these install things or run the whole test suite
 NOT_HERE = ("make ", "-m venv")
 
@@ -145,13 +148,29 @@ def _here(text: str) -> str:
     return text
 
 
+@contextlib.contextmanager
+def _in(folder: Path) -> Iterator[None]:
+    """As in a process of its own: in a folder, and a warning is no error."""
+    with contextlib.chdir(folder), warnings.catch_warnings():
+        warnings.simplefilter("default")
+        yield
+
+
+def _python(text: str, folder: Path) -> None:
+    """A script, in this process but with names of its own."""
+    if any(words in text for words in APART):
+        _succeeds([sys.executable, "-c", text], folder)
+        return
+    with _in(folder):
+        exec(compile(text, "snippet", "exec"), {"__name__": "__main__"})
+
+
 def _command(words: list[str], folder: Path) -> None:
     """A command of the package, in this process but for ``run``, which has its own."""
     if words[0] == "run":
         _succeeds([sys.executable, "-m", "arterial_fmu", *words], folder)
         return
-    with contextlib.chdir(folder), warnings.catch_warnings():
-        warnings.simplefilter("default")
+    with _in(folder):
         done = CliRunner().invoke(app, words, prog_name="arterial-fmu")
     assert done.exit_code == 0, f"{words}\n{done.output}\n{done.stderr}\n{done.exception!r}"
 
@@ -165,7 +184,7 @@ def run_snippet(folder: Path, lines: Lines, document: str, number: int) -> None:
     """Exit code 0, after all snippets before it in the document."""
     kind, text = snippets(document)[number]
     if kind == "python":
-        _succeeds([sys.executable, "-c", text], folder)
+        _python(text, folder)
     else:
         for line in text.replace("\\\n", "").splitlines():
             lines.run(line, folder)

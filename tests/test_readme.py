@@ -34,6 +34,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory, lines: Lines) -> dict[str,
     return paths
 
 
+@pytest.mark.usefixtures("one_process")
 @pytest.mark.parametrize(("document", "number"), cases(__file__))
 def test_snippet(folders: dict[str, Path], lines: Lines, document: str, number: int) -> None:
     run_snippet(folders[document], lines, document, number)
