@@ -250,6 +250,7 @@ def test_viscosity_or_a_slow_sensor(effect: Effect) -> None:
     assert f"{effect.name} at {effect.where[0]}" in labels
 
 
+@pytest.mark.slow
 def test_two_effects_are_several() -> None:
     """A bent wall seen through a catheter that rings: both named, and what is left is noise."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", ("CA.P",), 1 / 15, 0.1))
@@ -292,6 +293,7 @@ def test_searches_begin_at_a_radius_of_the_harmonics_that_are_compared() -> None
     assert np.abs(X[31:]).max() < 1e-12 * abs(whole[0])
 
 
+@pytest.mark.slow
 def test_a_cubic_rate_is_not_all_of_it() -> None:
     """A stress φ3 ε̇³ is outside the catalogue: its nearest, a viscosity that bends, is named with what remains.
 

@@ -143,6 +143,7 @@ def whole_of(studies: Sequence[Study]) -> Several:
     return Several(parts, tuple("ABC"[: len(parts)]), (), beats)
 
 
+@pytest.mark.slow
 def test_two_recordings_leave_one_name() -> None:
     """Relaxation at 27 dB: at rest alone a class of three, a lag of the pressure among it; with another rate and
     pressure it is named, and tau is in its interval of 4 sd, which is narrower than that of one recording."""
@@ -165,10 +166,12 @@ def _tau(naming: Naming) -> tuple[float, float]:
     return value.value, 0.5 * (value.ci95[1] - value.ci95[0])
 
 
+@pytest.mark.slow
 def test_no_name_where_nothing_is_hidden() -> None:
     assert named(Case("bench", SITE, 40.0), 1)[2].verdict == "none"
 
 
+@pytest.mark.slow
 def test_what_pressure_tells() -> None:
     """A bent elasticity, one recording: none or a class; two at other pressures: its name."""
     _, alone, found = named(BENT, 2)

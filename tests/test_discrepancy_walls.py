@@ -121,6 +121,7 @@ def test_a_naming_with_deviations_read_back(stiff: Naming, tmp_path: Path) -> No
 # --- where along a segment --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_narrowing_upstream_of_its_site() -> None:
     """K = 200 at x/L = 0.3 of A, where walls differ, which the site in A's middle sees whole: from the walls of the
     file, one in the middle is nothing like it, and the answer was `unknown`. K = 185 ± 20, x/L = 0.33 ± 0.04 measured.

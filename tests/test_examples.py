@@ -1,4 +1,5 @@
-"""Every example runs in a process of its own, and what it prints agrees with the reference and with the paper."""
+"""Every example runs, but for the longest in a process of its own, and what it prints agrees with the reference and
+with the paper."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import zipfile
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -219,30 +221,44 @@ def test_fit_and_check(tmp_path: Path) -> None:
     assert (outcome.out / "fit_and_check" / "check.html").stat().st_size > 100_000
 
 
-@pytest.mark.slow
-def test_discover(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("one_process")
+@pytest.mark.parametrize(
+    ("name", "effect", "place", "parameters"),
+    [
+        pytest.param(
+            "viscous_wall", "wall_viscosity", "CA", {"CA.phi0": (77.082e3, 0.005)}, marks=pytest.mark.slow
+        ),
+        pytest.param(
+            "slow_sensor", "catheter_resonance", "CA.P", {"CA.P.f_n": (9.0, 0.02), "CA.P.zeta": (1.2, 0.02)},
+            marks=pytest.mark.endurance,  # a minute: sensors are named in test_toy.py and in the bank
+        ),
+    ],
+)  # fmt: skip
+def test_discover(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    name: str, effect: str, place: str, parameters: dict[str, tuple[float, float]],
+) -> None:  # fmt: skip
     """A hidden wall viscosity is located, named and added to the FMU, φ0 within 0.5 % (measured: 0.005 %).
 
     A slow sensor is named as one, within 2 % of its frequency (0.2 %). The held-out gaps fall to 1.1 (1 = noise).
     """
-    outcome = run("discover.py", tmp_path)
-    assert outcome.code == 0, outcome.errors
-    expected = {
-        "viscous_wall": ("wall_viscosity", "CA", {"CA.phi0": (77.082e3, 0.005)}),
-        "slow_sensor": ("catheter_resonance", "CA.P", {"CA.P.f_n": (9.0, 0.02), "CA.P.zeta": (1.2, 0.02)}),
-    }
-    for name, (effect, place, parameters) in expected.items():
-        folder = outcome.out / "discover" / name
-        verdict = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))
-        assert verdict["verdict"] == "effect"
-        (found,) = verdict["effects"]
-        assert (found["name"], found["where"]) == (effect, [place])
-        for parameter, (value, tolerance) in parameters.items():
-            assert found["parameters"][parameter]["value"] == pytest.approx(value, rel=tolerance)
-        assert verdict["gap"]["before"]["held_out"] > 2.0 and verdict["gap"]["after"]["held_out"] < 1.2
-        assert {at["site"] for at in verdict["located"]} & {"CA"}
-        assert f"virtual_{name}.csv" in outcome.output and verdict["sentence"] in outcome.output
-        with zipfile.ZipFile(folder / "model.fmu") as fmu:
-            description = fmu.read("modelDescription.xml").decode("utf-8")
-        phi0 = float(re.search(r'name="CA\.phi0".*?<Real start="([^"]+)"', description, flags=re.DOTALL)[1])
-        assert phi0 == found["parameters"].get("CA.phi0", {"value": 0.0})["value"]
+    example = import_module("examples.discover")
+    study = example.study
+    monkeypatch.setattr(example, "study", lambda each, *more: study(each, *more) if each == name else None)
+    monkeypatch.setenv("COLUMNS", "120")
+    example.main(tmp_path)
+    output = capsys.readouterr().out
+    folder = tmp_path / "discover" / name
+    verdict = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))
+    assert verdict["verdict"] == "effect"
+    (found,) = verdict["effects"]
+    assert (found["name"], found["where"]) == (effect, [place])
+    for parameter, (value, tolerance) in parameters.items():
+        assert found["parameters"][parameter]["value"] == pytest.approx(value, rel=tolerance)
+    assert verdict["gap"]["before"]["held_out"] > 2.0 and verdict["gap"]["after"]["held_out"] < 1.2
+    assert {at["site"] for at in verdict["located"]} & {"CA"}
+    assert f"virtual_{name}.csv" in output and verdict["sentence"] in output
+    with zipfile.ZipFile(folder / "model.fmu") as fmu:
+        description = fmu.read("modelDescription.xml").decode("utf-8")
+    phi0 = float(re.search(r'name="CA\.phi0".*?<Real start="([^"]+)"', description, flags=re.DOTALL)[1])
+    assert phi0 == found["parameters"].get("CA.phi0", {"value": 0.0})["value"]

@@ -273,10 +273,14 @@ def walk_network(folder: Path) -> None:
 
 
 def walk_sensor_named(folder: Path) -> None:
-    """A synthetic record with one coupled channel: named there, its rate within 5 %."""
+    """A synthetic record with one coupled channel: named there among all sensors and the toy effect, its rate within
+    5 %."""
     from judged import judge
 
-    _, naming = judge(record_of(base(), ("inlet.Q", *NAMES), "B.P"), base())
+    from solver.laws import effects
+
+    among = [e.name for e in effects.ALL if e.owner == "channel" or e.name == "tissue_support"]
+    _, naming = judge(record_of(base(), ("inlet.Q", *NAMES), "B.P"), base(), among=among)
     assert (naming.verdict, naming.best.label) == ("effect", "ac_coupling at B.P"), naming.best.label
     step = naming.best.fit.unknowns[-1].moves[0][1]
     assert abs(float(naming.best.fit.x[-1]) * step / CUTOFF - 1.0) < 0.05
