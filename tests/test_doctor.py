@@ -36,21 +36,27 @@ def rewritten(fmu: Path, target: Path, change: Callable[[str, bytes], bytes | No
     return target
 
 
-def test_healthy(fmus: dict[str, Path]) -> None:
+@pytest.fixture(scope="module")
+def whole(fmus: dict[str, Path]) -> list[Finding]:
+    """What is found of a whole FMU."""
+    return examine(fmus["sheep"])
+
+
+def test_healthy(fmus: dict[str, Path], whole: list[Finding]) -> None:
     """A whole FMU in the Python of this project: no problem, exit code 0, and every line of the table says ok."""
     done = CliRunner(env={"COLUMNS": "200"}).invoke(app, ["doctor", os.fspath(fmus["sheep"])])
     assert done.exit_code == 0, done.output
     assert "PROBLEM" not in done.output.upper()
-    findings = found(examine(fmus["sheep"]))
+    findings = found(whole)
     assert {finding.state for finding in findings.values()} <= {OK, NOTE}
     assert findings["one step"].found == "loaded, initialized, stepped, read, freed"
     assert sys.executable in findings["Python"].found
 
 
 @pytest.mark.parametrize("columns", ["40"])
-def test_the_command_line_can_be_copied(fmus: dict[str, Path], columns: str) -> None:
+def test_the_command_line_can_be_copied(fmus: dict[str, Path], whole: list[Finding], columns: str) -> None:
     """In a narrow terminal the command stands below the table on one line, as it is in the findings."""
-    command = found(examine(fmus["sheep"]))["hosts in C, C++, …"].remedy.removeprefix("start them with: ")
+    command = found(whole)["hosts in C, C++, …"].remedy.removeprefix("start them with: ")
     done = CliRunner(env={"COLUMNS": columns}).invoke(app, ["doctor", os.fspath(fmus["sheep"])])
     assert f"Start hosts in C, C++, … with: {command}" in done.output.splitlines()
 
@@ -66,9 +72,10 @@ def test_as_json(fmus: dict[str, Path], tmp_path: Path) -> None:
 
 def test_the_command_line_works(fmus: dict[str, Path], c_host: CHost, tmp_path: Path) -> None:
     """What the doctor prints for hosts that are not Python starts one in an empty environment."""
-    if state(examine(fmus["coarse sheep"])) == PROBLEM:
+    findings = examine(fmus["coarse sheep"])
+    if state(findings) == PROBLEM:
         pytest.skip("no FMU runs on this machine")
-    line = found(examine(fmus["coarse sheep"]))["hosts in C, C++, …"].remedy.removeprefix("start them with: ")
+    line = found(findings)["hosts in C, C++, …"].remedy.removeprefix("start them with: ")
     fmu = unpack(fmus["coarse sheep"], tmp_path)
     commands = [f"library 0 {fmu.library}", fmu.instantiate(0), "setup 0 0 1", "enter 0", "exit 0", "step 0 0 0.01"]
     done = subprocess.run(
