@@ -61,6 +61,7 @@ def tube(name: str) -> Network:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_both_kinds_give_the_same_check(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Of one tube with noise of 40 dB, each run until its beat repeats to 1e-11: all numbers of all channels to 1e-9.
 
@@ -149,6 +150,7 @@ def test_start_values_that_need_other_elements(stored: Store) -> None:
         assert same is fmu
 
 
+@pytest.mark.slow
 def test_a_beat_that_no_run_from_rest_reaches(stored: Store, tmp_path: Path) -> None:
     """A soft wall that creeps (phi0/E = 1.8 s): supercritical in the first beat from rest, never in the periodic one.
 

@@ -165,6 +165,7 @@ def short() -> Network:
     )
 
 
+@pytest.mark.slow
 def test_sheep() -> None:
     """The sheep heart on the network of the paper, whose ends only reflect: 88/16 mmHg, no volume is lost."""
     found = loop(load("sheep"), 2 * MS, 2.0, dt=2 * MS, heart=SHEEP_HEART, element_length=0.2)

@@ -334,6 +334,7 @@ def test_warm_start_refusals(sheep: Network) -> None:
 ONE_BY_ONE = [{name: value} for name, value in (*ON.items(), ("AA.junction.k", 0.7))]
 
 
+@pytest.mark.slow
 def test_fmu_with_everything(sheep: Network, tmp_path: Path) -> None:
     """One FMU with all terms: all on, then some alone by start values, equals the solver to 1e-9 (measured 0)."""
     network = sheep.with_terms({**ON, "AA.junction.k": 0.7, "CA.P.lag": 3e-3})

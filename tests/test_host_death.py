@@ -59,6 +59,7 @@ def command(*words: str | Path) -> subprocess.CompletedProcess[str]:
 # --- where to unpack ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_run_in_a_strange_folder(fmus: dict[str, Path], strange: Path, tmp_path: Path) -> None:
     """``run``, and what check, study and discover use, run where the wrapper alone crashes; nothing is left behind."""
     out = tmp_path / "out.csv"
@@ -156,6 +157,7 @@ def test_doctor(deadly: Path) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_interrupted_run(fmus: dict[str, Path], tmp_path: Path) -> None:
     """Ctrl-C of ``run``, also where only the first process gets it: it ends, and there is no result."""

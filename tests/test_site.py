@@ -29,6 +29,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_links(site: Path) -> None:
     """Every link leads to a file that is there, and to an anchor in it; all that a page loads lies beside it."""
     assert len(list(site.glob("*.html"))) > 20
@@ -71,6 +72,7 @@ def test_what_is_wrong_is_said(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_offline(site: Path) -> None:
     """No style has anything from the network, and the index of the search is a script."""
     styles = [file.read_text(encoding="utf-8") for file in site.rglob("*.css")]
@@ -78,6 +80,7 @@ def test_offline(site: Path) -> None:
     assert (site / "search" / "search_index.js").is_file()
 
 
+@pytest.mark.slow
 def test_notebooks(site: Path) -> None:
     """Each notebook is a page with its figures."""
     for path in (ROOT / "examples" / "notebooks").glob("*.ipynb"):

@@ -123,6 +123,7 @@ def test_start_values_are_inside_the_fmus(ssp: Path) -> None:
 # --- the masters --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_same_as_in_python(ssp: Path, tmp_path: Path) -> None:
     """0.4 s with an ejection, in steps of 5 ms, in FMPy: as the components in Python, to 1e-11 of the range.
 

@@ -127,6 +127,7 @@ def test_where_it_cannot_be_it_is_refused() -> None:
     assert (np.abs(stepped - found) / pulse).max() < 4e-5
 
 
+@pytest.mark.slow
 def test_the_fmu_has_it(tmp_path: Path) -> None:
     """The fourth beat from rest, through FMPy and by the solver: 2e-6 of each pulse, which the source moves by 1 %."""
     sheep = load("sheep")
