@@ -488,6 +488,17 @@ def test_columns(tmp_path: Path) -> None:
     assert '--map "Pressure (mmHg)=Ao.P"' in pressure["read_as"]
 
 
+def test_times_of_a_clock_are_told_apart(tmp_path: Path) -> None:
+    """Seconds since midnight at 1 kHz: nine digits where five would be the same number three times."""
+    content = "\n".join(["clock,AA.P [mmHg]", *(f"23:59:57.{k:03d},{85 + k % 7}" for k in range(40))])
+    (tmp_path / "lab.csv").write_text(content)
+    runner = CliRunner(env={"COLUMNS": "200"})
+    assert (
+        "86397 86397.001 86397.002"
+        in runner.invoke(arterial_fmu.cli.discover.app, [str(tmp_path / "lab.csv"), "--columns"]).stdout
+    )
+
+
 def test_columns_are_asked_for_in_full(tmp_path: Path) -> None:
     """At 80 columns, too, the option to copy stands in one line, for it is below the table."""
     (tmp_path / "lab.csv").write_text(text({"time [s]": TIME, "Carotid artery catheter": P_MMHG, "AA.P": P_MMHG}))
