@@ -162,10 +162,10 @@ def _succeeds(command: list[str], folder: Path) -> None:
 
 
 def run_snippet(folder: Path, lines: Lines, document: str, number: int) -> None:
-    """Exit code 0, after all snippets before it in the document."""
+    """Exit code 0, after all snippets before it in the document; Python without a deprecated name."""
     kind, text = snippets(document)[number]
     if kind == "python":
-        _succeeds([sys.executable, "-c", text], folder)
+        _succeeds([sys.executable, "-W", "error::DeprecationWarning:__main__", "-c", text], folder)
     else:
         for line in text.replace("\\\n", "").splitlines():
             lines.run(line, folder)
