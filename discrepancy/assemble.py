@@ -11,6 +11,7 @@ from scipy.special import chdtrc
 
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
+from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.unknown import quantile
 from fitting.records.read.record import Record
@@ -142,12 +143,14 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
 
 
 def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
-    """The source map, with each place's share of the gap if something acts; None without a map."""
+    """The source map, with each place's share of the gap if something acts; None without a map. Several recordings
+    have that of the first."""
     if naming.map is None:
         return None
     whole = study.problem if naming.map.signals else None
     shares = gap_shares(whole, naming.map) if isinstance(whole, NetworkProblem) else ()
-    return shown_map(naming.map, study.network, study.fitted, shares)
+    first = naming.problem.labels[0] if isinstance(naming.problem, Several) else ""
+    return shown_map(naming.map, study.network, study.fitted, shares, first)
 
 
 def _bent(walls: Walls, naming: Naming) -> bool:

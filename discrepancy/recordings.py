@@ -36,9 +36,10 @@ from .name.joint_selection import name_together
 from .name.scoring import seen_by, weighed
 from .name.verdict import Naming
 from .options import COMMON, Asked
-from .show.fmu_validation import Gap, Run, confirmed, fall, held_out
+from .show.fmu_validation import Gap, Run, confirmed, fall, held_out, rises
 
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
+_LEAVES_MORE = "without effect, the walls that were fitted leave a larger gap than those of the file."
 Key = TypeVar("Key")
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
@@ -119,11 +120,12 @@ class Recordings:
         base : fit without the added effects. before, after : run the FMU without and with the added effects. given :
         runs of the file as it is, under each fitted recording. The walls of a fit without effect may have absorbed so
         much that the FMU does not run with them, though record and file are sound: the gaps are then those of the file,
-        and no name stands.
+        and no name stands. If the gap rises with these walls, from that of the file, the gap before is that of the
+        file.
         """
         found, unjudged = self.each(naming, base, before, after, given)
         unjudged += [
-            f"{r.source}: {r.failed} The gap is that of the file as it is; do not use these walls."
+            f"{r.source}: {r.failed or _LEAVES_MORE} The gap is that of the file as it is; do not use these walls."
             for (r, first, _), own in zip(found, given, strict=False)
             if first is own
         ]
@@ -220,6 +222,8 @@ class Recordings:
             if i >= len(given):
                 raise
             first, failed = given[i], f"without effect, the FMU does not run with the walls that were fitted: {error}"
+        if i < len(given) and rises(study, given[i], first):
+            first = given[i]
         if not fitted:
             check_waves(study, first.beats)
         own, own_before = ({} if self.alone else _own(self.whole, study, fit) for fit in (best or without, without))

@@ -231,9 +231,8 @@ class _Work:
         naming, before, after = judged.naming, judged.before, judged.after
         study, best = weighted(self.study, naming), found if after else None
         wave = drives(study, base, found)[after is not None]  # of the runs, also if they do not bear the name out
-        shown = Shown(
-            as_given[0], before, agreement=agreement(study, best or base, wave, after or before), gaps=judged.gaps
-        )
+        agree = agreement(study, best or base, wave, after or before, as_given[0])
+        shown = Shown(as_given[0], before, agreement=agree, gaps=judged.gaps)
         if after is not None:
             shown = self._with_model(replace(shown, after=after, network=network), naming, fmu)
         law = self._law(naming, after or before, best or base, network_fmu=fmu if after else given)

@@ -48,7 +48,7 @@ class Drawn:
     pressures: Mapping[str, tuple[float, float]]  # mean and amplitude [Pa] at the inlets with given pressure
     effects: tuple[str, ...] = ()
 
-    def drive(self, name: str, t: Array) -> Array:
+    def drive(self, name: str, t: Array | float) -> Array:
         """The pressure [Pa] at an inlet at times t [s]."""
         mean, size = self.pressures[name]
         return mean + size * np.sin(40.0 * np.asarray(t))

@@ -166,9 +166,10 @@ def _in(folder: Path) -> Iterator[None]:
 def _python(text: str, folder: Path) -> None:
     """A script, in this process but with names of its own."""
     if any(words in text for words in APART):
-        _succeeds([sys.executable, "-c", text], folder)
+        _succeeds([sys.executable, "-W", "error::DeprecationWarning:__main__", "-c", text], folder)
         return
     with _in(folder):
+        warnings.filterwarnings("error", category=DeprecationWarning, module="__main__")
         exec(compile(text, "snippet", "exec"), {"__name__": "__main__"})
 
 
@@ -188,7 +189,7 @@ def _succeeds(command: list[str], folder: Path) -> None:
 
 
 def run_snippet(folder: Path, lines: Lines, document: str, number: int) -> None:
-    """Exit code 0, after all snippets before it in the document."""
+    """Exit code 0, after all snippets before it in the document; Python without a deprecated name."""
     kind, text = snippets(document)[number]
     for written, shorter in SHORTER.get(document, {}).items():
         text = text.replace(written, shorter)

@@ -30,7 +30,7 @@ HEADER = "animal,site,record,h [mm],R0 [mm]\n"
 @pytest.mark.parametrize(
     "text, sentence",
     [
-        ("", "line 1: the column animal and site and record and h and R0 is missing"),
+        ("", "line 1: the columns animal, site, record, h and R0 are missing"),
         ("animal,site,record,R0 [mm]\n", "line 1: the column h is missing; the header must be animal,site,record"),
         ("animal,animal,site,record,h,R0\n", "line 1: the column animal occurs twice; keep one"),
         (HEADER, "line 2: there is no recording below the header"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from discrepancy.show.fmu_validation import Gap
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import Term
 from fitting.results.estimate import Estimate
+from solver import load
+from solver.network.description import Site
 
 
 def named(effect: str, cost: float, log_volume: float) -> Named:
@@ -33,6 +36,8 @@ def named(effect: str, cost: float, log_volume: float) -> Named:
 
 LAG, SLOW, GAIN = ("channel_lag", "A.P"), ("catheter_resonance", "A.R"), ("channel_gain", "B.P")
 WALL = ("wall_viscosity", "A")
+SHEEP = load("sheep")
+NETWORK = replace(SHEEP, sites=(*SHEEP.sites, Site("root", SHEEP.inlet.segment, 0.0)))
 
 
 def pair(*effects: tuple[str, str]) -> Named:
@@ -48,12 +53,15 @@ def pair(*effects: tuple[str, str]) -> Named:
         ((LAG, ("channel_gain", "A.P")), "ambiguous"),
         ((LAG, GAIN), "several"),
         ((LAG, WALL), "several"),
+        ((("catheter_resonance", "inlet.Q"), ("catheter_resonance", "root.P")), "ambiguous"),
+        ((("catheter_resonance", "inlet.Q"), LAG), "several"),
         ((LAG,), "effect"),
     ],
 )
 def test_two_faults_at_one_site_are_no_discovery(effects: tuple[tuple[str, str], ...], expected: str) -> None:
-    """Of the sensors of one site, or of one of them twice; those of two sites, or beside a wall, are."""
-    assert _said(pair(*effects), (pair(*effects),)) == expected
+    """Of the sensors of one site, or of one of them twice; those of two sites, or beside a wall, are. The meter of the
+    inflow is at a site at the inlet."""
+    assert _said(pair(*effects), (pair(*effects),), NETWORK) == expected
 
 
 @pytest.mark.parametrize("verdict", ["ambiguous", "partial"])
@@ -64,7 +72,7 @@ def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
     gap = Gap((9.0, 9.0), {})
 
     def said(*effects: tuple[str, str]) -> str:
-        best, problem = pair(*effects), None
+        best, problem = pair(*effects), SimpleNamespace(network=NETWORK)
         members = (best, *[pair(LAG, GAIN)] * others)
         naming = Naming(verdict, problem, best, (best,), members, {}, (), 0.9, "RMS 3")  # type: ignore[arg-type]
         return sentence(naming, tuple(NamedEffect(e, (place,), {}, 0.9) for e, place in effects), gap, gap)
@@ -80,7 +88,7 @@ def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
 @pytest.mark.parametrize(("kind", "other"), [("network", "branches or other physics"), ("bench", "other physics")])
 def test_a_part_is_not_said_to_be_what_the_model_lacks(kind: str, other: str) -> None:
     """While more than noise remains, the effect itself may stand for something else; of one that explains all, no."""
-    gap, best, problem = Gap((9.0, 9.0), {}), pair(WALL), None
+    gap, best, problem = Gap((9.0, 9.0), {}), pair(WALL), SimpleNamespace(network=NETWORK)
 
     def said(verdict: str) -> str:
         naming = Naming(verdict, problem, best, (best,), (best,), {}, (), 0.6, "RMS 3")  # type: ignore[arg-type]
@@ -114,7 +122,7 @@ def test_walls_that_may_be_bent(verdict: str, complete: bool, deviation: float, 
 class Lawless:
     """A bench on which no wall law holds where the hypotheses ended: no error of it can be estimated."""
 
-    kind, site, signals = "bench", "A", ("A.P", "A.R")
+    kind, site, signals, network = "bench", "A", ("A.P", "A.R"), NETWORK
 
 
 def test_nothing_explains_the_record_and_no_error_can_be_estimated() -> None:

@@ -101,6 +101,21 @@ def test_a_model_that_fits_but_does_not_run(left: float, verdict: str) -> None:
     assert verdict == "none" or (found.reason or "").endswith("cannot be judged: the FMU does not run.")
 
 
+def test_a_model_that_does_not_run_before_any_effect_was_compared() -> None:
+    """The time was over before the first effect: nothing comes nearest, and the sentence has a subject. The run of the
+    file stands in for that of the fit, and so is not compared with the fit."""
+    s = study()
+    run = stiffer(s, 1.0)
+    each = [Recorded("A", "A.csv", "", 20, s.fitted.T, True, run.gap.total, {}, failed="the FMU does not run.")]
+    naming = replace(named("unknown"), ranked=(named().base,), complete=False)
+    assert naming.best.label == ""
+    found = fmu_validation.confirmed(naming, each, run.gap, None)
+    assert found.reason == "no effect can be judged: the FMU does not run."
+    wave = s.problem.measured_wave(s.fitted)
+    assert agreement(s, NOTHING, wave, run, given=run) is None
+    assert agreement(s, NOTHING, wave, run, given=stiffer(s, 0.0)) is not None
+
+
 def test_how_often_a_fall_is_chance() -> None:
     """Two models as far from the truth on either side: χ² falls by nothing on average.
 

@@ -37,7 +37,7 @@ from discrepancy.name.model_selection import name as name_one
 from discrepancy.name.verdict import Naming
 from discrepancy.plan.second_state import second_state, separations
 from discrepancy.recordings import Judged, Recordings, _named
-from discrepancy.show.fmu_validation import Gap, Run, confirmed
+from discrepancy.show.fmu_validation import Gap, Run, confirmed, gap
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Member
 from fitting.inference.gauss_newton import Trial
@@ -333,6 +333,19 @@ def test_walls_with_which_no_fmu_runs() -> None:
         through(breaks, pytest.fail, [])
     recorded, first, last = through(lambda *_: run, breaks, [])
     assert first is run and last is None and "its FMU does not run with this record: x.fmu" in recorded.failed
+
+
+def test_walls_that_leave_more_than_those_of_the_file() -> None:
+    """A model that is far from the record has many minima, and a fit without effect may end in one that is worse than
+    the file: the gap before is then that of the file, and a sentence says so. Of two runs the nearer one counts."""
+    (study, *_), (naming, *_), _ = named(RELAXATION, 1)
+    own = Recordings((Record("a.csv", "ab", np.zeros(1), {}, {}),), (study,))
+    X = study.problem.repeated(study.fitted, study.fitted, study.problem.K)
+    near, far = (Run(x, {}, gap(study, x)) for x in (X, 1.1 * X))
+    for fitted, given in ((near, far), (far, near)):
+        found = own.judged(naming, naming.base.fit, lambda *_, run=fitted: run, lambda *_: near, [given])
+        assert found.before is near
+        assert any("a larger gap than those of the file" in text for text in found.warnings) == (given is near)
 
 
 def test_all_is_all() -> None:

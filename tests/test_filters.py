@@ -54,6 +54,16 @@ def recorded(network: object = NETWORK, seed: int = 0) -> Beats:
     return record(filtered({n: waves[n] for n in ("inlet.Q", *SHOWN)}), 15, 0.01, seed)
 
 
+@pytest.mark.parametrize(
+    ("text", "proposed"), [("A.P=zero 4", "4 mmHg"), ("inlet.Q=zero 4", "4 mL/s"), ("A.P=lowpass 10", "10 Hz")]
+)
+def test_a_number_without_its_unit_is_refused(text: str, proposed: str) -> None:
+    """As in every option: a zero of 4 was one of 4 Pa. A time is in seconds, 0 is 0."""
+    with pytest.raises(ValueError, match=f'it has no unit; write one, such as "{proposed}"'):
+        with_filters(NETWORK, [text])
+    assert with_filters(NETWORK, ["A.P=delay 0.02"]) == with_filters(NETWORK, ["A.P=delay 20 ms"])
+
+
 @pytest.mark.parametrize("order", range(1, 9))
 def test_butterworth(order: int) -> None:
     """H of 10 Hz and every order against SciPy's analogue prototype, to 1e-12 of its size; 1/√2 at the cut-off."""

@@ -55,6 +55,7 @@ def test_fit_writes_set_figure_and_bench(folder: Path) -> None:
     for text in (
         "E_inc = 1.5",
         "elastic law regression: ln evidence leads by",
+        "(a lead of 3 decides)",
         "regression (kept)",
         "χ²/dof",
         "1 ms late",

@@ -386,7 +386,10 @@ def test_columns_by_number(tmp_path: Path, separator: str, above: str) -> None:
     """No line names the columns: asked with the first row and an example, then read by number; titled ones, too."""
     content = above + "\n".join(rows(separator, "."))
     said = refused(tmp_path, content)
-    assert f"it has no header, and its first row is 0, {P_MMHG[0]:g}, {R_MM[0]:g}; say which column is which: " in said
+    assert (
+        f"it has no header, and its first row is 0, {P_MMHG[0]:g}, {R_MM[0]:g}; say which column is which, such as "
+        in said
+    )
     assert said.endswith('--map "1=time [s]" --map "2=inlet.Q [mL/s]" --map "3=AA.P [mmHg]".')
     names = {"1": "time [s]", "2": "AA.P [mmHg]", "3": "AA.R [mm]"}
     check(read(tmp_path, content, names=names))
@@ -482,7 +485,18 @@ def test_columns(tmp_path: Path) -> None:
     assert found["samples"] == len(TIME)
     pressure = found["columns"][2]
     assert (pressure["title"], pressure["unit"], pressure["min"]) == ("Pressure (mmHg)", "mmHg", round(P_MMHG.min(), 9))
-    assert "no such channel" in pressure["read_as"]
+    assert '--map "Pressure (mmHg)=Ao.P"' in pressure["read_as"]
+
+
+def test_times_of_a_clock_are_told_apart(tmp_path: Path) -> None:
+    """Seconds since midnight at 1 kHz: nine digits where five would be the same number three times."""
+    content = "\n".join(["clock,AA.P [mmHg]", *(f"23:59:57.{k:03d},{85 + k % 7}" for k in range(40))])
+    (tmp_path / "lab.csv").write_text(content)
+    runner = CliRunner(env={"COLUMNS": "200"})
+    assert (
+        "86397 86397.001 86397.002"
+        in runner.invoke(arterial_fmu.cli.discover.app, [str(tmp_path / "lab.csv"), "--columns"]).stdout
+    )
 
 
 def test_columns_are_asked_for_in_full(tmp_path: Path) -> None:
@@ -493,6 +507,26 @@ def test_columns_are_asked_for_in_full(tmp_path: Path) -> None:
     for option in ('--map "Carotid artery catheter=AA.P [mmHg]"', '--map "AA.P=AA.P [mmHg]"'):
         assert sum(option in line for line in said) == 1
     assert sum("see below" in line for line in said) == 2 and "…" not in "".join(said)
+
+
+def test_columns_without_known_titles_are_asked_for_with_sites_of_their_own(tmp_path: Path) -> None:
+    """Two pressures under foreign titles are two sites; a file without titles gets one line with all options."""
+    runner, path = CliRunner(env={"COLUMNS": "200"}), tmp_path / "lab.csv"
+
+    def asked(content: str) -> list[str]:
+        path.write_text(content)
+        said = runner.invoke(arterial_fmu.cli.discover.app, [str(path), "--columns"]).stdout.splitlines()
+        return [line for line in said if "--map" in line]
+
+    flow = 50.0 + P_MMHG
+    titled = {"time [s]": TIME, "Flow (mL/s)": flow, "ABP (mmHg)": P_MMHG, "Radial (mmHg)": P_MMHG}
+    options = ("Flow (mL/s)=inlet.Q", "ABP (mmHg)=Ao.P", "Radial (mmHg)=site2.P")
+    for line, option in zip(asked(text(titled)), options, strict=True):
+        assert f'say what it is, such as --map "{option}"' in line
+    untitled = "\n".join(text(titled).splitlines()[1:])
+    options = ("1=time [s]", "2=inlet.Q [mL/s]", "3=AA.P [mmHg]", "4=FA.P [mmHg]")
+    said = " ".join(f'--map "{each}"' for each in options)
+    assert asked(untitled) == [f"The file has no header; say which column is which, such as {said}."]
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,10 @@ from ctypes import CDLL
 from pathlib import Path
 
 import native_fuzz
+import numpy as np
 import pytest
 from c_host import CHost, Unpacked, unpack
+from fmpy import simulate_fmu
 from fmpy.fmi2 import fmi2Discard, fmi2Error
 from fmus import COARSE, Store
 from native_fmus import needs_compiler
@@ -211,6 +213,21 @@ def test_bad_input(answers: dict[str, dict[str, object]], sheep: Network, case: 
     expected = sentence if sentence.endswith(".") else sentence_of_the_solver(case, sheep)
     assert report["log"] == [f"sheep: {expected}"]
     assert report["reset"] == report["next"] == answers["without logging"]["reset"]
+
+
+def test_fmpy_ends_at_a_step_that_fails(native: Path) -> None:
+    """FMPy asks, after a discarded step, whether the FMU ends there: a shortened result, as of the other FMU. It would
+    repeat the step for ever if the answer were no."""
+    t = np.linspace(0.0, 0.2, 201)
+    inflow = np.zeros(len(t), dtype=[("time", float), ("inlet.Q", float)])
+    inflow["time"], inflow["inlet.Q"] = t, 5e-3 * np.sin(4 * np.pi * t)  # supercritical from 0.055 s on
+    left = iter(range(500))
+    result = simulate_fmu(
+        os.fspath(native), stop_time=0.2, output_interval=1e-3, input=inflow,
+        step_finished=lambda time, recorder: next(left, None) is not None,
+    )  # fmt: skip
+    assert next(left, None) is not None, "the host was stopped, not the simulation"
+    assert 0.03 < result["time"][-1] < 0.1
 
 
 @pytest.fixture(scope="module")

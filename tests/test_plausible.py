@@ -62,6 +62,15 @@ def test_pressures_that_are_none_of_an_artery_or_are_one() -> None:
         refused(lambda m=mean, p=pulse: check_plausible(record(pressure(m, p)), {}), "r.csv: CA.P", [words])
 
 
+def test_a_flow_under_the_title_of_a_pressure() -> None:
+    """Swapped columns: from -80 to 520 mL/s, read as mmHg. In Pa its pulse would be an artery's, but no unit makes a
+    number that falls below zero a pressure above it: so the column is asked for first."""
+    flow = {"CA.P": MMHG * (600.0 * np.maximum(BEAT - 0.4, -0.13))}
+    first = "its pulse is 438 mmHg, and that of arteries from 2 to 200 mmHg; it falls to zero or below, as a flow does"
+    words = [first, "check that the column is a pressure; if it is, its numbers fit the unit Pa: correct the title"]
+    refused(lambda: check_plausible(record(flow, MMHG), {}), "r.csv: CA.P: its ", words)
+
+
 def test_lengths() -> None:
     """mm read as cm and the reverse, by the wall's thickness or the model's radius; a diameter; another artery."""
     thick = {"CA": Artery(h=0.8 * MM)}

@@ -64,13 +64,22 @@ def test_directions_have_the_covariance() -> None:
 
 @pytest.mark.parametrize("end", ["low", "high"])
 def test_directions_stay_in_the_ranges(end: str) -> None:
-    """At either end of an unknown every variable is inside its range; one is at its end, or at a factor e^±5."""
+    """At either end of an unknown every variable is inside its range; none is far beyond the calibration."""
     known = NETWORK.parameter_quantities()
     for u in calibrated().unknowns:
         moved = values([u], np.array([getattr(u, end)]), NETWORK.parameters())
         for name, value in moved.items():
             q = known[name]
             assert q.low - 1e-9 * abs(q.low) <= value <= q.high * (1.0 + 1e-9), (u.name, name)
+
+
+def test_factors_have_a_limit_as_other_nuisances() -> None:
+    """A modulus 1000 times the file's may be in the range of its quantity, but it is no subject's. A factor ends at
+    e^±2, or at 4 standard deviations of a calibration that is less certain than that."""
+    for sd, most in ((0.3, 2.0), (1.0, 4.0)):
+        (u,) = along(parse_unknowns(["C.phi0"], NETWORK), np.array([[sd**2]]), NETWORK).unknowns
+        ends = [values([u], np.array([x]), NETWORK.parameters())["C.phi0"] for x in (u.low, u.high)]
+        np.testing.assert_allclose(np.log(np.array(ends) / NETWORK.parameters()["C.phi0"]), [-most, most])
 
 
 def test_what_was_calibrated_has_no_other_prior() -> None:

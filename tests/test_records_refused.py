@@ -59,7 +59,10 @@ def test_times_printed_with_significant_digits(tmp_path: Path) -> None:
         ),
         ("time [s];AA.P [mmHg]\n0,0;1,5\n", "1 samples are too few"),
         ("time [s]\tAA.P [mmHg]\n0\t1\n", "1 samples are too few"),
-        ("0,1\n1,2\n", 'it has no header, and its first row is 0, 1; say which column is which: --map "1=time [s]" -'),
+        (
+            "0,1\n1,2\n",
+            'it has no header, and its first row is 0, 1; say which column is which, such as --map "1=time [s]"',
+        ),
         (
             "AA.P [mmHg],AA.R [mm]\n0,1\n1,2\n",
             'no column is a time, and every sample needs one; add a column "time [s]", say',

@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -243,12 +244,15 @@ def test_command_refuses(coarse: Path, tmp_path: Path, options: list[str], sente
     assert (said.startswith("Error: "), said.count("\n")) == (True, 1)
 
 
-def test_command_describes_itself() -> None:
+def test_command_describes_itself(tmp_path: Path) -> None:
     """--help names every option; a file that is no FMU is refused."""
     done = command("--help")
     assert done.returncode == 0
     assert all(option in done.stdout for option in ("--inputs", "--start-values", "--stop-time", "--step", "--out"))
     assert "not an FMU; build one with arterial-fmu build." in command(__file__).stderr
+    with zipfile.ZipFile(tmp_path / "human.ssp", "w") as file:
+        file.writestr("SystemStructure.ssd", "<System/>")
+    assert "a system of FMUs (SSP); run it in a simulator that reads SSP" in command(tmp_path / "human.ssp").stderr
 
 
 def test_a_table_of_ranges() -> None:

@@ -159,6 +159,10 @@ def test_command(tmp_path: Path) -> None:
     assert read_prior(tmp_path / "dog.b.json", START).network.parameters()["C.outlet.R_t"] > 0.29
     done = CliRunner().invoke(arterial_fmu.__main__.app, [*line, "--with", str(tmp_path / "c.csv")])
     assert done.exit_code == 2 and "--with: adds files to one recording" in " ".join(done.output.split())
+    free = [*line[:5], "--free", UNKNOWNS[2]]
+    done = CliRunner(env={"COLUMNS": "160"}).invoke(arterial_fmu.__main__.app, [*free, "--varies", VARIES[0]])
+    assert done.exit_code == 0 and "95 % interval" not in done.output  # no table of common values without any
+    assert "RMS residual over the beat" in done.output
     alone = [line[0], line[1], line[2], *line[5:], "--varies", VARIES[0]]
     done = CliRunner().invoke(arterial_fmu.__main__.app, alone)
     assert done.exit_code == 2 and "there is one recording to fit" in " ".join(done.output.split())

@@ -73,7 +73,7 @@ def test_evidence_is_the_density_of_the_data(columns: list[int]) -> None:
     reduced = normal.without(at, variance)
     found = float(marginal(reduced.of_unknowns, sd)) + reduced.log_volume
     assert found == pytest.approx(float(expected), rel=3e-8)
-    best, of = normal.best_law(at, relative, sd)
+    ((best, of),) = normal.best_laws(at[None], np.array([relative]), sd)
     each = [Law(a, *spectrum) for a in AMPLITUDES for spectrum in SPECTRA]
     scores = [normal.without(at, one.variance(K, relative)) for one in each]
     assert best == pytest.approx(min(float(marginal(r.of_unknowns, sd)) + r.log_volume for r in scores), rel=3e-8)
@@ -107,7 +107,7 @@ def test_a_smooth_source_does_not_lose_to_a_neighbour_with_smoother_responses(se
     y = math.sqrt(0.5) * noise - end[..., 0] * g[:, None]
     white = np.tile(np.eye(m), (25, 1, 1))
     normal = Normal.of(white, y, np.zeros((25, m, 1)), np.concatenate([end, along], axis=2))
-    here, there = (normal.best_law(np.array([i]), [1.0], np.ones(1))[0] for i in (0, 1))
+    (here, _), (there, _) = normal.best_laws(np.array([[0], [1]]), np.ones((2, 1)), np.ones(1))
     assert abs(here - there) < 9.2
 
 

@@ -18,7 +18,7 @@ from forked import NETWORK, T, clean, record
 from made_up import synthetic
 from test_confirm import named, stiffer, study
 
-from discrepancy.assemble import Shown, sentence, summary
+from discrepancy.assemble import Shown, _acting, sentence, summary
 from discrepancy.checkpoint import Journal
 from discrepancy.findings.outcome import Outcome, verdict_json
 from discrepancy.findings.shown_map import Acting, SourceMapShown, band_of, beat_of, shown_map
@@ -29,6 +29,7 @@ from discrepancy.report.page import page
 from discrepancy.report.verdict_text import acts_as, map_sentences
 from discrepancy.show.fmu_validation import Gap
 from fitting.inference.fit import Fit
+from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.places import Place, places
 from fitting.inference.source_maps.source_evidence import Normal
@@ -186,6 +187,22 @@ def test_rivals_are_what_stands_in_the_place_of_one() -> None:
     many = [Rival((p,), 1.0) for p in PLACES if p.kind == "drop"][:6]
     assert "x/L = 0.5 or 3 other places." in acts_as(shown(LEAK, rivals=many))
     assert "x/L = 0.5 or 1 other place." in acts_as(shown(LEAK, rivals=many[:4]))
+
+
+def test_the_map_of_one_of_several_recordings_says_which() -> None:
+    """Several recordings have the map of the first, and its sentences name it."""
+    rivals = [Rival((place("outlet", "B"),), 3.0), Rival((), 4.0)]
+    text = acts_as(replace(shown(LEAK, rivals=rivals), recording="rest"))
+    assert text.startswith("In rest it acts as a loss of flow along B: ")
+    assert "rest cannot distinguish it from an additional flow" in text
+    assert text.endswith("rest is nearly as probable without it.")
+    assert map_sentences(replace(shown(LEAK), recording="rest"))[0].startswith("In rest the missing physics acts as")
+    labels = ("rest", "pacing")
+    naming = replace(named("unknown"), map=found(LEAK), problem=Several((PROBLEM, PROBLEM), labels))
+    acting = _acting(study(), naming)
+    assert acting is not None and acting.recording == "rest"
+    alone = _acting(study(), replace(naming, problem=PROBLEM))
+    assert alone is not None and alone.recording == ""
 
 
 @pytest.mark.parametrize(

@@ -317,10 +317,11 @@ def test_another_study_is_refused(tmp_path: Path) -> None:
     Store(tmp_path, Plan(sheep(), ranges, 2, 1, ("CA",)))
     Store(tmp_path, Plan(sheep(), ranges, 2, 1, ("CA",)))  # the same
     others = {
-        r"seed 1, not 2": Plan(sheep(), ranges, 2, 2, ("CA",)),
-        "base 2, not 4": Plan(sheep(), ranges, 4, 1, ("CA",)),
-        "another varied": Plan(sheep(), varied("CA.E=1..5MPa"), 2, 1, ("CA",)),
-        "another model": Plan(sheep("MD"), ranges, 2, 1, ("CA",)),
+        "--seed 1, not 2": Plan(sheep(), ranges, 2, 2, ("CA",)),
+        "another --samples": Plan(sheep(), ranges, 4, 1, ("CA",)),
+        "another --vary": Plan(sheep(), varied("CA.E=1..5MPa"), 2, 1, ("CA",)),
+        "another network, inflow or step": Plan(sheep("MD"), ranges, 2, 1, ("CA",)),
+        "another --vary, another --sites": Plan(sheep("MD"), varied("CA.E=1..5MPa"), 2, 1, ("MD",)),
     }
     for what, plan in others.items():
         with pytest.raises(ValueError, match=rf"it contains another study \({what}\); give another folder"):

@@ -116,7 +116,8 @@ def calibrate_command(
     if as_json:
         put(set_json(written[0]))
     elif not quiet:
-        show(calibration_table(result))
+        if result.values:  # none if every parameter varies between recordings
+            show(calibration_table(result))
         if len(paths) == 1:
             show(network_indices_table(result.network, indices[0]))
         show(recordings_table(result, held_out))

@@ -23,6 +23,10 @@ from .plan import Plan
 
 CHECK = "check"  # the part with the sets that were run with finer steps
 GROUP = "group"
+# what the keys of a plan are on the command line
+_OPTIONS = {
+    "model": "network, inflow or step", "varied": "--vary", "base": "--samples", "sites": "--sites", "seed": "--seed"
+}  # fmt: skip
 
 
 class Store:
@@ -101,12 +105,16 @@ def _read(path: Path) -> Any:
 
 
 def _difference(there: Any, asked: Mapping[str, Any]) -> str:
-    """The difference between the stored and the requested study, in words; "" if there is none."""
+    """The options in which the stored study differs from the requested one, in words; "" if there is none."""
     if not isinstance(there, Mapping):
         return "its plan is not readable"
-    for key in asked:
+    keys = [key for key in asked if asked[key] != there.get(key)]
+    if "sites" in keys:  # a model reports these sites alone, and so differs with them
+        keys = [key for key in keys if key != "model"]
+    found = []
+    for key in keys:
         mine, its = asked[key], there.get(key)
-        if mine != its:
-            short = isinstance(mine, int | str) and isinstance(its, int | str)
-            return f"{key} {its}, not {mine}" if short else f"another {key}"
-    return ""
+        short = isinstance(mine, int | str) and isinstance(its, int | str) and key != "base"
+        said = _OPTIONS.get(key, key)
+        found.append(f"{said} {its}, not {mine}" if short else f"another {said}")
+    return ", ".join(found)

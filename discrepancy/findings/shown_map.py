@@ -91,7 +91,8 @@ class SourceMapShown:
     """All sources of a map.
 
     time : (N,) [s] of one beat of the period T [s]. explains : no more than noise is left with them.
-    chi2_per_datum : of the residual; 1 is noise.
+    chi2_per_datum : of the residual; 1 is noise. recording : the label of the one to which the map belongs, if there
+    are several, else "".
     """
 
     acting: tuple[Acting, ...]
@@ -99,6 +100,7 @@ class SourceMapShown:
     T: float
     explains: bool
     chi2_per_datum: float
+    recording: str = ""
 
     @property
     def left(self) -> dict[str, Any]:
@@ -123,15 +125,17 @@ def map_json(shown: SourceMapShown) -> list[dict[str, Any]]:
     return found
 
 
-def shown_map(found: SourceMap, network: Network, beats: Beats, shares: Sequence[float] = ()) -> SourceMapShown:
+def shown_map(
+    found: SourceMap, network: Network, beats: Beats, shares: Sequence[float] = (), recording: str = ""
+) -> SourceMapShown:
     """The map of a record for display. beats : the fitted ones, with the pulse at a place and the phases of the beat.
-    shares : of the gap, by place, if known."""
+    shares : of the gap, by place, if known. recording : its label, if there are several."""
     time = np.arange(_SAMPLES) * (beats.T / _SAMPLES)
     acting = tuple(
         replace(_acting(s, found, time, network, beats), rivals=_rivals(s.place, found), share=share)
         for s, share in zip(found.signals, shares or repeat(None, len(found.signals)), strict=False)
     )
-    return SourceMapShown(acting, time, beats.T, found.explains, found.chi2 / found.n)
+    return SourceMapShown(acting, time, beats.T, found.explains, found.chi2 / found.n, recording)
 
 
 def beat_of(g: Array, time: Array, T: float) -> Array:

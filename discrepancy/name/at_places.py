@@ -225,32 +225,44 @@ def with_moves(result: Compared, runs: Runs, left: bool = False, more: bool = Fa
     """Refit the laws that promise to explain the record instead of one law of the best hypothesis or all of them, and
     those whose search ended far above its predicted cost.
 
-    left : the best leaves something; searches then start with a model error. more : another law may act beside it.
+    left : the best leaves something; searches then start with a model error, and the moves end with a hypothesis that
+    explains the record: those from there are the ones that count. more : another law may act beside it.
     """
     best = min(result.every, key=lambda n: n.score).fit  # even one that no sensor can show and that is never named
+    first, none = result.best.key, result.none.fit.cost
     assert isinstance(result.problem, NetworkProblem)
-    problem, members = with_signals(result.problem, []), dict[tuple[str, bool], Member]()  # without free sources
-    known, none = {n.key: n.fit.cost for n in result.ranked}, result.none.fit
+    problem = with_signals(result.problem, [])  # without free sources
+    for rest in _rests(best.terms, left, more):
+        most = best.cost - at.SECOND if rest == best.terms else none
+        chosen = _promising_beside(problem, result, best, rest, most, left, runs)
+        if chosen and left:
+            wide = problem.granted(at.AFAR)
+            seen = problem.restated(there(wide.searched_from(chosen, runs)), wide)
+            result = result.joined_by(problem.relaxed(seen, runs, rough=True)).polished(runs)
+        elif chosen:
+            result = result.joined_by(problem.searched_from(chosen, runs, best.columns, best.cost)).polished(runs)
+        if left and result.best.key != first and result.best.explains:
+            break
+    return result
+
+
+def _promising_beside(
+    problem: NetworkProblem, result: Compared, best: Fit, rest: tuple[Term, ...], most: float, left: bool, runs: Runs
+) -> list[Member]:
+    """The starts of laws beside ``rest`` that promise a cost below ``most``, and one below that known of them."""
+    base, labels = without(problem, best, rest, runs), {t.label for t in rest}
+    if base is None:
+        return []
+    known, members = {n.key: n.fit.cost for n in result.ranked}, dict[tuple[str, bool], Member]()
+    plain = [t for t in result.sought if t.label not in labels and joins(t, rest)]
     # a part of another segment may do what a part of one does
     anywhere = left or any(t.moves_along for t in best.terms)
-    for rest in _rests(best.terms, left, more):
-        base, labels = without(problem, best, rest, runs), {t.label for t in rest}
-        if base is not None:
-            plain = [t for t in result.sought if t.label not in labels and joins(t, rest)]
-            laws = [each for t in plain for each in along(problem, t)] if anywhere else plain
-            most = best.cost - at.SECOND if rest == best.terms else none.cost
-            for begun in promising(problem, base, laws, most, runs):
-                key = names_of((*rest, begun.term))
-                if begun.left < known.get(key, np.inf) - at.RULED_OUT:
-                    members.setdefault((key, begun.term.moves_along), base.promised(problem, begun))
-    if not members:
-        return result
-    chosen = list(members.values())
-    if left:
-        wide = problem.granted(at.AFAR)
-        seen = problem.restated(there(wide.searched_from(chosen, runs)), wide)
-        return result.joined_by(problem.relaxed(seen, runs, rough=True)).polished(runs)
-    return result.joined_by(problem.searched_from(chosen, runs, best.columns, best.cost)).polished(runs)
+    laws = [each for t in plain for each in along(problem, t)] if anywhere else plain
+    for begun in promising(problem, base, laws, most, runs):
+        key = names_of((*rest, begun.term))
+        if begun.left < known.get(key, np.inf) - at.RULED_OUT:
+            members.setdefault((key, begun.term.moves_along), base.promised(problem, begun))
+    return list(members.values())
 
 
 def _rests(terms: tuple[Term, ...], left: bool, more: bool) -> list[tuple[Term, ...]]:

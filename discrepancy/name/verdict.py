@@ -15,6 +15,7 @@ from fitting.inference.model_discrepancy import Beside, settled
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.source_maps.source_map import SourceMap
 from fitting.inference.unknown import Reach
+from solver.network.description import Network
 
 from .. import thresholds as at
 from ..findings.map_marks import label_text
@@ -64,7 +65,7 @@ class Naming:
     @property
     def of_one_site(self) -> bool:
         """True if the best are two sensor faults of one site, which can imitate many other effects."""
-        return _of_one_site(self.best)
+        return _of_one_site(self.best, self.problem.network)
 
     @property
     def walls(self) -> str:
@@ -106,7 +107,9 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
     order = apart([*same, *rest])
     members = _class(order[: len(same)])
-    return replace(unknown, verdict=_said(best, members), ranked=order, members=members, confidence=confidence)
+    return replace(
+        unknown, verdict=_said(best, members, problem.network), ranked=order, members=members, confidence=confidence
+    )
 
 
 def _with_aliases(ways: Sequence[Named]) -> tuple[Named, ...]:
@@ -163,16 +166,18 @@ def _class(order: Sequence[Named]) -> tuple[Named, ...]:
     return tuple(n for n in order if n.score - order[0].score < at.RULED_OUT)
 
 
-def _said(best: Named, members: Sequence[Named]) -> str:
+def _said(best: Named, members: Sequence[Named], network: Network) -> str:
     """The verdict if the best hypothesis is exact and has an effect."""
     if len(best.fit.terms) == 1:
         return "effect" if len(members) == 1 else "ambiguous"
-    return "ambiguous" if _of_one_site(best) else "several"
+    return "ambiguous" if _of_one_site(best, network) else "several"
 
 
-def _of_one_site(best: Named) -> bool:
+def _of_one_site(best: Named, network: Network) -> bool:
+    """True for two sensors of one site; the meter of the inflow is at each site at the inlet."""
+    inlet = {s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0}
     sites = [t.place.rpartition(".")[0] for t in best.fit.terms if t.is_sensor]
-    return len(sites) == 2 and sites[0] == sites[1]
+    return len(sites) == 2 and len({"inlet" if site in inlet else site for site in sites}) == 1
 
 
 def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:

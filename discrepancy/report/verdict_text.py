@@ -191,11 +191,12 @@ def acts_as(shown: SourceMapShown, it: str = "It") -> str:
     """What acts at which place, how large, when in the beat and with which share of the gap; then the places that the
     record cannot distinguish from it. Several signals make a list with a line each. "" if nothing acts.
 
-    it : the subject of the sentence.
+    it : the subject of the sentence. The map of one of several recordings says which.
     """
+    it = f"In {shown.recording} {it[0].lower()}{it[1:]}" if shown.recording else it
     signals = [_signal(a, shown.time) for a in shown.signals]
     numbers = [f"{_odd(a)}." for a in shown.acting if a.number is not None]
-    rivals = [_alike(a, len(shown.acting) > 1) for a in shown.acting if a.rivals]
+    rivals = [_alike(a, len(shown.acting) > 1, shown.recording) for a in shown.acting if a.rivals]
     if len(signals) > 1:
         return "\n".join([f"{it} acts as:", *(f"- {text}" for text in signals), *numbers, *rivals])
     return " ".join([*(f"{it} acts as {text}." for text in signals), *numbers, *rivals])
@@ -251,8 +252,8 @@ def _odd(a: Acting) -> str:
     return f"{a.place.name} is an outlier: {value}, {off} the value expected from the others (the file has {file})"
 
 
-def _alike(a: Acting, several: bool) -> str:
-    """The places that the record cannot distinguish from the place of a signal."""
+def _alike(a: Acting, several: bool, recording: str) -> str:
+    """The places that the record cannot distinguish from the place of a signal. recording : its label, or ""."""
     it = phrase(a.place) if several else "it"
     others = [" with ".join(map(phrase, rival.places)) for rival in a.rivals if rival.places]
     if len(others) > _MOST:
@@ -260,9 +261,9 @@ def _alike(a: Acting, several: bool) -> str:
         others = [*others[:_MOST], f"{more} other place{'s' if more > 1 else ''}"]
     *first, last = others or [""]
     named = f"{', '.join(first)} or {last}" if first else last
-    sentences = [f"This record cannot distinguish {it} from {named}."] if others else []
+    sentences = [f"{recording or 'This record'} cannot distinguish {it} from {named}."] if others else []
     if any(not rival.places for rival in a.rivals):
-        sentences.append(f"The record is nearly as probable without {it}.")
+        sentences.append(f"{recording or 'The record'} is nearly as probable without {it}.")
     return " ".join(sentences)
 
 

@@ -133,6 +133,13 @@ def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
     return value, math.sqrt(variance)
 
 
+def rises(study: Study, before: Run, after: Run) -> bool:
+    """True if the gap rises from one run to another: that to the fitted beats, and χ² of the held-out ones by more than
+    chance."""
+    fallen, sd = fall(study, before, after)
+    return after.gap.total[0] > before.gap.total[0] and fallen < -at.FALL * sd
+
+
 def _pulsation(part: Beats, name: str, K: int) -> Array:
     """(n_beats, K) coefficients 1 … K of the beats of a channel, with gaps filled by the mean beat."""
     beats = part.values[name]
@@ -212,7 +219,8 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
         return _without(naming, "none", reason)
     if failed:
-        return _without(naming, "unknown", f"{best} comes nearest, but cannot be judged: {failed}")
+        nearest = f"{best} comes nearest, but cannot be judged" if naming.best.label else "no effect can be judged"
+        return _without(naming, "unknown", f"{nearest}: {failed}")
     if after is None:
         return naming
     why = not_fallen([r for r in each if r.fitted], len(each) > 1) or not_fallen([r for r in each if not r.fitted])
@@ -309,12 +317,13 @@ def held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
     return {name: pair[1] for name, pair in pairs.items()}
 
 
-def agreement(study: Study, fit: Fit, wave: Array, run: Run) -> Agreement | None:
+def agreement(study: Study, fit: Fit, wave: Array, run: Run, given: Run | None = None) -> Agreement | None:
     """An FMU's run against the inferred solution of the same hypothesis under the same wave; None if there is none.
 
-    Both solve the same equations, by time steps and by harmonic balance.
+    Both solve the same equations, by time steps and by harmonic balance. given : the run of the file as it is, with
+    which nothing is compared: where no FMU runs with the walls of the fit, it stands in for that run.
     """
-    X = study.problem.answer(wave, fit)
+    X = None if run is given else study.problem.answer(wave, fit)
     if X is None:
         return None
     X = X[: len(run.X)]

@@ -43,7 +43,8 @@ _START, _P_0 = ("network.start", "inlet.Q_mean", "inlet.T"), "network.P_0"
 
 
 class RunFailed(RuntimeError):
-    """The FMU did not reach its stop time; the message is the FMU's sentence."""
+    """The FMU did not reach its stop time; the message is the FMU's sentence, behind the name of its file. The folder
+    is not in it: it may be one that was made for the run."""
 
 
 @dataclass(frozen=True)
@@ -324,12 +325,14 @@ def _run_apart(
         line += ["--stop-time", f"{stop!r} s", "--step", f"{h!r} s"]
         code, said = run_module(*line)
         if code != 0:
-            raise RunFailed(said) if code == ExitCode.BAD_INPUT and said else HostDied(fmu.path, code, said)
+            own = Path(fmu.path).name
+            said = said.replace(os.path.abspath(fmu.path), own)
+            raise RunFailed(said) if code == ExitCode.BAD_INPUT and said else HostDied(own, code, said)
         with result.open(encoding="utf-8") as file:
             names = [title.split(" [")[0] for title in file.readline().split(",")]
             table = np.loadtxt(file, delimiter=",", ndmin=2)
     if len(table) != beats * n + 1 or abs(table[-1, 0] - stop) > 1e-9 * stop:
-        raise RunFailed(f"{fmu.path}: the run stopped at {table[-1, 0]:g} s instead of {stop:g} s.")
+        raise RunFailed(f"{Path(fmu.path).name}: the run stopped at {table[-1, 0]:g} s instead of {stop:g} s.")
     columns = {name: table[:, names.index(name)] for name in fmu.outputs}
     return {name: column[:-1].reshape(beats, n) for name, column in columns.items()}
 

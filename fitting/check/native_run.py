@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -59,7 +60,7 @@ def stepped(
             slave.exitInitializationMode()
             return _steps(slave, variables[driver], held, h, [variables[name].valueReference for name in outputs])
         except FMICallException as error:
-            raise FMUFailed(f"{os.fspath(path)}: {' '.join(messages) or error}") from None
+            raise FMUFailed(f"{Path(path).name}: {' '.join(messages) or error}") from None
         finally:
             if slave is not None:
                 slave.freeInstance()

@@ -90,10 +90,15 @@ def _header(titles: Sequence[str]) -> tuple[dict[str, int], dict[str, str], str]
     missing = [name for name in _COLUMNS if name not in places]
     if missing:
         raise InputError(
-            f"line 1: the column {' and '.join(missing)} is missing; the header must be "
-            f"animal,site,record,h [mm],R0 [mm], or {', '.join(_WHO[1:])} for animal."
+            f"line 1: {_listed(missing)} missing; the header must be "
+            f"animal,site,record,h [mm],R0 [mm] (R0 may be left empty), or {', '.join(_WHO[1:])} for animal."
         )
     return places, units, nouns[0]
+
+
+def _listed(missing: list[str]) -> str:
+    *first, last = missing
+    return f"the columns {', '.join(first)} and {last} are" if first else f"the column {last} is"
 
 
 def _entry(row: list[str], places: dict[str, int], units: dict[str, str], noun: str, folder: Path, where: str) -> Entry:

@@ -98,7 +98,8 @@ def first_model(
     notes = list(doubts(beats, channel, R, usual.mass, list(delays)))
     if not _USUAL[0] <= c.value <= _USUAL[1]:
         notes.append(
-            f"a wave speed of {c.value:.3g} m/s is not an artery's; give a distance, a radius or another species."
+            f"a wave speed of {c.value:.3g} m/s is not an artery's; check the unit of {INFLOW}, or give a distance "
+            "(--distance), another species (--like) or the body mass (--mass)."
         )
     source = text.Source(
         Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)

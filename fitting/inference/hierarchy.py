@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import erfcx, ndtr
 
+from .cholesky import forward
 from .fit import Fit
 from .unknown import Unknown, bounds, penalty, precision
 
@@ -117,14 +118,12 @@ class Linear:
         right = np.zeros((*w.shape, 1 + len(ends)))
         right[:, :, 0] = w * self.right
         right[:, ends, 1 + np.arange(len(ends))] = 1.0
-        left = np.linalg.solve(A, right)
-        gain = np.einsum("mi,mi->m", right[:, :, 0], left[:, :, 0])
-        volume = np.log(np.diagonal(np.linalg.cholesky(A), axis1=1, axis2=2)).sum(axis=1)
-        value = self.rest - gain + 2.0 * volume
+        left, volume = forward(A, right)
+        value = self.rest - (left[:, :, 0] ** 2).sum(axis=1) + volume
         if not len(ends):
             return np.asarray(value)
         # -2 ln of the priors 1/(2 |x| (1 + (x/X)²) ln range) of effects, less ln 2π of each; |x| not below its sd
-        x, sd = -left[:, ends, 0], np.sqrt(left[:, ends, 1 + np.arange(len(ends))])
+        x, sd = -np.einsum("mp,mpi->mi", left[:, :, 0], left[:, :, 1:]), np.sqrt((left[:, :, 1:] ** 2).sum(axis=1))
         size = np.maximum(np.abs(x), sd) / _share(x, sd, self.low[ends], self.high[ends])
         sizes = 2.0 * np.log(self.signs[ends] * size * (1.0 + (x**2 + sd**2) / LARGE**2) * LOG_RANGE).sum(axis=1)
         return np.asarray(value + sizes - len(ends) * math.log(2.0 * math.pi))

@@ -26,8 +26,8 @@ HOW_WIDTH = 2.0  # of how it acts, in typical steps
 WHERE_WIDTH = 4.0  # of a position or length along a segment, in typical steps: nearly flat
 EVERY = "every segment"
 OWN = "of its own"
-_WIDEST = 2.0  # range of a nuisance's logarithm: seven times the modulus is not the same animal's
-_WIDEST_ALONE = 5.0  # the same on a bench, where a search may pass through values that cost a network minutes
+FARTHEST = 2.0  # range of a nuisance's logarithm: seven times the modulus is not the same animal's
+_FARTHEST_ALONE = 5.0  # the same on a bench, where a search may pass through values that cost a network minutes
 _SPREAD = 0.2  # between arteries, of an effect in all of them whose quantity states no spread
 _LONGER = 3.0  # times the usual length: a start for long parts, beside that for short ones
 _MARGIN = 1e-3  # distance of a shifted nuisance from its bounds
@@ -206,7 +206,7 @@ def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
                     path = f"{prefix}.{key}".partition(".")[2]
                     found.setdefault(path, []).extend(_with_followers(prefix, owner, key))
     prefix = ALL_PLACES if site is None else site
-    widest = _WIDEST if site is None else _WIDEST_ALONE
+    widest = FARTHEST if site is None else _FARTHEST_ALONE
     return tuple(
         _moved(f"{prefix}.{path}", moved, moved[0][1].spread, widest) for path, moved in found.items() if moved
     )
@@ -235,7 +235,7 @@ def _with_followers(prefix: str, owner: Any, key: str) -> list[tuple[str, Quanti
     return [(f"{prefix}.{other}", q, values[other]) for other in same if values[other] != 0.0 or q.low < 0.0]
 
 
-def _moved(name: str, moved: Sequence[tuple[str, Quantity, float]], step: float, widest: float = _WIDEST) -> Unknown:
+def _moved(name: str, moved: Sequence[tuple[str, Quantity, float]], step: float, widest: float = FARTHEST) -> Unknown:
     """A factor, or a shift if the parameter may be negative, with prior standard deviation ``step``."""
     q, moves = moved[0][1], tuple((variable, step) for variable, _, _ in moved)
     if q.low >= 0.0:

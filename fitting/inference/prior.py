@@ -16,8 +16,8 @@ from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate, allowed
 from solver.quantities.quantity import Quantity
 
-from .hypothesis import OWN, deviations, nuisances
-from .unknown import Unknown
+from .hypothesis import FARTHEST, OWN, deviations, nuisances
+from .unknown import OUTLIER, Unknown
 
 Array = np.ndarray
 
@@ -54,6 +54,9 @@ def _directions(coordinates: Sequence[Coordinate], covariance: Array, network: N
         moved = steps @ V[:, i] * sd[i]
         moves = tuple((name, float(step)) for name, step in zip(names, moved, strict=True) if step != 0.0)
         low, high = _range(kind, moves, values, known)
+        if kind == SCALE:  # as other factors, or farther if the calibration is that uncertain
+            most = max(OUTLIER, FARTHEST / max(abs(step) for _, step in moves))
+            low, high = max(low, -most), min(high, most)
         name = f"{CALIBRATION} {kind} {len(found) + 1} {OWN}"
         found.append(Unknown(name, kind, moves, low, high, group=CALIBRATION, stated=True))
     return found

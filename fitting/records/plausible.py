@@ -73,11 +73,15 @@ def _advice(name: str, values: Array, scale: float, artery: Artery) -> str:
     site, _, kind = name.rpartition(".")
     if kind == "R" and artery.R0 is not None and not _fault(kind, values / 2.0, artery):
         return f'its numbers are those of a diameter: give it as one, --map "{name}={site}.D [mm]"'
+    # no unit moves zero: a flow under the title of a pressure keeps its negative numbers
+    column = "it falls to zero or below, as a flow does: check that the column is a pressure"
+    doubt = kind == "P" and np.nanpercentile(values, limit.LEVELS[0]) <= 0.0
     for unit in UNITS[kind]:
         other = factor(unit, KINDS[kind]) or 1.0
         if abs(other / scale - 1.0) > 0.1 and not _fault(kind, values * (other / scale), artery):
-            return f'its numbers fit the unit {unit}: correct the title, or --map "{name}={name} [{unit}]"'
-    return "check its unit, its sensor, and whether it is of this artery"
+            fits = f'its numbers fit the unit {unit}: correct the title, or --map "{name}={name} [{unit}]"'
+            return f"{column}; if it is, {fits}" if doubt else fits
+    return column if doubt else "check its unit, its sensor, and whether it is of this artery"
 
 
 def _pulse(values: Array) -> float:

@@ -52,13 +52,12 @@ class LawEvidence:
         if len(self.of) == 1:
             return f"elastic law {self.kept}, the only one with a fit{refused}"
         if self.decided:
-            return (
-                f"elastic law {self.kept}: ln evidence leads by {self.lead:.3g} (decided from {DECIDED:.1f}){refused}"
-            )
+            lead = f"{self.lead:.3g} (a lead of {DECIDED:.2g} decides)"
+            return f"elastic law {self.kept}: ln evidence leads by {lead}{refused}"
         chances = " and ".join(f"{law} {100.0 * p:.0f} %" for law, p in self.probability.items())
         return (
             f"the data cannot distinguish the elastic laws: {self.kept} leads by {self.lead:.2g} in ln evidence "
-            f"(decided from {DECIDED:.1f}); {chances} probable; intervals hold either law{refused}"
+            f"(a lead of {DECIDED:.2g} decides); {chances} probable; intervals hold either law{refused}"
         )
 
     @property

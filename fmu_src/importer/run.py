@@ -142,7 +142,20 @@ def read_description(fmu: str | os.PathLike[str]) -> ModelDescription:
             f"{os.fspath(fmu)}: cannot be read ({error.strerror or 'not a file'}); check the path."
         ) from None
     except (zipfile.BadZipFile, KeyError):
-        raise InputError(f"{os.fspath(fmu)}: not an FMU; build one with arterial-fmu build.") from None
+        what = "not an FMU; build one with arterial-fmu build"
+        if _is_system(fmu):
+            what = (
+                "a system of FMUs (SSP); run it in a simulator that reads SSP, or unpack it: its FMUs are in resources/"
+            )
+        raise InputError(f"{os.fspath(fmu)}: {what}.") from None
+
+
+def _is_system(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a system of FMUs (SSP)."""
+    if not zipfile.is_zipfile(path):
+        return False
+    with zipfile.ZipFile(path) as file:
+        return "SystemStructure.ssd" in file.namelist()
 
 
 def _start_values(

@@ -153,7 +153,7 @@ FMI(GetRealStatus, instance *i, int kind, double *value)
 FMI(GetBooleanStatus, instance *i, int kind, int *value)
 {
     if (!i || kind != 3 || !value) return unsupported(i, "fmi2GetBooleanStatus of another kind than fmi2Terminated");
-    *value = 0; /* it never ends by itself */
+    *value = i->failed; /* a host that asks and goes on would repeat the same step for ever */
     return STATUS_OK;
 }
 

@@ -36,8 +36,9 @@ int refused(const instance *i, int status)
     return status;
 }
 
-int step_status(const instance *i, int done)
+int step_status(instance *i, int done)
 {
+    i->failed = done == 0;
     if (done <= 0) return refused(i, STATUS_ERROR), done < 0 ? STATUS_ERROR : STATUS_DISCARD;
     if (i->c->remark[0]) tell(i, STATUS_WARNING, i->c->remark);
     return STATUS_OK;
@@ -154,6 +155,7 @@ int state_set(instance *i, void *state)
     if (!held(i, state)) return refused(i, STATUS_ERROR);
     memcpy(i->c->numbers, ((saved *)state)->numbers, bytes_of(i));
     i->c->stepped = 0;
+    i->failed = 0;
     return STATUS_OK;
 }
 

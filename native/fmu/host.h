@@ -20,6 +20,7 @@ typedef struct instance {
     void (*logger)(void); /* the host's, of either version */
     int logging, hears;   /* whether it is on; bits by status */
     int format;           /* whether messages are printf formats */
+    int failed;           /* whether the last step did */
     char name[256];
 } instance;
 
@@ -29,7 +30,7 @@ void instance_free(instance *i);
 
 void tell(const instance *i, int status, const char *message);
 int refused(const instance *i, int status); /* tells what the component said; returns status */
-int step_status(const instance *i, int done); /* the status of a step, which is told */
+int step_status(instance *i, int done); /* the status of a step, which is told */
 int unsupported(const instance *i, const char *function);
 int set_logging(instance *i, int on, size_t n, const char *const *categories);
 int given(instance *i, size_t n, const void *one, const void *two); /* whether pointers are there where n > 0 */

@@ -7,6 +7,7 @@ balance, its derivatives, and the linear problem of all places about it.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -171,7 +172,8 @@ class PlaceModel:
                     others = [j for j in range(len(active)) if j != i]
                     beside = np.concatenate([columns[j] for j in others]) if others else np.zeros(0, int)
                     reduced = normal.without(beside, self.variance([active[j] for j in others]))
-                    _, law = reduced.best_law(columns[i], a.place.relative, self.sd(active, widths))
+                    own, relative = columns[i][None], np.array([a.place.relative])
+                    ((_, law),) = reduced.best_laws(own, relative, self.sd(active, widths))
                     active = (*active[:i], replace(a, law=law), *active[i + 1 :])
             reduced = normal.without(np.arange(sum(map(len, columns))), self.variance(active))
             try:
@@ -263,16 +265,19 @@ class PlaceModel:
         sd = self.sd(active, point.widths)
         reduced = normal.without(self.columns_of(active), self.variance(active))
         there, quick = {a.place.key for a in active}, list[tuple[float, Active]]()
+        alike = defaultdict[int, list[Place]](list)  # by the number of columns
         for place in (p for p in self.places if p.key not in there):
-            if place.unknown is not None:
-                i = self.unknowns.index(place.unknown)
-                wider = np.tile(sd, (len(APART), 1))
-                wider[:, i] = APART
-                score = float(marginal(reduced.of_unknowns, wider).min()) + reduced.log_volume
-                quick.append((score + beforehand(APART[0], True), Active(place)))
-            else:
-                score, law = reduced.best_law(self.columns[place.key], place.relative, sd, *FIRST_LOOK)
-                quick.append((score + PRICE, Active(place, law)))
+            if place.unknown is None:
+                alike[place.columns].append(place)
+                continue
+            wider = np.tile(sd, (len(APART), 1))
+            wider[:, self.unknowns.index(place.unknown)] = APART
+            score = float(marginal(reduced.of_unknowns, wider).min()) + reduced.log_volume
+            quick.append((score + beforehand(APART[0], True), Active(place)))
+        for some in alike.values():
+            columns, relative = np.stack([self.columns[p.key] for p in some]), np.array([p.relative for p in some])
+            laws = reduced.best_laws(columns, relative, sd, *FIRST_LOOK)
+            quick += [(score + PRICE, Active(p, law)) for p, (score, law) in zip(some, laws, strict=True)]
         quick.sort(key=lambda each: each[0])
         found = []
         for _, added in quick[:closely]:

@@ -16,9 +16,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+
+from ..cholesky import forward
 
 Array = np.ndarray
 
@@ -28,6 +30,7 @@ AMPLITUDES = tuple(
 SPECTRA = ((6.0, 1.0), (3.0, 2.0), (8.0, 2.0), (4.0, 4.0), (8.0, 4.0), (16.0, 4.0))  # k0 and n
 FIRST_LOOK = (SPECTRA[1:3], 4)
 _ROUNDING = 1e-8  # of the unknowns' own information (measured: sources of 100 pulses lost 2e-8 of the largest)
+_AT_ONCE = 10_000  # real numbers of the columns of places that are weighed together: limits memory
 PRICE = 2.0 * math.log(len(SPECTRA) * len(AMPLITUDES))  # of a prior; all of the list are equally likely
 
 
@@ -105,39 +108,56 @@ class Normal:
         own = self.of_sources[:, columns[:, None], columns]
         return Normal(own, self.between[:, columns], self.of_unknowns, self.log_volume)
 
-    def best_law(
-        self, columns: Array, relative: Sequence[float], sd: Array,
+    def best_laws(
+        self, columns: Array, relative: Array, sd: Array,
         spectra: Sequence[tuple[float, float]] = SPECTRA, stride: int = 2,
-    ) -> tuple[float, Law]:  # fmt: skip
-        """-2 ln evidence with another place of some columns under its best prior, and this prior.
+    ) -> list[tuple[float, Law]]:  # fmt: skip
+        """For each of P places with q columns, -2 ln evidence with it under its best prior, and this prior.
 
-        relative : (q,) sizes of the columns. sd : (p,) standard deviations of the priors of the unknowns. stride : in
-        the list of amplitudes; those next to the best one follow.
+        columns, relative : (P, q), with the sizes of the columns. sd : (p,) standard deviations of the priors of the
+        unknowns. stride : in the list of amplitudes; those next to the best one follow.
         """
-        K, coarse = len(self.between) - 1, AMPLITUDES[::stride]
-        scores = self._scores(columns, [Law(1.0, *each).variance(K, relative) for each in spectra], coarse, sd)
-        i, j = np.unravel_index(int(np.argmin(scores)), scores.shape)
-        best, law, at = float(scores[i, j]), Law(coarse[int(i)], *spectra[int(j)]), stride * int(i)
-        beside = [AMPLITUDES[n] for n in (at - 1, at + 1) if 0 <= n < len(AMPLITUDES)]
-        closer = self._scores(columns, [replace(law, amplitude=1.0).variance(K, relative)], beside, sd)[:, 0]
-        n = int(np.argmin(closer))
-        return (float(closer[n]), replace(law, amplitude=beside[n])) if closer[n] < best else (best, law)
+        most = max(1, _AT_ONCE // (len(self.between) * columns.shape[1] * len(sd)))
+        found = list[tuple[float, Law]]()
+        for i in range(0, len(columns), most):
+            found += self._best_laws(columns[i : i + most], relative[i : i + most], sd, spectra, stride)
+        return found
 
-    def _scores(self, columns: Array, variances: Sequence[Array], amplitudes: Sequence[float], sd: Array) -> Array:
-        """(amplitudes, variances) -2 ln evidence. variances : (K+1, q) each, for the amplitude 1."""
+    def _best_laws(
+        self, columns: Array, relative: Array, sd: Array, spectra: Sequence[tuple[float, float]], stride: int
+    ) -> list[tuple[float, Law]]:
+        P, amplitudes = len(columns), np.array(AMPLITUDES)
+        coarse = np.tile(np.arange(0, len(amplitudes), stride), (P, 1))
+        falling = np.stack([Law(1.0, *each).variance(len(self.between) - 1, (1.0,)) for each in spectra])
+        variances = falling * np.square(relative)[:, None, None]  # (P, V, K+1, q)
+        scores = self._scores(columns, variances, amplitudes[coarse], sd)
+        i, j = np.unravel_index(scores.reshape(P, -1).argmin(axis=1), scores.shape[1:])
+        beside = np.clip(coarse[0, i][:, None] + [-1, 0, 1], 0, len(amplitudes) - 1)
+        closer = self._scores(columns, variances[np.arange(P), j][:, None], amplitudes[beside], sd)[:, :, 0]
+        best = closer.argmin(axis=1)
+        return [
+            (float(score[n]), Law(AMPLITUDES[at[n]], *spectra[k]))
+            for score, n, at, k in zip(closer, best, beside, j, strict=True)
+        ]
+
+    def _scores(self, columns: Array, variances: Array, amplitudes: Array, sd: Array) -> Array:
+        """(P, A, V) -2 ln evidence. variances : (P, V, K+1, q), for the amplitude 1. amplitudes : (P, A)."""
         r = np.sqrt(variances)
-        GG = r[..., None] * self.of_sources[:, columns[:, None], columns] * r[..., None, :]
-        right = r[..., None] * self.between[:, columns]
+        own = np.moveaxis(self.of_sources[:, columns[:, :, None], columns[:, None, :]], 0, 1)[:, None]
+        GG = r[..., None] * own * r[..., None, :]
+        right = r[..., None] * np.moveaxis(self.between[:, columns], 0, 1)[:, None]  # (P, V, K+1, q, p+1)
         # (1 + a² GG)⁻¹ for all amplitudes a, by the eigenvectors of GG
-        value, vector = (GG[..., 0].real, None) if len(columns) == 1 else np.linalg.eigh(GG)
+        value, vector = (GG[..., 0].real, None) if columns.shape[1] == 1 else np.linalg.eigh(GG)
         right = right if vector is None else vector.conj().swapaxes(-1, -2) @ right
-        a2 = np.square(amplitudes)[:, None, None, None]
-        grown = np.log1p(a2 * np.maximum(value, 0.0)).sum(axis=-1)
+        right = right.reshape(*right.shape[:2], -1, right.shape[-1])
+        right = np.concatenate([right.real, right.imag], axis=-2)[:, None]
+        a2 = np.square(amplitudes)[:, :, None, None, None]
+        value = np.maximum(value, 0.0)[:, None]
+        grown = np.log1p(a2 * value).sum(axis=-1)
         # ln det of the real problem: half for the mean, which is real
         log_volume = grown[..., 0] + 2.0 * grown[..., 1:].sum(axis=-1)
-        parts = np.sqrt(a2 / (1.0 + a2 * np.maximum(value, 0.0)))[..., None] * right
-        parts = parts.reshape(*parts.shape[:2], -1, parts.shape[-1])
-        parts = np.concatenate([parts.real, parts.imag], axis=-2)
+        weight = np.sqrt(a2 / (1.0 + a2 * value)).reshape(*log_volume.shape, -1, 1)
+        parts = np.concatenate([weight, weight], axis=-2) * right
         return marginal(self._less(parts.swapaxes(-1, -2) @ parts), sd) + log_volume + self.log_volume
 
     def amplitudes(self, columns: Array, variance: Array, x: Array, spread: Array | None = None) -> tuple[Array, Array]:
@@ -161,15 +181,13 @@ def marginal(normal: Array, sd: Array) -> Array:
     N = sd[..., None] * normal[..., :-1, :-1] * sd[..., None, :]
     right = sd * normal[..., :-1, -1]
     try:
-        factor = np.linalg.cholesky(np.eye(sd.shape[-1]) + N)
+        v, volume = forward(np.eye(sd.shape[-1]) + N, right[..., None])
     except np.linalg.LinAlgError:  # sources absorbed all but round-off of an unknown: negative information is set to 0
         value, vector = np.linalg.eigh(0.5 * (N + N.swapaxes(-1, -2)))
         grown = 1.0 + np.maximum(value, 0.0)
-        v = (right[..., None, :] @ vector)[..., 0, :] / np.sqrt(grown)
-        return np.asarray(normal[..., -1, -1] - (v**2).sum(axis=-1) + np.log(grown).sum(axis=-1))
-    v = np.linalg.solve(factor, right[..., None])[..., 0]
-    volume = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-    return np.asarray(normal[..., -1, -1] - (v**2).sum(axis=-1) + 2.0 * volume)
+        v = (vector.swapaxes(-1, -2) @ right[..., None]) / np.sqrt(grown)[..., None]
+        volume = np.log(grown).sum(axis=-1)
+    return np.asarray(normal[..., -1, -1] - (v**2).sum(axis=(-2, -1)) + volume)
 
 
 def _gram(a: Array, b: Array) -> Array:

@@ -8,13 +8,13 @@ from solver.errors import InputError
 from solver.laws import effects
 from solver.laws.sensors import Sensor
 from solver.network.description import Channel, Network
-from solver.network.files import parse_quantity
+from solver.quantities.text import typed_quantity
 
 
 def with_filters(network: Network, filters: Iterable[str]) -> Network:
     """The network whose channels have these filters, beside those of its file.
 
-    Raises ValueError, one sentence, for a filter or channel that is none.
+    Raises ValueError, one sentence, for a filter or channel that is none, and for a number without unit.
     """
     terms: dict[str, float] = {}
     for text in filters:
@@ -33,7 +33,7 @@ def with_filters(network: Network, filters: Iterable[str]) -> Network:
             )
         ((effect, said),) = found
         units = {key: Channel(channel).quantities()[key].unit for key in effect.terms}
-        values = {key: parse_quantity(said[key], unit, f"--filter {channel}") for key, unit in units.items()}
+        values = {key: typed_quantity(said[key], unit, f"--filter {channel}") for key, unit in units.items()}
         neutral = all(values[key] == effect.neutral[key] for key in effect.terms if key not in effect.how)
         if neutral and effect.refuses_neutral:
             raise InputError(f'--filter "{text}": a filter that is none; {effect.refuses_neutral}.')

@@ -19,7 +19,7 @@ from .sensors import KINDS, TIME, Kind
 from .table import Column, Place, Table, refuse
 from .titles import factor, is_time, name_and_unit
 
-_EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]")
+_EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]", "FA.P [mmHg]")
 _START = "start"
 _ROW = "row"  # the number of a sample as its time, in a file without times
 CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
@@ -111,8 +111,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         columns.append(Column(_ROW, np.arange(float(len(columns[0].values)))))
     if not (table.titled or reading.names):
         row = ", ".join(f"{column.values[0]:g}" for column in columns)
-        maps = " ".join(f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[: len(columns)], start=1))
-        raise InputError(f"{place}: it has no header, and its first row is {row}; say which column is which: {maps}.")
+        raise InputError(f"{place}: it has no header, and its first row is {row}; {which_is_which(len(columns))}")
     targets = _targets(columns, reading, place)
     wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
     times = [(column, target) for column, target in wanted if target[0] == "time"]
@@ -142,15 +141,29 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     return _chosen(*times[0], titles_, place), found
 
 
+def which_is_which(n: int) -> str:
+    """What to say of n columns without titles: options to copy, an example."""
+    maps = " ".join(f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[:n], start=1))
+    return f"say which column is which, such as {maps}."
+
+
 def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
     """Of each column whether it is understood, and what it is read as, or what is to be said before it can be; for
     people."""
     found = []
     titles = [column.title for column in table.columns]
-    for column, target in zip(table.columns, _targets(table.columns, reading, table.place, False), strict=True):
+    targets = _targets(table.columns, reading, table.place, False)
+    wanted = [(column, target) for column, target in zip(table.columns, targets, strict=True) if target is not None]
+    unknown = [column for column, target in wanted if _unknown(column, target)]
+    proposed = dict(zip(map(id, unknown), _proposed(unknown), strict=True)) if len(unknown) > 1 else {}
+    for column, target in zip(table.columns, targets, strict=True):
         try:
             if target is None:
                 found.append((True, "left out"))
+            elif not table.titled and not reading.names:
+                found.append((False, "a column without a title"))
+            elif proposed.get(id(column)):
+                found.append((False, f'say what it is, such as --map "{column.title}={proposed[id(column)]}"'))
             else:
                 each = _chosen(column, target, titles, table.place)
                 found.append((True, "time" if each.name == "time" else f"{each.name}, a {each.kind.noun}"))
@@ -246,7 +259,17 @@ def _check_names(unknown: Sequence[Column], place: Place) -> None:
     """Raise InputError with the options for all of them, if several columns have titles that are no variables."""
     if len(unknown) < 2:
         return
-    maps, flows, pressures = [], 0, 0
+    maps = [f'--map "{c.title}={target}"' for c, target in zip(unknown, _proposed(unknown), strict=True)]
+    titles = ", ".join(repr(column.title) for column in unknown)
+    raise InputError(
+        f"{place}: {titles} are no channels; allowed are {CHANNELS}, with any name of a site, and inlet.Q, the flow "
+        f"into the arteries; say which is which, such as {' '.join(maps)} (nothing behind = leaves a column out)."
+    )
+
+
+def _proposed(unknown: Sequence[Column]) -> list[str]:
+    """A variable for each column, by unit and title; "" for what is none. Each pressure has a site of its own."""
+    targets, flows, pressures = [], 0, 0
     for column in unknown:
         name, unit = name_and_unit(column.title)
         unit = unit or column.unit
@@ -254,13 +277,8 @@ def _check_names(unknown: Sequence[Column], place: Place) -> None:
         flows, pressures = flows + (letter == "Q"), pressures + (letter == "P")
         site = "Ao" if pressures < 2 else f"site{pressures}"
         target = INFLOW if letter == "Q" and flows == 1 else f"{site}.{letter}" if letter else ""
-        target = target if unit or not letter else f"{target} [{KINDS[letter].example}]"
-        maps.append(f'--map "{column.title}={target}"')
-    titles = ", ".join(repr(column.title) for column in unknown)
-    raise InputError(
-        f"{place}: {titles} are no channels; allowed are {CHANNELS}, with any name of a site, and inlet.Q, the flow "
-        f"into the arteries; say which is which, such as {' '.join(maps)} (nothing behind = leaves a column out)."
-    )
+        targets.append(target if unit or not letter else f"{target} [{KINDS[letter].example}]")
+    return targets
 
 
 def _letter(name: str, unit: str) -> str:

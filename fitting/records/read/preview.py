@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .columns import Reading, explained
+from .columns import Reading, explained, which_is_which
 from .kinds import read_table
 from .titles import name_and_unit
 
@@ -36,9 +36,12 @@ def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
             }
         )
     samples = max((len(column.values) for column in table.columns), default=0)
-    return {"file": str(path), "format": table.found, "samples": samples, "columns": columns}
+    return {"file": str(path), "format": table.found, "samples": samples, "titled": table.titled, "columns": columns}
 
 
 def preview_questions(found: dict[str, Any]) -> list[str]:
     """What is to be said of a column before it can be read, a line each: options to copy, which no table cuts."""
-    return [f"{each['title']!r}: {each['read_as']}" for each in found["columns"] if not each["understood"]]
+    open_ones = [each for each in found["columns"] if not each["understood"]]
+    if open_ones and not found["titled"]:
+        return [f"The file has no header; {which_is_which(len(found['columns']))}"]
+    return [f"{each['title']!r}: {each['read_as']}" for each in open_ones]
