@@ -55,10 +55,6 @@ class Condensed:
     nodal: Factor
     ends: Array
 
-    def for_long(self) -> Condensed:
-        """The same operators, prepared for many uses."""
-        return replace(self, nodal=self.nodal.whole())
-
     def member(self, b: int) -> Condensed:
         """The Jacobian of one state of several."""
         own = slice(b, b + 1)
@@ -89,7 +85,7 @@ def operators(model: Model, dt: float) -> Operators:
         c = model.coefficients
         H = np.broadcast_to(c.P_0, (c.B, model.mesh.n_nodes))
         made = operators_about(model, GAMMA * dt, model.at_rest(), H)
-        made = replace(made, at_rest=made.at_rest.for_long())
+        made = replace(made, at_rest=replace(made.at_rest, nodal=made.at_rest.nodal.whole()))  # for many uses
     model.memo[dt] = made
     return made
 

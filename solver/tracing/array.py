@@ -355,10 +355,6 @@ def _full(value: float) -> Callable[..., Traced]:
     return like
 
 
-def _clip(r: Recorder, x: Any, low: Any, high: Any) -> Traced:
-    return elementwise(r, "minimum", elementwise(r, "maximum", x, low), high)
-
-
 def _together(r: Recorder, *arrays: Any) -> tuple[Any, ...]:
     shape = np.broadcast_shapes(*map(np.shape, arrays))
     return tuple(np.broadcast_to(x, shape) for x in arrays)
@@ -375,7 +371,7 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.empty_like: _like,
     np.zeros_like: _full(0.0),
     np.ones_like: _full(1.0),
-    np.clip: _clip,
+    np.clip: lambda r, x, low, high: elementwise(r, "minimum", elementwise(r, "maximum", x, low), high),
     np.sum: lambda r, x, axis=None: _reduced(r, "add", x, axis=axis),
     np.max: lambda r, x, axis=None: _reduced(r, "maximum", x, axis=axis),
     np.min: lambda r, x, axis=None: _reduced(r, "minimum", x, axis=axis),
