@@ -173,7 +173,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     mesh = model.mesh
     K_inverse = np.linalg.inv(K)
     by_ends = np.stack([K_inverse[..., 0], -K_inverse[..., -1]], axis=1)
-    by_left, by_right = by_ends[..., mesh.element.both_ends].swapaxes(0, 1)
+    by_left, by_right = by_ends[..., :: mesh.element.N].swapaxes(0, 1)
     # into the left node, then into the right one, by the pressures at both
     products = np.stack([-by_left[..., 0], -by_right[..., 0], by_left[..., 1], by_right[..., 1]], axis=-1)
     less = np.zeros_like(loads.scale, shape=(len(K), mesh.n_nodes))  # several states may have one parameter set
