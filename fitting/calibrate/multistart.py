@@ -125,7 +125,6 @@ def calibrate_from(
     *,
     varies: Sequence[str] = (),
     seed: int = 1,
-    channels: Sequence[str] | None = None,
     settings: Settings | None = None,
     jobs: int | None = 1,
     scheduler: str | None = None,
@@ -148,8 +147,7 @@ def calibrate_from(
     recorded, found = [beats] if isinstance(beats, Beats) else list(beats), parse_unknowns(unknowns, network)
     everything = varied(found, varies, labels_of([each.source for each in recorded]))
     given: dict[str, Any] = {
-        "beats": recorded, "network": network, "unknowns": found, "varies": tuple(varies), "channels": channels,
-        "settings": settings,
+        "beats": recorded, "network": network, "unknowns": found, "varies": tuple(varies), "settings": settings,
     }  # fmt: skip
     # from the network's own values alone, and from others if these fail
     points = [*starting_points(everything, starts, seed)] if starts > 1 else [None]
