@@ -1,4 +1,4 @@
-"""Build FMUs: ``python build_fmu.py [NETWORK] [--out dist]``, and ``heart``, ``body``, ``system`` and ``doctor``.
+"""Build FMUs: ``python build_fmu.py [NETWORK] [--out dist]``, and ``heart``, ``body`` and ``system``.
 
 The FMU is an ordinary pythonfmu archive with three precautions. All code lies under names that carry a hash of the
 whole content, because a process keeps the first module of a name: two FMUs never share modules. The archive is

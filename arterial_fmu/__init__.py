@@ -38,31 +38,21 @@ if TYPE_CHECKING:  # "as" marks a name as public for type checkers
     from solver import *  # noqa: F403
 
 # modules of the names that scripts use most; all other names are those of solver
-_HOMES = {
-    "load": "solver",
-    "simulate": "solver",
-    "simulate_periodic": "solver",
-    "Waveforms": "solver",
-    "Network": "solver",
-    "build": "build_fmu",
-    "build_native": "build_fmu",
-    "build_system": "build_fmu",
-    "run_fmu": "fmu_src.importer.run",
-    "FMUError": "fmu_src.importer.run",
-    "read_record": "fitting.records.read.record",
-    "write_record": "fitting.records.read.record",
-    "Record": "fitting.records.read.record",
-    "align": "fitting.records.alignment.align",
-    "fit": "fitting.wall.site_fit",
-    "first_model": "fitting.first.model",
-    "calibrate": "fitting.calibrate.network_calibration",
-    "read_set": "fitting.results.parameter_set",
-    "write_set": "fitting.results.parameter_set",
-    "ParameterSet": "fitting.results.parameter_set",
-    "check": "fitting.check.fmu_check",
-    "discover": "discrepancy",
-    "__version__": "fmu_src",
+_NAMES = {
+    "solver": "load simulate simulate_periodic Waveforms Network",
+    "build_fmu": "build build_native build_system",
+    "fmu_src.importer.run": "run_fmu FMUError",
+    "fitting.records.read.record": "read_record write_record Record",
+    "fitting.records.alignment.align": "align",
+    "fitting.wall.site_fit": "fit",
+    "fitting.first.model": "first_model",
+    "fitting.calibrate.network_calibration": "calibrate",
+    "fitting.results.parameter_set": "read_set write_set ParameterSet",
+    "fitting.check.fmu_check": "check",
+    "discrepancy": "discover",
+    "fmu_src": "__version__",
 }
+_HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 check_own("solver")
 if not any(isinstance(finder, AsOwn) for finder in sys.meta_path):

@@ -1,39 +1,15 @@
-"""Displays of results in notebooks: a result asks for its display, and the door that has registered itself gives it."""
+"""Displays of results in notebooks: a result asks the door for its display."""
 
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any, Protocol
-
-DOOR = "arterial_fmu.notebook"  # registers itself; imported when a result is first displayed
+from typing import Any
 
 
-class Door(Protocol):
-    """The package with all displays."""
-
-    def display(self, result: Any) -> Any:
-        """The module with ``html(result)``, ``columns(result)`` and ``figure(result, …)`` of the result's class."""
-
-    def polars(self, columns: Any) -> Any:
-        """A polars.DataFrame of columns, arrays or lists by heading."""
-
-    def pandas(self, columns: Any) -> Any:
-        """A pandas.DataFrame of columns. Raises ImportError if pandas is missing."""
-
-
-_registered: list[Door] = []
-
-
-def register(door: Door) -> None:
-    """Let results be displayed by this door."""
-    _registered[:] = [door]
-
-
-def door() -> Door:
-    """The door that is registered. Raises ImportError if there is none."""
-    if not _registered:
-        import_module(DOOR)
-    return _registered[0]
+def door() -> Any:
+    """The package with the displays: ``display(result)``, the module with ``html(result)``, ``columns(result)`` and
+    ``figure(result, …)`` of the result's class; ``polars(columns)`` and ``pandas(columns)``, data frames of columns."""
+    return import_module("arterial_fmu.notebook")  # when a result is first displayed
 
 
 class Shown:

@@ -98,7 +98,7 @@ def test_contents(fmu: Path, sheep: Network) -> None:
     modules += [f"{folder}/__init__" for folder in ("slaves", "cosimulation", "variables")]
     assert {n for n in code if n.startswith("fmu_src/")} == {f"fmu_src/{module}.py" for module in modules}
     # the physics, and nothing of files, terminals, runs or drawings
-    others = ["branching", "files", "simulate", "linear", "loop", "layout", "waveforms", "displays", "former_names"]
+    others = ["files", "simulate", "linear", "loop", "layout", "waveforms", "displays", "former_names"]
     assert {"solver/laws/effects.py", "solver/laws/wall.py", "solver/lumped/component.py"} <= code
     assert not [n for n in code if n.endswith(tuple(f"/{module}.py" for module in others)) or "/muscl/" in n]
     expected = {f"resources/_{name}/{n}" for n in code}

@@ -94,7 +94,7 @@ def test_the_same_functions() -> None:
         module: import_module(module).main
         for module in ("arterial_fmu.cli.solve", "arterial_fmu.cli.run", "arterial_fmu.cli.doctor")
     }
-    known = {command.where for command in COMMANDS.values()}
+    known = {f"arterial_fmu.{command.where}" for command in COMMANDS.values()}
     assert {f"{module}:main" for module in there} <= known
     for app in (arterial_fmu.cli.fit.app, arterial_fmu.cli.discover.app, arterial_fmu.cli.networks.app):
         for each in app.registered_commands:

@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from arterial_fmu.cli.build import app
+from arterial_fmu.__main__ import app
 from fmu_src.importer import doctor
 from fmu_src.importer.doctor import EXIT, FATAL, NOTE, OK, PROBLEM, Finding, examine, state
 

@@ -160,7 +160,7 @@ def test_in_a_cohort(fault: type[Exception], breaks: Breaks, tmp_path: Path, whe
     entry = Entry("one", "CA", tmp_path / "record.csv", 0.6e-3)
     breaks(f"fitting.cohort.fits.{where}")
     with pytest.raises(fault, match="broadcast"):
-        fitting.cohort.fits._fit(fitting.cohort.fits._Task(entry, ("linear",), ("beta",), 0.5, None, False))
+        fitting.cohort.fits._fit(entry, ("linear",), ("beta",), 0.5, None, False)
 
 
 # --- the door -------------------------------------------------------------------------------------------------------
@@ -206,7 +206,6 @@ def test_in_an_fmu(fault: type[Exception]) -> None:
 
 def test_a_start_of_a_calibration(fault: type[Exception], breaks: Breaks) -> None:
     """Not a start that leads nowhere."""
-    task = fitting.calibrate.multistart._Task([record(clean(), 8, 0.01)], NETWORK, (), (), None, None, None)
     breaks("fitting.calibrate.multistart.calibrate")
     with pytest.raises(fault, match="broadcast"):
-        fitting.calibrate.multistart._calibrated(task)
+        fitting.calibrate.multistart._calibrated(None, beats=[record(clean(), 8, 0.01)], network=NETWORK, unknowns=())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from itertools import islice, repeat
 from pathlib import Path
@@ -20,7 +20,7 @@ from build_fmu import build_model
 from fmu_src.contents.models import heart_model
 from fmu_src.slaves import body_slave
 from fmu_src.slaves.base import Subject
-from fmu_src.slaves.heart_slave import HeartSlave, table, to_data
+from fmu_src.slaves.heart_slave import HeartSlave, table
 from solver.lumped.heart import OUTPUTS, HeartComponent
 from solver.lumped.heart_parts import Heart
 from solver.lumped.heart_search import one_by_one
@@ -405,7 +405,7 @@ class OverflowingSlave(HeartSlave):
 
 def test_no_output_is_infinite(tmp_path: Path) -> None:
     """A step after which an output is not finite is refused with its name, and nothing has changed."""
-    data = {"heart": to_data(HUMAN_HEART), "version": "1", "starts": {}}
+    data = {"heart": asdict(HUMAN_HEART), "version": "1", "starts": {}}
     (tmp_path / "heart.json").write_text(json.dumps(data))
     slave = OverflowingSlave(instance_name="heart", resources=str(tmp_path))
     slave.setup_experiment(0.0)

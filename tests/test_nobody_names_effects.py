@@ -27,7 +27,6 @@ PHYSICS = (
     *(
         "solver/network/description.py",
         "solver/network/validation.py",
-        "solver/network/branching.py",
         "solver/laws/wall.py",
         "solver/network/aliases.py",
     ),

@@ -168,7 +168,6 @@ def test_unknown_site() -> None:
         ({"rate": np.inf}, "rate = inf: must be positive and finite, in samples a second."),
         ({"drift": -0.1}, "drift = -0.1: must be from 0 to 100."),
         ({"bits": 0}, "bits = 0: must be from 1 to 64."),
-        ({"viscous": "cubic"}, "viscous = 'cubic': must be monotone or quadratic."),
     ],
 )
 def test_arguments_out_of_range(

@@ -25,8 +25,6 @@ from solver.network.files import find_network, read_network
 from solver.quantities.text import assignments
 from solver.scheme.model import Settings
 
-from .doctor import main as doctor_command
-
 app = typer.Typer(
     cls=DefaultGroup,
     add_completion=False,
@@ -155,9 +153,6 @@ def system_command(
         native = _is_native(native, 2, platforms)
         target = build_system(arteries, species, out, execution_tool, native, _listed(platforms))
     _report(target, as_json, quiet)
-
-
-app.command("doctor")(doctor_command)
 
 
 def _report(target: Path, as_json: bool, quiet: bool) -> None:

@@ -85,7 +85,8 @@ def calibrate_command(
         T = options.seconds(period, "--period")
         sets = _sets(out, labels_of(paths))
         check_destinations(*sets, given=[*paths, *judged, *how.beside, network, start])
-        described = _described(network, start, filters or ())
+        described = read_network(find_network(network))
+        described = with_filters(described if start is None else read_set(start).apply(described), filters or ())
     from fitting.calibrate.multistart import calibrate_from
     from fitting.calibrate.network_indices import network_indices
     from fitting.inference.unknown_text import parse_unknowns
@@ -132,12 +133,6 @@ def _sets(out: Path | None, labels: Sequence[str]) -> list[Path]:
         return []
     set_format(out)
     return [out, *(out.with_name(f"{out.stem}.{label}{out.suffix}") for label in labels if len(labels) > 1)]
-
-
-def _described(network: str, start: Path | None, filters: Sequence[str]) -> Network:
-    """The network with the values of a parameter set and known filters."""
-    described = read_network(find_network(network))
-    return with_filters(described if start is None else read_set(start).apply(described), filters)
 
 
 def _judged(result: Calibration, unseen: Sequence[Beats], network: Network) -> tuple[list[HeldOut], list[str]]:

@@ -56,9 +56,7 @@ def discover_command(
         typer.Option(help='Parameters with a separate value for each recording, repeatable: "*.outlet.R2", "*.E".'),
     ] = None,
     hold_out: options.HeldOutFiles = None,
-    period: Annotated[
-        str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: from the record.')
-    ] = None,
+    period: options.Period = None,
     walls: Annotated[
         str | None,
         typer.Option(help="common (one change for all arteries) or individual (one for each); default: by evidence."),

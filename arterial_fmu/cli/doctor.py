@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 from rich.table import Column, Table
 
-from arterial_fmu.cli.terminal.console import faults, put, say, sentences, show
-from arterial_fmu.cli.terminal.options import Json, files_for, one_command
+from arterial_fmu.cli.terminal.console import put, say, sentences, show
+from arterial_fmu.cli.terminal.options import Json, files_for
 from arterial_fmu.cli.terminal.progress import bar
 from fmu_src.importer.doctor import EXIT, FATAL, INSTALL, NOTE, OK, PROBLEM, START, Finding, examine, state
 
@@ -54,8 +54,3 @@ def _print(fmu: Path, findings: list[Finding]) -> None:
 def _plain(text: str) -> str:
     """Text of a file, without terminal markup."""
     return "".join(letter if letter.isprintable() else "?" for letter in text).replace("[", "\\[")
-
-
-if __name__ == "__main__":
-    with faults():
-        one_command(main)()

@@ -1,19 +1,18 @@
-"""The door for notebooks: the displays of results as HTML, data frames and figures, registered by class."""
+"""The door for notebooks: the displays of results as HTML, data frames and figures, by class (`solver/displays.py`)."""
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from types import ModuleType
-from typing import Any, cast
+from typing import Any
 
-from solver import displays
+import numpy as np
 
-from .frames import pandas as pandas
-from .frames import polars as polars
+Columns = Mapping[str, np.ndarray | Sequence[Any]]
 
 DISPLAYS = {
-    "solver.network.description.Network": "arterial_fmu.notebook.network",
+    "solver.network.description.Network": "fitting.pages.network_drawing",
     "solver.waveforms.Waveforms": "arterial_fmu.notebook.waveforms",
     "fitting.wall.wall_fit.WallFit": "arterial_fmu.notebook.wall",
     "discrepancy.findings.outcome.Outcome": "arterial_fmu.notebook.study",
@@ -29,4 +28,17 @@ def display(result: Any) -> ModuleType:
     raise TypeError(f"{type(result).__name__}: has no display; arterial_fmu.notebook.DISPLAYS lists those that have.")
 
 
-displays.register(cast(displays.Door, sys.modules[__name__]))
+def polars(columns: Columns) -> Any:
+    """A polars.DataFrame."""
+    import polars
+
+    return polars.DataFrame(dict(columns))
+
+
+def pandas(columns: Columns) -> Any:
+    """A pandas.DataFrame. Raises ImportError where pandas is not installed."""
+    try:
+        import pandas
+    except ImportError:
+        raise ImportError("pandas is not installed: pip install pandas, or take to_polars() instead.") from None
+    return pandas.DataFrame(dict(columns))

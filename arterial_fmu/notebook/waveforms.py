@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.lines import Line2D
 
-from fitting.pages.channel_panels import by_place
+from fitting.pages.panels import by_place
 from fitting.pages.style import BLUE, STYLE, Picture
 from solver.errors import InputError
 from solver.quantities.legible import number

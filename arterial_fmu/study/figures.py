@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fitting.pages.channel_panels import by_place
-from fitting.pages.panels import Drawing, drawing, shown
+from fitting.pages.panels import Drawing, by_place, drawing, shown
 from fitting.pages.style import BLACK, BLUE, ORANGE, SKY, STYLE
 
 from .measures import POINTS

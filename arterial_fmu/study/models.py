@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -28,49 +28,11 @@ Beats = Mapping[str, Array]  # by channel [SI], (N,) or (n, N): sample j at time
 MAX_BEATS = 30
 
 
-class Model(Protocol):
-    """The interface of a model in a study."""
-
-    @property
-    def name(self) -> str:
-        """Its display name."""
-
-    @property
-    def known(self) -> Mapping[str, Quantity]:
-        """Its parameters."""
-
-    @property
-    def nominal(self) -> Mapping[str, float]:
-        """Their values [SI]."""
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Its outputs, by the names of the FMU's outputs."""
-
-    @property
-    def T(self) -> float:
-        """The period [s]."""
-
-    @property
-    def batch(self) -> int:
-        """The best number of parameter sets per batch."""
-
-    @property
-    def identity(self) -> Mapping[str, Any]:
-        """All that its results depend on, as plain data."""
-
-    def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
-        """The periodic beat of every parameter set, or the sentence with the reason of its failure."""
-
-    def finer(self) -> Model | None:
-        """The same model with half the step and half the element length; None if it has no finer one."""
-
-
 @dataclass(frozen=True)
 class NetworkModel:
     """A network, solved in steps of ``settings`` until beats repeat to ``tolerance``.
 
-    flow : the drive of the inlet, if it is not the network's own.
+    flow : the drive of the inlet, if it is not the network's own. Its methods are those of any model of a study.
     """
 
     network: Network
@@ -84,23 +46,30 @@ class NetworkModel:
 
     @property
     def known(self) -> Mapping[str, Quantity]:
+        """Its parameters."""
         return self.network.parameter_quantities()
 
     @property
     def nominal(self) -> Mapping[str, float]:
+        """Their values [SI]."""
         return self.network.parameters()
 
     @property
     def channels(self) -> tuple[str, ...]:
+        """Its outputs, by the names of the FMU's outputs."""
         return tuple(self.network.output_units())
 
     @property
     def batch(self) -> int:
-        """64 for the sheep: twice as many cost the same per set, half as many a quarter more (measured)."""
+        """The best number of parameter sets per batch.
+
+        64 for the sheep: twice as many cost the same per set, half as many a quarter more (measured).
+        """
         return max(8, min(64, 2048 // len(self.network.segments)))
 
     @property
     def identity(self) -> Mapping[str, Any]:
+        """All that its results depend on, as plain data."""
         s = self.settings
         return {
             "network": dumps(self.network),
@@ -112,6 +81,7 @@ class NetworkModel:
 
     @property
     def T(self) -> float:
+        """The period [s]."""
         return self.network.inlet.T if self.flow is None else self.flow.T
 
     def at(self, sites: Sequence[str]) -> NetworkModel:
@@ -120,12 +90,16 @@ class NetworkModel:
         return replace(self, network=replace(self.network, sites=kept))
 
     def finer(self) -> NetworkModel:
+        """The same model with half the step and half the element length."""
         s = self.settings
         settings = replace(s, dt=s.dt / 2.0, element_length=s.element_length / 2.0, tolerance=s.tolerance / 10.0)
         return replace(self, settings=settings, tolerance=self.tolerance / 10.0)
 
     def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
-        """All at once; after a failure in halves, until the failing set is alone."""
+        """The periodic beat of every parameter set, or the sentence with the reason of its failure.
+
+        All at once; after a failure in halves, until the failing set is alone.
+        """
         n = len(next(iter(parameters.values())))
         try:
             beat = repeating_beat(
@@ -188,6 +162,9 @@ class FMUModel:
             except (RunFailed, HostDied) as error:
                 answers.append(str(error))
         return answers
+
+
+Model = NetworkModel | FMUModel
 
 
 def read_model(source: str, driven_by: str | None, dt: str, element_length: str, tolerance: float) -> Model:

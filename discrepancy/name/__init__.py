@@ -1,9 +1,1 @@
 """Name the missing effect: candidates, their evidence, and the verdict."""
-
-from typing import Any
-
-
-def __getattr__(name: str) -> Any:
-    from solver.former_names import former  # this package has the name of a former module
-
-    return former(__name__, name)

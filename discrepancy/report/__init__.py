@@ -1,9 +1,1 @@
 """The report of a study: page, figures, tables and sentences."""
-
-from typing import Any
-
-
-def __getattr__(name: str) -> Any:
-    from solver.former_names import former  # this package has the name of a former module
-
-    return former(__name__, name)

@@ -142,9 +142,8 @@ class Calibration:
         values = {each: Value(value, unit_of(each), self.ci95[each]) for each, value in self.values.items()}
         if complete:
             values |= {each: Value(x, unit_of(each)) for each, x in self.others.items()}
-        common = [
-            i for i, u in enumerate(self.unknowns) if set(u.variables) <= set(self.values) and self._of_all(i)
-        ]  # fmt: skip
+        of_all = set.intersection(*(set(each.which) for each in self.recordings))
+        common = [i for i, u in enumerate(self.unknowns) if set(u.variables) <= set(self.values) and i in of_all]
         first, *more = self.recordings
         provenance = {
             "method": "network calibration",
@@ -170,10 +169,6 @@ class Calibration:
             "engine": engine(),
         }  # fmt: skip
         return ParameterSet(name or f"{self.network} calibrated", values, self.laws, provenance)
-
-    def _of_all(self, i: int) -> bool:
-        """True if an unknown affects every recording."""
-        return all(i in each.which for each in self.recordings)
 
 
 def _over_all(rms: Sequence[Mapping[str, float]]) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -41,13 +41,11 @@ def judge(
     found: Calibration,
     beats: Beats,
     network: Network,
-    *,
-    channels: Sequence[str] | None = None,
     settings: Settings | None = None,
 ) -> HeldOut:
     """The residual of a calibration in another recording of the same subject.
 
-    network, channels, settings : those of the calibration. Raises ValueError as
+    network, settings : those of the calibration. Raises ValueError as
     :func:`fitting.calibrate.network_calibration.calibrate`.
     """
     one, x = found.of(0), np.mean([found.x[list(each.which)] for each in found.recordings], axis=0)
@@ -56,7 +54,7 @@ def judge(
 
     def left(free: bool) -> Calibration:
         unknowns = [u if free and v else _held(u, at) for u, v, at in zip(one.unknowns, varies, x, strict=True)]
-        return calibrate(beats, network, unknowns, channels=channels, settings=settings, x0=x)
+        return calibrate(beats, network, unknowns, settings=settings, x0=x)
 
     as_fitted = left(False)
     refitted = left(True) if own else None

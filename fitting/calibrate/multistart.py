@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -124,7 +125,6 @@ def calibrate_from(
     *,
     varies: Sequence[str] = (),
     seed: int = 1,
-    channels: Sequence[str] | None = None,
     settings: Settings | None = None,
     jobs: int | None = 1,
     scheduler: str | None = None,
@@ -146,15 +146,18 @@ def calibrate_from(
         raise InputError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
     recorded, found = [beats] if isinstance(beats, Beats) else list(beats), parse_unknowns(unknowns, network)
     everything = varied(found, varies, labels_of([each.source for each in recorded]))
-    points = starting_points(everything, starts, seed) if starts > 1 else [None]
-    tasks = [_Task(recorded, network, found, tuple(varies), channels, settings, x) for x in points]
+    given: dict[str, Any] = {
+        "beats": recorded, "network": network, "unknowns": found, "varies": tuple(varies), "settings": settings,
+    }  # fmt: skip
+    # from the network's own values alone, and from others if these fail
+    points = [*starting_points(everything, starts, seed)] if starts > 1 else [None]
     ended: dict[int, Calibration] = {}
     failures: dict[int, str] = {}
     if starts == 1 and scheduler is None:
-        return Starts(1, seed, minima({0: _calibration(tasks[0], progress)}), {})
+        return Starts(1, seed, minima({0: calibrate(**given, progress=progress)}), {})
     if progress:
         progress(0.0, f"0 of {starts} starts")
-    for n, (i, each) in enumerate(done(_calibrated, tasks, jobs, scheduler), 1):
+    for n, (i, each) in enumerate(done(partial(_calibrated, **given), points, jobs, scheduler), 1):
         if isinstance(each, str):
             failures[i] = each
         else:
@@ -191,27 +194,9 @@ def minima(ended: Mapping[int, Calibration]) -> tuple[Minimum, ...]:
     )
 
 
-@dataclass(frozen=True)
-class _Task:
-    """A calibration from one start; None for the network's own values, and others if these fail."""
-
-    beats: Sequence[Beats]
-    network: Network
-    unknowns: tuple[Unknown, ...]
-    varies: tuple[str, ...]
-    channels: Sequence[str] | None
-    settings: Settings | None
-    x0: Array | None
-
-
-def _calibration(task: _Task, progress: Progress | None = None) -> Calibration:
-    given = {field.name: getattr(task, field.name) for field in fields(task)}
-    return calibrate(**given, progress=progress)
-
-
-def _calibrated(task: _Task) -> Calibration | str:
-    """The calibration of a task, or the sentence with the reason for its failure."""
+def _calibrated(x0: Array | None, **given: Any) -> Calibration | str:
+    """The calibration from one start, or the sentence with the reason for its failure."""
     try:
-        return _calibration(task)
+        return calibrate(**given, x0=x0)
     except InputError as error:
         return str(error)

@@ -82,7 +82,9 @@ class CheckReport:
         norm = "norm" if worst.name.endswith(".Q") else "pulsatile norm"
         rms = {channel.name: channel.rmse for channel in self.channels}
         loud = {channel.name: channel.relative for channel in self.channels}
-        said = f"worst channel {worst.name}: {_percent(worst.relative)} of its {norm} (rms {sizes(rms, loud)})"
+        part = 100.0 * worst.relative
+        percent = f"{part:.0f} %" if part >= 10.0 else f"{part:.2g} %"
+        said = f"worst channel {worst.name}: {percent} of its {norm} (rms {sizes(rms, loud)})"
         noisy = [channel for channel in self.channels if channel.worst_z is not None]
         if not noisy:
             return said
@@ -106,10 +108,6 @@ class CheckReport:
             "sources": self.sources,
         }
         return json_text(data)
-
-
-def _percent(part: float) -> str:
-    return f"{100 * part:.0f} %" if part >= 0.1 else f"{100 * part:.2g} %"
 
 
 def check(

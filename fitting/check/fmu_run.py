@@ -160,7 +160,8 @@ def periodic_answer(
         network = read_network(Path(fmu.path))
         if not network.sources:  # tables begin with the beat
             first, least = _in_phase(beat, network), int(np.argmin(np.abs(beat)))
-        for start in (_Periodic(float(beat.mean()), T, first), _Level(_level(fmu, start_values), least)):
+        level = float(start_values.get(_P_0, fmu.starts.get(_P_0, 0.0)))
+        for start in (_Periodic(float(beat.mean()), T, first), _Level(level, least)):
             if {*start.values(0.0)} <= {*fmu.parameters}:
                 with suppress(RunFailed):  # without a steady state at that mean flow, or that FMU's own alone
                     return _from(start, partial(run_from, start.first))
@@ -175,10 +176,6 @@ def _in_phase(beat: Array, network: Network) -> int:
     """The sample of a beat (N,) at which it is most like the network's own pulse, which begins there."""
     pulse = network.inlet.Q(network.inlet.T / len(beat) * np.arange(len(beat)))
     return int(np.argmax(np.fft.irfft(np.fft.rfft(beat) * np.fft.rfft(pulse).conj(), len(beat))))
-
-
-def _level(fmu: FMU, start_values: Mapping[str, float | str]) -> float:
-    return float(start_values.get(_P_0, fmu.starts.get(_P_0, 0.0)))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -276,15 +277,18 @@ def fit_cohort(
         model(name, laws[0])
     if not names or not entries:
         raise InputError("a cohort needs at least one recording and one model; give them.")
-    tasks = [_Task(entry, names, laws, eta, reading, as_measured) for entry in entries]
-    found: list[dict[str, _Found]] = [{} for _ in tasks]
+    fitted = partial(_fit, models=names, laws=laws, eta=eta, reading=reading, as_measured=as_measured)
+    found: list[dict[str, _Found]] = [{} for _ in entries]
     if progress:
         progress(0.0, f"{entries[0].animal} {entries[0].site}")
-    for n, (i, each) in enumerate(done(_fit, tasks, jobs, scheduler), 1):
+    for n, (i, each) in enumerate(done(fitted, entries, jobs, scheduler), 1):
         found[i] = each
         if progress:
             progress(n / len(entries), f"{entries[i].animal} {entries[i].site}")
-    by_law = {law: _cohort(names, [each[law] for each in found], law) for law in laws}
+    by_law = {}
+    for law in laws:
+        recordings = tuple(one for each in found if (one := each[law].recording) is not None)
+        by_law[law] = Cohort(names, recordings, tuple(lost for each in found for lost in each[law].failures), law)
     first = by_law[laws[0]]
     if not any(recording.fits for cohort in by_law.values() for recording in cohort.recordings):
         raise InputError(
@@ -299,24 +303,6 @@ def fit_cohort(
     return replace(by_law[together.kept], evidence=together, others=others)
 
 
-def _cohort(models: tuple[str, ...], found: Sequence[_Found], elastic: str) -> Cohort:
-    """The cohort by one law."""
-    recordings = tuple(each.recording for each in found if each.recording is not None)
-    return Cohort(models, recordings, tuple(failure for each in found for failure in each.failures), elastic)
-
-
-@dataclass(frozen=True)
-class _Task:
-    """A recording, the models and laws of its fits, and the settings."""
-
-    entry: Entry
-    models: tuple[str, ...]
-    laws: tuple[str, ...]
-    eta: float
-    reading: Reading | None
-    as_measured: bool
-
-
 @dataclass(frozen=True)
 class _Found:
     """The fits of a recording by one law, and its failures; None if the recording itself is unusable."""
@@ -325,37 +311,40 @@ class _Found:
     failures: tuple[Failure, ...] = ()
 
 
-def _fit(task: _Task) -> dict[str, _Found]:
+def _fit(
+    entry: Entry, models: tuple[str, ...], laws: tuple[str, ...], eta: float, reading: Reading | None, as_measured: bool
+) -> dict[str, _Found]:
     """The fits of one recording by elastic law."""
-    entry = task.entry
     try:
-        record = read_record(entry.record, task.reading)
-        if not task.as_measured:
+        record = read_record(entry.record, reading)
+        if not as_measured:
             check_plausible(record, {entry.site: Artery(entry.R0, entry.h)})
         beats = align(record)
         beats.site(entry.site)
     except InputError as error:
-        return dict.fromkeys(task.laws, _Found(None, (Failure(entry, "", str(error)),)))
-    fits: dict[str, dict[str, WallFit]] = {law: {} for law in task.laws}
-    failures: dict[str, list[Failure]] = {law: [] for law in task.laws}
-    for name in task.models:
-        for law in task.laws:
+        return dict.fromkeys(laws, _Found(None, (Failure(entry, "", str(error)),)))
+    fits: dict[str, dict[str, WallFit]] = {law: {} for law in laws}
+    failures: dict[str, list[Failure]] = {law: [] for law in laws}
+    for name in models:
+        for law in laws:
             try:
-                fits[law][name] = fit(beats, entry.site, entry.h, model(name, law), eta=task.eta)
+                fits[law][name] = fit(beats, entry.site, entry.h, model(name, law), eta=eta)
             except InputError as error:
                 failures[law].append(Failure(entry, name, f"{name} model: {error}"))
-    told = _evidence(task, beats, fits) if len(fits) > 1 else None
-    return {law: _Found(Recording(entry, beats.sha256, fits[law], told), tuple(failures[law])) for law in task.laws}
+    told = _evidence(entry, models, eta, beats, fits) if len(fits) > 1 else None
+    return {law: _Found(Recording(entry, beats.sha256, fits[law], told), tuple(failures[law])) for law in laws}
 
 
-def _evidence(task: _Task, beats: Beats, fits: Mapping[str, Mapping[str, WallFit]]) -> LawEvidence | None:
+def _evidence(
+    entry: Entry, models: tuple[str, ...], eta: float, beats: Beats, fits: Mapping[str, Mapping[str, WallFit]]
+) -> LawEvidence | None:
     """The evidence for the laws in one recording, by the comparison model; None if no wall describes it."""
-    name = weighing_model(_main(task.models))
-    if name in task.models:
+    name = weighing_model(_main(models))
+    if name in models:
         weights = [each[name] for each in fits.values() if name in each]
         return evidence(weights, tuple(law for law, each in fits.items() if name not in each)) if weights else None
     try:
-        return fit(beats, task.entry.site, task.entry.h, _main(task.models), eta=task.eta).evidence
+        return fit(beats, entry.site, entry.h, _main(models), eta=eta).evidence
     except InputError:  # it is among the failures already
         return None
 

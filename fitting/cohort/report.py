@@ -13,7 +13,6 @@ from ..pages.style import png
 from ..results.parameter_set import set_content
 from ..results.provenance import software
 from ..results.result_files import json_text
-from .claims import Claim
 from .figures import cohort_figures
 from .fits import QUANTITIES, Cohort, Recording
 
@@ -53,15 +52,11 @@ def to_json(cohort: Cohort) -> str:
             name: {site: {q: asdict(s) for q, s in row.items()} for site, row in cohort.table(name).items()}
             for name in cohort.models
         },
-        "claims": [_claim(claim) for claim in cohort.claims()],
+        "claims": [{**asdict(claim), "numbers": dict(claim.numbers)} for claim in cohort.claims()],
         "recordings": [_recording(each) for each in cohort.recordings],
         "failures": [{**asdict(f.entry), "model": f.model, "sentence": f.sentence} for f in cohort.failures],
     }
     return json_text(content, indent=1)
-
-
-def _claim(claim: Claim) -> dict[str, Any]:
-    return {**asdict(claim), "numbers": dict(claim.numbers)}
 
 
 def _recording(each: Recording) -> dict[str, Any]:

@@ -104,9 +104,6 @@ def virtual_cohort(
     rate: float = 200.0,
     drift: float = 0.02,
     bits: int | None = 12,
-    viscous: str = "monotone",
-    ENL: float = 0.0,
-    scale_phi0: Mapping[str, float] | None = None,
     exact_means: bool = False,
 ) -> VirtualCohort:
     """Recordings of ``animals`` at ``sites`` of the paper, all random numbers from ``seed``.
@@ -115,14 +112,14 @@ def virtual_cohort(
     sites, correlation 0.8 of their logarithms, so 12.6 % of φ0/E; 1 % of R0, 30 % of φ_NL/φ0, each site by itself;
     h as in Table 1. Every recording has its own period (0.40–0.62 s), mean (10–12 kPa), pulse (3.5–4.5 kPa) and phase.
 
-    dB, drift, bits : sensors, as in :func:`fitting.records.virtual.measured`. rate : [1/s]. ENL : E_NL/E of all walls.
-    scale_phi0 : factors on φ0 by site, to violate a claim on purpose. exact_means : scale E, φ0, R0 and φ_NL so that
-    their means over these animals, rather than over the population, are the paper's; intervals are then too wide.
-    Raises ValueError for an unknown site or law, or a number out of its range, before anything is computed.
+    dB, drift, bits : sensors, as in :func:`fitting.records.virtual.measured`. rate : [1/s].
+    exact_means : scale E, φ0, R0 and φ_NL so that their means over these animals, rather than over the population, are
+    the paper's; intervals are then too wide.
+    Raises ValueError for an unknown site, or a number out of its range, before anything is computed.
     """
-    _check(animals, sites, dB, beats, rate, drift, bits, viscous)
+    _check(animals, sites, dB, beats, rate, drift, bits)
     rng = np.random.default_rng(seed)
-    herd = [_animal(rng, sites, viscous, ENL, scale_phi0 or {}) for _ in range(animals)]
+    herd = [_animal(rng, sites) for _ in range(animals)]
     if exact_means:
         herd = _centred(herd, [table_wall(site) for site in sites])
     truth = {}
@@ -148,23 +145,18 @@ def virtual_cohort(
         "rate": rate,
         "drift": drift,
         "bits": bits,
-        "viscous": viscous,
-        "ENL/E": ENL,
-        "scale_phi0": dict(scale_phi0 or {}),
         "exact_means": exact_means,
     }
     return VirtualCohort(seed, settings, tuple(recordings), truth)
 
 
 def _check(
-    animals: int, sites: Sequence[str], dB: float, beats: int, rate: float, drift: float, bits: int | None, viscous: str
+    animals: int, sites: Sequence[str], dB: float, beats: int, rate: float, drift: float, bits: int | None
 ) -> None:
     """Raise ValueError, one sentence, for the first invalid argument."""
     unknown = [site for site in sites if site not in SITES]
     if unknown:
         raise InputError(f"virtual cohort: no site {unknown[0]!r} in the paper; use {', '.join(SITES)}.")
-    if viscous not in ("monotone", "quadratic"):
-        raise InputError(f"virtual cohort: viscous = {viscous!r}: must be monotone or quadratic.")
     limits = [
         ("animals", animals, animals >= 1, "at least 1"),
         ("beats", beats, beats >= 2, "at least 2, as many as a period needs"),
@@ -213,18 +205,16 @@ def write_cohort(
     return write_folder(folder, files)[-1]
 
 
-def _animal(
-    rng: np.random.Generator, sites: Sequence[str], viscous: str, ENL: float, scale_phi0: Mapping[str, float]
-) -> list[VirtualWall]:
+def _animal(rng: np.random.Generator, sites: Sequence[str]) -> list[VirtualWall]:
     """The walls of one animal."""
     common = _stiffness_and_viscosity(rng, COMMON)
     walls = []
     for site in sites:
         R0, h, E, phi0, ratio = SITES[site]
         factors = common * _stiffness_and_viscosity(rng, 1.0 - COMMON)
-        E, phi0 = E * float(factors[0]), phi0 * float(factors[1]) * scale_phi0.get(site, 1.0)
+        E, phi0 = E * float(factors[0]), phi0 * float(factors[1])
         R0, ratio = R0 * _lognormal(rng, SD_R0), ratio * _lognormal(rng, SD_RATIO)
-        walls.append(VirtualWall(R0, h, E, phi0, ratio * phi0, ENL * E, viscous=viscous))
+        walls.append(VirtualWall(R0, h, E, phi0, ratio * phi0))
     return walls
 
 

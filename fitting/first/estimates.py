@@ -134,7 +134,9 @@ def impedance(beats: Beats, root: str) -> Found:
     by_harmonics = float(np.exp(np.median(np.log(Z))))
     how = f"harmonics {high[0]} to {high[-1]} of {root} and {INFLOW}: {_shown(by_harmonics)}"
     most = max(int(both[-1]), _HIGH[1])
-    P, Q = (_from_foot(smooth(beats, name, most), smooth(beats, INFLOW, most), beats.T) for name in (root, INFLOW))
+    Q = smooth(beats, INFLOW, most)
+    begin = round(foot(Q, beats.T) / beats.T * len(Q))  # of the flow
+    P, Q = np.roll(smooth(beats, root, most), -begin), np.roll(Q, -begin)
     early = max(2, int(np.argmax(Q > Q[0] + _EARLY * (Q.max() - Q[0]))) + 1)
     by_upstroke = float(np.polyfit(Q[:early], P[:early], 1)[0])
     if not by_upstroke > 0.0:
@@ -181,11 +183,6 @@ def _decay(P: Array, Q: Array, R: float, T: float) -> float | None:
     fall = P[begin] - P[end]
     C = np.sum(P[begin:end] / R - Q[begin:end]) * T / n / fall if fall > 0.0 else 0.0
     return float(C) if C > 0.0 else None
-
-
-def _from_foot(x: Array, Q: Array, T: float) -> Array:
-    """A beat from the foot of the flow on."""
-    return np.roll(x, -round(foot(Q, T) / T * len(Q)))
 
 
 def _difference(a: float, b: float) -> float:

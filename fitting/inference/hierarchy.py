@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import erfcx, ndtr
 
-from .cholesky import forward
 from .fit import Fit
 from .unknown import Unknown, bounds, penalty, precision
 
@@ -36,6 +35,7 @@ COMMON = 0.5  # probability beforehand that a group has no deviations
 _SWEEPS = 3
 _FREE = 1e-9  # precision of a flat prior
 LOG_RANGE = DECADES * math.log(10.0)
+_FAR = 1e200  # so that what is appended stays positive definite; it has no influence on the rows before it
 
 
 @dataclass(frozen=True)
@@ -214,6 +214,22 @@ _CHOICES = {
     apart: (np.array(widths), np.array([beforehand(w, apart) for w in widths]))
     for apart, widths in ((False, WIDTHS), (True, APART))
 }
+
+
+def forward(A: Array, right: Array) -> tuple[Array, Array]:
+    """L⁻¹ right : (…, p, n) and ln det A : (…,), with A = L Lᵀ : (…, p, p) and right : (…, p, n).
+
+    The right-hand sides are appended to A as rows, so that the factorisation solves for them: NumPy has no triangular
+    solve, and its general one takes longer than the factorisation. Raises LinAlgError if A is not positive definite.
+    """
+    p, n = right.shape[-2:]
+    both = np.zeros((*A.shape[:-2], p + n, p + n))
+    both[..., :p, :p] = A
+    both[..., p:, :p] = right.swapaxes(-1, -2)
+    both[..., range(p, p + n), range(p, p + n)] = _FAR
+    L = np.linalg.cholesky(both)
+    diagonal = np.diagonal(L, axis1=-2, axis2=-1)[..., :p]
+    return L[..., p:, :p].swapaxes(-1, -2), 2.0 * np.log(diagonal).sum(axis=-1)
 
 
 def with_widths(fit: Fit) -> Fit:

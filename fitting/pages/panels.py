@@ -15,7 +15,6 @@ from matplotlib.patches import Patch
 
 from solver.quantities.units import of_signal
 
-from .channel_panels import by_place
 from .style import BLACK, SKY, VERMILION, Picture, png
 
 Array = np.ndarray
@@ -23,7 +22,7 @@ Array = np.ndarray
 MEASURED, SIMULATED, BAND = BLACK, VERMILION, SKY
 DASHED = (0, (4, 2))
 Curve = tuple[str, str, Any]  # text of the legend (empty: none), colour, line style
-_LOOPS = 4  # panels in a row
+_COLUMNS, _LOOPS = 3, 4  # panels in a row
 _MOST_POINTS = 1000  # of a curve on the page
 _PIXELS = 100  # an inch of figure on the page; the image itself has twice as many
 
@@ -46,6 +45,32 @@ def shown(name: str, *beats: Array) -> tuple[Array, ...]:
     """Beats in their display unit, closed (the first sample also ends the beat) and thinned for the page."""
     step = max(1, len(beats[0]) // _MOST_POINTS)
     return tuple(np.append(beat[::step], beat[0]) * of_signal(name)[1] for beat in beats)
+
+
+def by_place(names: Sequence[str]) -> tuple[Picture, dict[str, Axes]]:
+    """A panel for each channel; if places have several channels, each place begins a row."""
+    places = [name.rpartition(".")[0] for name in names]
+    several = len(set(places)) < len(places)
+    cells: dict[str, tuple[int, int]] = {}
+    row, column = 0, -1
+    for i, name in enumerate(names):
+        column += 1
+        if column == _COLUMNS or (several and i and places[i] != places[i - 1]):
+            row, column = row + 1, 0
+        cells[name] = (row, column)
+    columns = 1 + max(column for _, column in cells.values())
+    figure = Picture(figsize=(3.6 * max(2, columns), 1.9 * (row + 1) + 0.4), layout="constrained")
+    grid = figure.add_gridspec(row + 1, columns)
+    panels = {name: figure.add_subplot(grid[cell]) for name, cell in cells.items()}
+    for name, panel in panels.items():
+        panel.set_title(name, loc="left")
+        panel.set_ylabel(of_signal(name)[0])
+        panel.locator_params(nbins=4)
+        if cells[name][0] == max(r for r, c in cells.values() if c == cells[name][1]):
+            panel.set_xlabel("time [s]")
+        else:
+            panel.tick_params(labelbottom=False)  # the same times as below it
+    return figure, panels
 
 
 def waveforms(

@@ -18,7 +18,7 @@ def done(
 ) -> Iterator[tuple[int, Answer]]:
     """(i, function(task i)) of every task, as they end.
 
-    function : of a module, found by its name in other processes; tasks and answers are pickled.
+    function : of a module, found by its name in other processes, or a partial of one; tasks and answers are pickled.
     jobs : number of processes on this computer, including this one; None: one per core. This process does the
     unfinished tasks of a worker that dies. scheduler : the address of a scheduler of dask.distributed, whose workers do
     the tasks instead (:mod:`.cluster`). Raises ValueError for an invalid number of jobs, or a scheduler that does not

@@ -61,7 +61,8 @@ class Workers:
     ) -> list[Result]:  # fmt: skip
         """The result of every task: by ``here`` in this process, or by ``there`` in another and ``taken`` in this one.
 
-        there : a function of a module, which the worker finds by its name; tasks and answers are pickled.
+        there : a function of a module, which the worker finds by its name, or a partial of one; tasks and answers are
+        pickled.
         """
         if self.jobs < 2 or len(tasks) < 2:
             return [here(task) for task in tasks]
@@ -116,7 +117,8 @@ class Workers:
 
     def _asked(self, tasks: Sequence[Task], there: Callable[[Task], Answer]) -> list[Future[Answer]]:
         """The future answers of other processes to all tasks that are not cancelled before they start."""
-        self._pool = self._pool or ThreadPoolExecutor(self.jobs - 1, "worker", self._begin, (there.__module__,))
+        module = getattr(there, "func", there).__module__  # of a partial, that of its function
+        self._pool = self._pool or ThreadPoolExecutor(self.jobs - 1, "worker", self._begin, (module,))
         return [self._pool.submit(self._ask, there, task) for task in tasks]
 
     def _answered(self, answer: Future[Any]) -> bool:

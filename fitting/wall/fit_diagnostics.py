@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
-from ..inference.models.loop import Loop
 from .elastic_law import MISFIT
 from .wall_fit import WallFit
 from .wall_model import relative_viscosity
@@ -77,7 +76,9 @@ def _noise_of_R(fitted: WallFit) -> str:
 
 
 def _misfit(fitted: WallFit) -> str:
-    if _noise_free(fitted.loop):  # rounding does not measure a misfit
+    loop = fitted.loop
+    rounded = [loop.noise[1:, i, i].mean() < 1e3 * loop.floor[i] for i in (0, 1)]
+    if all(rounded):  # the beats are identical to rounding, which does not measure a misfit
         missed = float(np.sqrt(max(0.0, 1.0 - fitted.r2)))
         return (
             f"the {fitted.model.name} model misses the noise-free loop by {missed:.2g} of the pulse; "
@@ -92,11 +93,6 @@ def _misfit(fitted: WallFit) -> str:
         f"{fitted.chi2 / fitted.dof:.1f}); intervals are widened to match, but may miss a systematic error"
         + ("." if "R0" in fitted.model.free else "; check R0, which was given.")
     )
-
-
-def _noise_free(loop: Loop) -> bool:
-    """Whether the beats are identical to rounding."""
-    return bool(loop.noise[1:, 0, 0].mean() < 1e3 * loop.floor[0] and loop.noise[1:, 1, 1].mean() < 1e3 * loop.floor[1])
 
 
 def _undetermined(fitted: WallFit) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -83,44 +83,30 @@ def heart_model(species: str = "human", starts: Starts | None = None, fmi: int =
 
     Raises ValueError for an unknown species.
     """
-    heart = of(species)[0]
-    with_starts(heart_slave.table(heart), starts or {})
-    heart = heart.with_values(starts or {})
-    table, others = _others(heart_slave.table(heart), starts or {})
     title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
-    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table, fmi)
-    resources = _data("heart.json", {"heart": heart_slave.to_data(heart)}, others)
-    return Model(
-        heart.name,
-        "slaves.heart_slave",
-        "HeartSlave",
-        table,
-        resources,
-        pages,
-        _subject(heart_slave.HeartSlave, resources),
-        fmi,
-    )
+    uses = lumped_document.HEART_USES
+    return _lumped(of(species)[0], "heart", heart_slave.HeartSlave, heart_slave.table, title, uses, starts or {}, fmi)
 
 
 def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> Model:
     """What closes the volume. fmi : as of hearts. Raises ValueError for an unknown species."""
-    body = of(species)[1]
-    with_starts(body_slave.table(body), starts or {})
-    body = body.with_values(starts or {})
-    table, others = _others(body_slave.table(body), starts or {})
     title = "The veins, the right heart and the lungs as one elastic reservoir."
-    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table, fmi)
-    resources = _data("body.json", {"body": body_slave.to_data(body)}, others)
-    return Model(
-        body.name,
-        "slaves.body_slave",
-        "BodySlave",
-        table,
-        resources,
-        pages,
-        _subject(body_slave.BodySlave, resources),
-        fmi,
-    )
+    uses = lumped_document.BODY_USES
+    return _lumped(of(species)[1], "body", body_slave.BodySlave, body_slave.table, title, uses, starts or {}, fmi)
+
+
+def _lumped(
+    part: Heart | Body, kind: str, slave: type[ComponentSlave], variables: Callable[..., Table], title: str,
+    uses: tuple[str, ...], starts: Starts, fmi: int,
+) -> Model:  # fmt: skip
+    """A heart or a body with these start values. variables : the table of one. uses : of the page."""
+    with_starts(variables(part), starts)  # refuses names and values
+    part = part.with_values(starts)
+    table, others = _others(variables(part), starts)
+    pages = lumped_document.documents(part.name, title, part.reference, uses, table, fmi)
+    resources = _data(slave.data_file, {kind: asdict(part)}, others)
+    subject = slave.subject(json.loads(resources[slave.data_file]))
+    return Model(part.name, f"slaves.{kind}_slave", slave.__name__, table, resources, pages, subject, fmi)
 
 
 def of(species: str) -> tuple[Heart, Body]:
@@ -171,10 +157,6 @@ def _others(table: Table, starts: Starts) -> tuple[Table, dict[str, float | str]
     had = {variable.name: variable.start for variable in table}
     others = {name: value for name, value in starts.items() if value != had[name]}
     return with_starts(table, others), others
-
-
-def _subject(slave: type[ComponentSlave], resources: Mapping[str, str]) -> Subject:
-    return slave.subject(json.loads(resources[slave.data_file]))
 
 
 def _data(file: str, content: dict[str, Any], starts: Starts) -> dict[str, str]:

@@ -80,7 +80,10 @@ def run_fmu(
     driving = {name: _sampled("inflow", u, time) for name, u in given.items()}
     shown = driving | {name: _sampled(name, u, time) for name, u in inputs.items()}
     middle = 0.5 * (time[1:] + time[:-1])
-    columns = [shown[n][1:] if _drives(n) else _sampled(n, u, middle) for n, u in {**given, **inputs}.items()]
+    columns = [  # linear between communication points, if it drives an inlet
+        shown[n][1:] if n.endswith(("inlet.Q", "inlet.P")) else _sampled(n, u, middle)
+        for n, u in {**given, **inputs}.items()
+    ]
     held = np.column_stack([np.empty((len(middle), 0)), *columns])
     driven = [variables[name].valueReference for name in shown]
     outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output" and not is_port(v.name)}
@@ -120,11 +123,6 @@ def drive_of(variables: Mapping[str, Any], fmu: str | os.PathLike[str]) -> str:
         )
     pressure = variables.get("inlet.P")
     return "inlet.P" if pressure is not None and pressure.causality == "input" else "inlet.Q"
-
-
-def _drives(name: str) -> bool:
-    """True if an input drives an inlet, with linear interpolation between communication points."""
-    return name.endswith(("inlet.Q", "inlet.P"))
 
 
 def check_inputs(names: Iterable[str], variables: Mapping[str, Any], fmu: str | os.PathLike[str]) -> None:

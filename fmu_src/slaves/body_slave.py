@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 from pythonfmu import DefaultExperiment
@@ -23,7 +21,8 @@ class BodySlave(ComponentSlave):
     @classmethod
     def subject(cls, data: Any) -> Subject:
         """The body and its variables."""
-        body = from_data(data["body"])
+        numbers = data["body"]
+        body = Body(numbers["name"], numbers["reference"], Reservoir(**numbers["body"]))
         return Subject(
             name=body.name,
             description=f"Veins, right heart and lungs as one elastic reservoir. {body.reference}",
@@ -32,16 +31,6 @@ class BodySlave(ComponentSlave):
             table=with_starts(table(body), data["starts"]),
             make=lambda: BodyComponent(body),
         )
-
-
-def to_data(body: Body) -> dict[str, Any]:
-    """A body as JSON data."""
-    return asdict(body)
-
-
-def from_data(data: Mapping[str, Any]) -> Body:
-    """The body that :func:`to_data` wrote."""
-    return Body(data["name"], data["reference"], Reservoir(**data["body"]))
 
 
 def table(body: Body) -> tuple[Variable, ...]:

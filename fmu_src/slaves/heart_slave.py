@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 from pythonfmu import DefaultExperiment
@@ -63,7 +61,8 @@ class HeartSlave(ComponentSlave):
     @classmethod
     def subject(cls, data: Any) -> Subject:
         """The heart and its variables; an experiment of five beats."""
-        heart = from_data(data["heart"])
+        parts = data["heart"]
+        heart = Heart(**{key: _KINDS[key](**x) if key in _KINDS else x for key, x in parts.items()})
         return Subject(
             name=heart.name,
             description=f"Left heart with time-varying elastance and two valves. {heart.reference}",
@@ -72,16 +71,6 @@ class HeartSlave(ComponentSlave):
             table=with_starts(table(heart), data["starts"]),
             make=lambda: HeartComponent(heart),
         )
-
-
-def to_data(heart: Heart) -> dict[str, Any]:
-    """A heart as JSON data."""
-    return asdict(heart)
-
-
-def from_data(data: Mapping[str, Any]) -> Heart:
-    """The heart that :func:`to_data` wrote."""
-    return Heart(**{key: _KINDS[key](**value) if key in _KINDS else value for key, value in data.items()})
 
 
 def table(heart: Heart) -> tuple[Variable, ...]:

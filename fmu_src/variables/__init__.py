@@ -1,9 +1,1 @@
 """The variables of an FMU and their description."""
-
-from typing import Any
-
-
-def __getattr__(name: str) -> Any:
-    from solver.former_names import former  # this package has the name of a former module
-
-    return former(__name__, name)

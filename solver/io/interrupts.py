@@ -16,17 +16,8 @@ def interrupts_later() -> Iterator[Callable[[], None]]:
     if answer is None:
         yield lambda: None
         return
-    came: list[tuple[int, Any]] = []
-
-    def due() -> None:
-        if came:
-            answer(*came.pop())
-
-    signal.signal(signal.SIGINT, lambda *signalled: came.append(signalled))
-    try:
+    with _noted(answer, at_once=False) as due:
         yield due
-    finally:
-        signal.signal(signal.SIGINT, answer)
     due()
 
 
@@ -41,17 +32,25 @@ def interrupts_again() -> Iterator[Callable[[], None]]:
     if answer is not signal.default_int_handler:  # a host's own answer need raise nothing
         yield lambda: None
         return
+    with _noted(answer, at_once=True) as due:
+        yield due
+
+
+@contextmanager
+def _noted(answer: Callable[..., Any], at_once: bool) -> Iterator[Callable[[], None]]:
+    """Note Ctrl-C, answered at once or not; the function that it yields answers what is noted."""
     came: list[tuple[int, Any]] = []
 
-    def at_once(*signalled: Any) -> None:
+    def note(*signalled: Any) -> None:
         came.append(signalled)
-        answer(*signalled)
+        if at_once:
+            answer(*signalled)
 
     def due() -> None:
         if came:
             answer(*came.pop())
 
-    signal.signal(signal.SIGINT, at_once)
+    signal.signal(signal.SIGINT, note)
     try:
         yield due
     finally:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from ..errors import InputError
-from ..quantities.text import check_keys, parse_quantity, read_text
+from ..quantities.text import parse_quantity, read_text
 
 _HEADING = re.compile(r"(.*?)\s*\[(.*)\]")
 _NO_UNIT = ("", "-", "–", "1")
@@ -64,8 +62,3 @@ def number(cell: str, given: str, unit: str, where: str, name: str) -> float:
     """A cell in SI; ``given`` : the unit of its column, where the cell has none. Raises ValueError."""
     text = f"{cell} {given}" if given and _is_number(cell) else cell
     return parse_quantity(text, unit, f"{where}: {name}")
-
-
-def check_columns(table: Table, known: Mapping[str, Any] | tuple[str, ...]) -> None:
-    """Raise ValueError for the first column that is not known."""
-    check_keys(table.path, table.names, known)

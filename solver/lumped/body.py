@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..io.saved import Kind, dataclasses
-from ..quantities.quantity import quantity
+from ..quantities.quantity import quantity, with_values
 from .arithmetic import divided, select
 from .component import Arithmetic
-from .parameters import with_values
 
 EXCHANGES = ("end", "start")
 

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..quantities.quantity import quantity
+from ..quantities.quantity import quantity, with_values
 from .arithmetic import Number, cos, require, select
-from .parameters import with_values
 
 
 def within_a_beat(phase: Number) -> Number:

@@ -106,11 +106,6 @@ class Element:
         found: Array = parts.T @ parts
         return found
 
-    @cached_property
-    def both_ends(self) -> slice:
-        """The lobatto points at the ends."""
-        return slice(None, None, self.N)
-
 
 @lru_cache(maxsize=8)
 def element(N: int) -> Element:

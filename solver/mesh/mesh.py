@@ -125,14 +125,9 @@ class Mesh:
         return self.first[self.topology.inlet_segment]
 
     @cached_property
-    def end_nodes(self) -> Array:
-        """(2, n_e, N+1) the left and the right node of every element, repeated for each of its flows."""
-        return np.repeat(self.ends.T[:, :, None], self.element.N + 1, axis=2)
-
-    @cached_property
     def outer_nodes(self) -> Array:
         """(n_e, N+1) the node at each end of every element; arbitrary inside."""
-        nodes = self.end_nodes[0].copy()
+        nodes = np.repeat(self.ends[:, :1], self.element.N + 1, axis=1)
         nodes[:, -1] = self.ends[:, 1]
         return nodes
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ..errors import InputError
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -88,3 +91,9 @@ def quantities(thing: Any) -> dict[str, Quantity]:
 @cache
 def _quantities(kind: Any) -> dict[str, Quantity]:
     return {f.name: f.metadata["quantity"] for f in fields(kind) if "quantity" in f.metadata}
+
+
+def with_values(group: str, owner: T, values: Mapping[str, Any]) -> T:
+    """The dataclass with the quantities in ``values``, which has the names of variables: "heart.rate"."""
+    names = {key: f"{group}.{key}" for key in quantities(owner)}
+    return replace(owner, **{key: values[name] for key, name in names.items() if name in values})  # type: ignore[type-var]

@@ -55,10 +55,6 @@ class Condensed:
     nodal: Factor
     ends: Array
 
-    def for_long(self) -> Condensed:
-        """The same operators, prepared for many uses."""
-        return replace(self, nodal=self.nodal.whole())
-
     def member(self, b: int) -> Condensed:
         """The Jacobian of one state of several."""
         own = slice(b, b + 1)
@@ -89,7 +85,7 @@ def operators(model: Model, dt: float) -> Operators:
         c = model.coefficients
         H = np.broadcast_to(c.P_0, (c.B, model.mesh.n_nodes))
         made = operators_about(model, GAMMA * dt, model.at_rest(), H)
-        made = replace(made, at_rest=made.at_rest.for_long())
+        made = replace(made, at_rest=replace(made.at_rest, nodal=made.at_rest.nodal.whole()))  # for many uses
     model.memo[dt] = made
     return made
 
@@ -177,7 +173,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     mesh = model.mesh
     K_inverse = np.linalg.inv(K)
     by_ends = np.stack([K_inverse[..., 0], -K_inverse[..., -1]], axis=1)
-    by_left, by_right = by_ends[..., mesh.element.both_ends].swapaxes(0, 1)
+    by_left, by_right = by_ends[..., :: mesh.element.N].swapaxes(0, 1)
     # into the left node, then into the right one, by the pressures at both
     products = np.stack([-by_left[..., 0], -by_right[..., 0], by_left[..., 1], by_right[..., 1]], axis=-1)
     less = np.zeros_like(loads.scale, shape=(len(K), mesh.n_nodes))  # several states may have one parameter set

@@ -22,6 +22,16 @@ from .recorder import CONSTANT, Buffer, Instruction, Operand, Recorder, Slot, Un
 Array = np.ndarray
 
 
+def _on_index(name: str) -> Callable[..., Any]:
+    """A method that changes the shape."""
+    return lambda self, *given: self._view(getattr(self.index, name)(*given))
+
+
+def _reduction(name: str) -> Callable[..., Any]:
+    """A method that combines the numbers along axes."""
+    return lambda self, axis=None: _reduced(self.recorder, name, self, axis=axis)
+
+
 class Traced(View, NDArrayOperatorsMixin):
     """An array whose numbers are not yet known."""
 
@@ -59,14 +69,7 @@ class Traced(View, NDArrayOperatorsMixin):
     def _view(self, index: Array) -> Traced:
         return Traced(self.recorder, self.buffer, index)
 
-    def reshape(self, *shape: Any) -> Traced:
-        return self._view(self.index.reshape(*shape))
-
-    def swapaxes(self, one: int, two: int) -> Traced:
-        return self._view(self.index.swapaxes(one, two))
-
-    def transpose(self, *axes: Any) -> Traced:
-        return self._view(self.index.transpose(*axes))
+    reshape, swapaxes, transpose = map(_on_index, ("reshape", "swapaxes", "transpose"))
 
     def take(self, at: Any, axis: int | None = None) -> Traced:
         return self._view(self.index.take(at, axis)).copy()
@@ -148,14 +151,7 @@ class Traced(View, NDArrayOperatorsMixin):
             raise Untraceable(f"np.{function.__name__} is not recorded")
         return _FUNCTIONS[function](self.recorder, *inputs, **options)
 
-    def sum(self, axis: Any = None) -> Traced:
-        return _reduced(self.recorder, "add", self, axis=axis)
-
-    def max(self, axis: Any = None) -> Traced:
-        return _reduced(self.recorder, "maximum", self, axis=axis)
-
-    def min(self, axis: Any = None) -> Traced:
-        return _reduced(self.recorder, "minimum", self, axis=axis)
+    sum, max, min = map(_reduction, ("add", "maximum", "minimum"))
 
     def any(self, axis: Any = None) -> Traced:
         found = _reduced(self.recorder, "logical_or", self != 0.0, axis=axis)
@@ -355,10 +351,6 @@ def _full(value: float) -> Callable[..., Traced]:
     return like
 
 
-def _clip(r: Recorder, x: Any, low: Any, high: Any) -> Traced:
-    return elementwise(r, "minimum", elementwise(r, "maximum", x, low), high)
-
-
 def _together(r: Recorder, *arrays: Any) -> tuple[Any, ...]:
     shape = np.broadcast_shapes(*map(np.shape, arrays))
     return tuple(np.broadcast_to(x, shape) for x in arrays)
@@ -375,10 +367,10 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.empty_like: _like,
     np.zeros_like: _full(0.0),
     np.ones_like: _full(1.0),
-    np.clip: _clip,
-    np.sum: lambda r, x, axis=None: _reduced(r, "add", x, axis=axis),
-    np.max: lambda r, x, axis=None: _reduced(r, "maximum", x, axis=axis),
-    np.min: lambda r, x, axis=None: _reduced(r, "minimum", x, axis=axis),
+    np.clip: lambda r, x, low, high: elementwise(r, "minimum", elementwise(r, "maximum", x, low), high),
+    np.sum: lambda r, x, axis=None: x.sum(axis),
+    np.max: lambda r, x, axis=None: x.max(axis),
+    np.min: lambda r, x, axis=None: x.min(axis),
     np.all: lambda r, x, axis=None: x.all(axis),
     np.any: lambda r, x, axis=None: x.any(axis),
     np.broadcast_arrays: _together,

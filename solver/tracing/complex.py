@@ -16,13 +16,19 @@ from .recorder import Untraceable
 Array = np.ndarray
 
 
+def _of_each(name: str) -> Callable[..., Any]:
+    """A method that does the same to both parts."""
+    return lambda self, *given, **how: Complex(*(getattr(x, name)(*given, **how) for x in (self.re, self.im)))
+
+
 class Complex(NDArrayOperatorsMixin):
     """re + i im, of one shape."""
 
     has_two_parts = True
 
     def __init__(self, re: Any, im: Any) -> None:
-        self.re, self.im = re, im
+        self.re = self.real = re
+        self.im = self.imag = im
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -40,14 +46,6 @@ class Complex(NDArrayOperatorsMixin):
     def T(self) -> Complex:
         return Complex(self.re.T, self.im.T)
 
-    @property
-    def real(self) -> Any:
-        return self.re
-
-    @property
-    def imag(self) -> Any:
-        return self.im
-
     def __len__(self) -> int:
         return self.shape[0]
 
@@ -60,29 +58,9 @@ class Complex(NDArrayOperatorsMixin):
     def __setitem__(self, key: Any, value: Any) -> None:
         self.re[key], self.im[key] = parts(value)
 
-    def _each(self, name: str, *arguments: Any, **options: Any) -> Complex:
-        return Complex(*(getattr(part, name)(*arguments, **options) for part in (self.re, self.im)))
-
-    def reshape(self, *shape: Any) -> Complex:
-        return self._each("reshape", *shape)
-
-    def swapaxes(self, one: int, two: int) -> Complex:
-        return self._each("swapaxes", one, two)
-
-    def transpose(self, *axes: Any) -> Complex:
-        return self._each("transpose", *axes)
-
-    def take(self, at: Any, axis: int | None = None) -> Complex:
-        return self._each("take", at, axis)
-
-    def ravel(self) -> Complex:
-        return self._each("ravel")
-
-    def copy(self) -> Complex:
-        return self._each("copy")
-
-    def sum(self, axis: Any = None) -> Complex:
-        return self._each("sum", axis=axis)
+    reshape, swapaxes, transpose, take, ravel, copy, sum = map(
+        _of_each, ("reshape", "swapaxes", "transpose", "take", "ravel", "copy", "sum")
+    )
 
     def all(self, axis: Any = None) -> Any:
         """True if no element is 0; a guard if ``axis`` is None."""

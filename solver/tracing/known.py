@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .recorder import CONSTANT, Instruction, Operand, Recorder, Slot, Untraceable, View
+from .recorder import CONSTANT, Instruction, Operand, Recorder, Slot, View
 
 Array = np.ndarray
 
@@ -113,6 +113,3 @@ class Known(Recorder):
         if operand.single:
             return np.full(size, whole[operand.start])
         return whole[operand.start : operand.start + size]
-
-
-__all__ = ["Known", "Untraceable"]

@@ -48,17 +48,13 @@ def derivative_of(x: Traced, slopes: Mapping[Slot, Slot]) -> Traced:
     return Traced(x.recorder, Buffer(slot), x.index)
 
 
-def _at_one_value(i: Instruction) -> bool:
-    """True if an operation compares numbers with a constant of the code."""
-    return i.name == "equal" and any(o.slot.phase == CONSTANT for o in i.operands)
-
-
 class _Forward:
     """The operations of a phase with their derivatives."""
 
     def __init__(self, r: Recorder, made: Mapping[Slot, Slot]) -> None:
         self.r, self.made, self.written = r, made, list[Instruction]()
-        self.alone = {i.out for each in r.phases.values() for i in each if _at_one_value(i)}
+        every = (i for each in r.phases.values() for i in each)  # comparisons with a constant of the code
+        self.alone = {i.out for i in every if i.name == "equal" and any(o.slot.phase == CONSTANT for o in i.operands)}
 
     def constant(self, x: float) -> Operand:
         return Operand(self.r.constant(x), 0, True)

@@ -63,8 +63,8 @@ class NetworkProblem(Single):
 
     error : (K+1, m) standard deviation of the solver's errors. exact : target without model error, if there is any, and
     model_error : its covariance (K+1, m, m). More beats reduce neither. response : (K+1, m) of the channels to the
-    inflow. felt : response of the network as given to beats that differ. deviations : unknowns of individual arteries;
-    empty for common walls. possible : those that may be used. step : finite difference step of x.
+    inflow. felt : that of the network without effects to beats that differ. deviations : unknowns of individual
+    arteries; empty for common walls. possible : those that may be used. step : finite difference step of x.
     """
 
     kind = "network"
@@ -364,8 +364,8 @@ class NetworkProblem(Single):
 
     def _weighted(self, member: Member, error: Array) -> Self:
         """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a member."""
-        own, response, _ = _weights(self.beats, self.simulator, member, error, self.felt)
-        return replace(self, target=own, exact=None, error=error, response=response)
+        own, response, felt = _weights(self.beats, self.simulator, member, error, self.felt)
+        return replace(self, target=own, exact=None, error=error, response=response, felt=felt)
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """New sensors and positions along a segment at the best of their starting points; one simulation each."""
@@ -383,12 +383,17 @@ def _weights(
     beats: Beats, simulator: Simulator, member: Member, error: Array, known: Felt | None = None
 ) -> tuple[Target, Array, Felt | None]:
     """The weighted data of a record, the response (K+1, m) to the inflow's noise, and that to beats that differ, at a
-    member. error : (K+1, m) of the solver. known : the last response elsewhere, whose seam is kept."""
+    member. error : (K+1, m) of the solver. known : the last response to beats that differ, of which the seam is kept.
+
+    With effects all of it is kept: how much of the changes from beat to beat is noise of the meter is no matter of an
+    effect. If it were, an effect that the mean pressure refutes would call these changes noise, and with its weights no
+    hypothesis would have to fit the mean.
+    """
     names, T, K = simulator.names, simulator.T, simulator.K
     network = rewired(simulator.network, member.terms)
     values, _ = apart(parameter_values(member.unknowns, network, member.x), network)
     at = {name: float(value) for name, value in values.items()}
     H = sense(member, names, linear_response(network, names, T, K, at), T, means=False)
     H = H / meter(member, len(H), T)[0][:, None]  # a slow meter hides more noise of the true inflow
-    felt = varying(beats, network, names, K, at, known)
+    felt = known if known and member.terms else varying(beats, network, names, K, at, known)
     return target(beats, names, H, error, felt), H[: K + 1], felt

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cholesky import forward
+from ..hierarchy import forward
 
 Array = np.ndarray
 

@@ -59,7 +59,9 @@ def _seconds(text: str, mark: str) -> str:
     day, _, clock = clock.rpartition(" ")
     *hours, minutes, rest = re.sub(r":(\d{3})$", r".\1", clock.replace(",", ".")).split(":")
     whole, point, decimals = rest.partition(".")
-    seconds = 3600 * _hour(int(hours[0]) if hours else 0, half) + 60 * int(minutes) + int(whole)
+    hour = int(hours[0]) if hours else 0
+    hour = hour % 12 + (12 if half == "p" else 0) if half else hour  # noon is 12 PM, and midnight 12 AM
+    seconds = 3600 * hour + 60 * int(minutes) + int(whole)
     if re.fullmatch(_ISO, day.strip()):
         year, month, number = map(int, day.split("-"))
         seconds += 86400 * (date(year, month, 1).toordinal() + number - 1 - date(1970, 1, 1).toordinal())
@@ -71,8 +73,3 @@ def _without_half(text: str) -> tuple[str, str]:
     match = re.search(rf"{_HALF}$", text)
     half = (match[1] or "") if match else ""
     return (text[: match.start()] if match and half else text).rstrip(), half.lower()
-
-
-def _hour(hour: int, half: str) -> int:
-    """The hour of the day; noon is 12 PM, and midnight 12 AM."""
-    return hour if not half else hour % 12 + (12 if half == "p" else 0)

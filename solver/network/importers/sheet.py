@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ...io.tables import Table, check_columns, number, read
+from ...io.tables import Table, number, read
 from ...laws.catalogue import terms_of
 from ...laws.outlets import OUTLETS
 from ...quantities.quantity import quantities
+from ...quantities.text import check_keys
 from ..aliases import ENDS, SEGMENT
 from ..description import Network, Segment
 from ..files import dumps
@@ -35,7 +36,7 @@ _AT_ENDS = {f"{key}_{end}": key for key in (*ENDS, *SEGMENT) for end in ("in", "
 def read_sheet(path: str | Path) -> Sections:
     """The sections of a table of vessels. Raises ValueError, one sentence with the file, and the line or the column."""
     table = read(path)
-    check_columns(table, (*_NAMES, *_NODES, *_SEGMENT, *_AT_ENDS, *_OUTLET))
+    check_keys(table.path, table.names, (*_NAMES, *_NODES, *_SEGMENT, *_AT_ENDS, *_OUTLET))
     _check_settings(table)
     label = next((key for key in _NAMES if key in table.names), None)
     if label is None:
