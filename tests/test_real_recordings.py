@@ -25,7 +25,7 @@ COLUMNS = {"1": "time [s]", "2": "inlet.Q [mL/s]", "3": "Ao.P [mmHg]", "4": "Pe.
 
 
 def test_where_they_are_from() -> None:
-    """Three files, each named with its mean flow [mL/s], beside source and licence."""
+    """Three files, each named with the mean flow [mL/s] of its whole beats of 0.8 s, beside source and licence."""
     said = " ".join((FOLDER / "SOURCE.md").read_text(encoding="utf-8").split())
     for words in ("U.S. Food and Drug Administration", "RST24CV01.01", "CC0 1.0", "10 Hz", "55 Hz", "0.1 mmHg"):
         assert words in said
@@ -34,7 +34,7 @@ def test_where_they_are_from() -> None:
     for path in FILES:
         time, Q, *_ = np.loadtxt(path, delimiter=",").T
         assert (len(time), time[0], time[-1]) == (10000, 0.0, 9.999)
-        assert Q.mean() == pytest.approx(float(flows[path.name]), abs=0.5)
+        assert Q[:9600].mean() == pytest.approx(float(flows[path.name]), abs=0.5)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
