@@ -36,7 +36,7 @@ from .name.joint_selection import name_together
 from .name.scoring import seen_by, weighed
 from .name.verdict import Naming
 from .options import COMMON, Asked
-from .show.fmu_validation import Gap, Run, confirmed, fall, held_out, rises
+from .show.fmu_validation import Gap, Run, confirmed, fall, gap, held_out, rises
 
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
 _LEAVES_MORE = "without effect, the walls that were fitted leave a larger gap than those of the file."
@@ -120,14 +120,13 @@ class Recordings:
         base : fit without the added effects. before, after : run the FMU without and with the added effects. given :
         runs of the file as it is, under each fitted recording. The walls of a fit without effect may have absorbed so
         much that the FMU does not run with them, though record and file are sound: the gaps are then those of the file,
-        and no name stands. If the gap rises with these walls, from that of the file, the gap before is that of the
-        file.
+        and no name stands. If the fitted walls leave a larger gap than the file's, the gap before is the file's.
         """
         found, unjudged = self.each(naming, base, before, after, given)
         unjudged += [
             f"{r.source}: {r.failed or _LEAVES_MORE} The gap is that of the file as it is; do not use these walls."
-            for (r, first, _), own in zip(found, given, strict=False)
-            if first is own
+            for r, first, _ in found
+            if first.of_file
         ]
         fitted = [(first.gap, last and last.gap) for each, first, last in found if each.fitted]
         ran = naming.adds and all(last for _, last in fitted)
@@ -216,14 +215,16 @@ class Recordings:
         drive, wave = drives(study, without, best)
         stage = f"_{i}" if i else ""
         failed = ""
+        # under the weights of this study, which are not those of the file's own run
+        file = replace(given[i], gap=gap(study, given[i].X), of_file=True) if i < len(given) else None
         try:
             first = before(f"before{stage}", without, drive, moved(study.network, without), study)
         except RunFailed as error:
-            if i >= len(given):
+            if file is None:
                 raise
-            first, failed = given[i], f"without effect, the FMU does not run with the walls that were fitted: {error}"
-        if i < len(given) and rises(study, given[i], first):
-            first = given[i]
+            first, failed = file, f"without effect, the FMU does not run with the walls that were fitted: {error}"
+        if file is not None and rises(study, file, first):
+            first = file
         if not fitted:
             check_waves(study, first.beats)
         own, own_before = ({} if self.alone else _own(self.whole, study, fit) for fit in (best or without, without))

@@ -231,7 +231,7 @@ class _Work:
         naming, before, after = judged.naming, judged.before, judged.after
         study, best = weighted(self.study, naming), found if after else None
         wave = drives(study, base, found)[after is not None]  # of the runs, also if they do not bear the name out
-        agree = agreement(study, best or base, wave, after or before, as_given[0])
+        agree = agreement(study, best or base, wave, after or before)
         shown = Shown(as_given[0], before, agreement=agree, gaps=judged.gaps)
         if after is not None:
             shown = self._with_model(replace(shown, after=after, network=network), naming, fmu)

@@ -299,18 +299,16 @@ def test_an_fmu_that_does_not_run_bears_no_name_out() -> None:
     runs = [Run(np.zeros((1, 1)), {}, gap) for gap in (BEFORE, AFTER)]
     base: Any = object()
 
-    def judged(each: list[tuple[Recorded, Run, Run | None]], given: Sequence[Run] = ()) -> Judged:
+    def judged(each: list[tuple[Recorded, Run, Run | None]]) -> Judged:
         several: Any = SimpleNamespace(each=lambda *_: (each, []), warnings=(), alone=False)
-        return Recordings.judged(several, named(RELAXATION, 1)[2], base, base, base, given)
+        return Recordings.judged(several, named(RELAXATION, 1)[2], base, base, base)
 
     for each in ([(failed, runs[0], None)], [(ran, *runs), (failed, runs[0], None)]):
         found = judged(each)
         assert found.naming.verdict == "unknown" and found.naming.confidence <= 0.5
         assert found.before is runs[0] and found.after is None and found.gaps[1] is None and not found.warnings
         assert "cannot be judged: its FMU does not run: supercritical." in (found.naming.reason or "")
-    (said,) = judged(
-        [(failed, runs[0], None)], runs[:1]
-    ).warnings  # the run of the file stands in for that without effect
+    (said,) = judged([(failed, replace(runs[0], of_file=True), None)]).warnings  # it stands in for that without effect
     assert "supercritical. The gap is that of the file as it is" in said
 
 
@@ -319,7 +317,8 @@ def test_walls_with_which_no_fmu_runs() -> None:
     is one, and nothing of an effect is run; an effect whose FMU breaks down leaves the run without it."""
     (study, *_), (naming, *_), _ = named(RELAXATION, 1)
     own = Recordings((Record("a.csv", "ab", np.zeros(1), {}, {}),), (study,))
-    fit, run = naming.base.fit, Run(np.zeros((1, 1)), {}, BEFORE)
+    X = study.problem.repeated(study.fitted, study.fitted, study.problem.K)
+    fit, run = naming.base.fit, Run(X, {}, gap(study, X))
 
     def breaks(*_: object) -> Run:
         raise RunFailed("x.fmu: supercritical.")
@@ -328,7 +327,8 @@ def test_walls_with_which_no_fmu_runs() -> None:
         return own._through(0, own.records[0], study, fit, naming.best.fit, before, after, given)
 
     recorded, first, last = through(breaks, pytest.fail, [run])
-    assert first is run and last is None and "with the walls that were fitted: x.fmu" in recorded.failed
+    assert first.of_file and first.X is X and last is None
+    assert "with the walls that were fitted: x.fmu" in recorded.failed
     with pytest.raises(RunFailed):
         through(breaks, pytest.fail, [])
     recorded, first, last = through(lambda *_: run, breaks, [])
@@ -344,7 +344,7 @@ def test_walls_that_leave_more_than_those_of_the_file() -> None:
     near, far = (Run(x, {}, gap(study, x)) for x in (X, 1.1 * X))
     for fitted, given in ((near, far), (far, near)):
         found = own.judged(naming, naming.base.fit, lambda *_, run=fitted: run, lambda *_: near, [given])
-        assert found.before is near
+        assert found.before.X is near.X and found.before.of_file == (given is near)
         assert any("a larger gap than those of the file" in text for text in found.warnings) == (given is near)
 
 

@@ -84,17 +84,21 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard", l
 
 def borne_out(record: Record, study: Study, naming: Naming) -> Naming:
     """The naming as `discover` ends it: a name stands only if the gap to the held-out beats falls. The model of the
-    search stands in for its FMU, which differs from it by less than 1e-3 of a pulse. A bench is left as it is."""
+    search stands in for its FMU, from which `discover` reports a difference of 1e-3 of a pulse as an error of the
+    program. A bench is left as it is."""
     if study.site is not None:
         return naming
 
     def run(stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
         X = study.problem.answer(wave, fit)
         if X is None:
-            raise RunFailed(f"{stage}: the harmonic balance failed")
+            raise RunFailed(f"{stage}: no periodic beat was found.")
         return Run(X, {}, gap_of(study, X))
 
-    given = run("given", NOTHING, study.problem.measured_wave(study.fitted), {}, study)
+    try:
+        given = run("given", NOTHING, study.problem.measured_wave(study.fitted), {}, study)
+    except RunFailed as error:
+        raise Unusable(f"{record.path}: the model does not run with this record: {error}") from None
     return Recordings((record,), (study,)).judged(naming, subject_without(naming), run, run, [given]).naming
 
 

@@ -225,15 +225,20 @@ def with_moves(result: Compared, runs: Runs, left: bool = False, more: bool = Fa
     """Refit the laws that promise to explain the record instead of one law of the best hypothesis or all of them, and
     those whose search ended far above its predicted cost.
 
-    left : the best leaves something; searches then start with a model error, and the moves end with a hypothesis that
-    explains the record: those from there are the ones that count. more : another law may act beside it.
+    left : the best leaves something; searches then start with a model error, and the moves end as soon as another
+    hypothesis explains the record; the next round starts from it. more : another law may act beside it.
     """
-    best = min(result.every, key=lambda n: n.score).fit  # even one that no sensor can show and that is never named
-    first, none = result.best.key, result.none.fit.cost
-    assert isinstance(result.problem, NetworkProblem)
-    problem = with_signals(result.problem, [])  # without free sources
+    best, first = min(result.every, key=lambda n: n.score).fit, result.best.key  # even one that is never named
+    weights = result.problem
+    assert isinstance(weights, NetworkProblem)
+    problem = with_signals(weights, [])  # without free sources
     for rest in _rests(best.terms, left, more):
-        most = best.cost - at.SECOND if rest == best.terms else none
+        if result.problem is not weights:  # fits of one comparison have the same weights
+            weights = result.problem
+            assert isinstance(weights, NetworkProblem)
+            before, problem = problem, with_signals(weights, [])
+            (best,) = problem.restated([best], before)
+        most = best.cost - at.SECOND if rest == best.terms else result.none.fit.cost
         chosen = _promising_beside(problem, result, best, rest, most, left, runs)
         if chosen and left:
             wide = problem.granted(at.AFAR)

@@ -54,11 +54,13 @@ class Gap:
 
 @dataclass(frozen=True)
 class Run:
-    """A free run. X : (K+1, m) coefficients of the channels after their sensors, beats : (N,) each."""
+    """A free run. X : (K+1, m) coefficients of the channels after their sensors, beats : (N,) each. of_file : it is of
+    the file as it is and stands in for one with fitted walls."""
 
     X: Array
     beats: Mapping[str, Array]
     gap: Gap
+    of_file: bool = False
 
 
 def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str, float]) -> Run:
@@ -317,13 +319,13 @@ def held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
     return {name: pair[1] for name, pair in pairs.items()}
 
 
-def agreement(study: Study, fit: Fit, wave: Array, run: Run, given: Run | None = None) -> Agreement | None:
+def agreement(study: Study, fit: Fit, wave: Array, run: Run) -> Agreement | None:
     """An FMU's run against the inferred solution of the same hypothesis under the same wave; None if there is none.
 
-    Both solve the same equations, by time steps and by harmonic balance. given : the run of the file as it is, with
-    which nothing is compared: where no FMU runs with the walls of the fit, it stands in for that run.
+    Both solve the same equations, by time steps and by harmonic balance. The run of the file as it is, which may stand
+    in for that of the fit, is not compared with the fit.
     """
-    X = None if run is given else study.problem.answer(wave, fit)
+    X = None if run.of_file else study.problem.answer(wave, fit)
     if X is None:
         return None
     X = X[: len(run.X)]

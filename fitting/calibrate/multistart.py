@@ -149,7 +149,7 @@ def calibrate_from(
     given: dict[str, Any] = {
         "beats": recorded, "network": network, "unknowns": found, "varies": tuple(varies), "settings": settings,
     }  # fmt: skip
-    # from the network's own values alone, and from others if these fail
+    # None: the network's own values, and others if these fail
     points = [*starting_points(everything, starts, seed)] if starts > 1 else [None]
     ended: dict[int, Calibration] = {}
     failures: dict[int, str] = {}

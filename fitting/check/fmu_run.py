@@ -322,9 +322,9 @@ def _run_apart(
         line += ["--stop-time", f"{stop!r} s", "--step", f"{h!r} s"]
         code, said = run_module(*line)
         if code != 0:
-            own = Path(fmu.path).name
-            said = said.replace(os.path.abspath(fmu.path), own)
-            raise RunFailed(said) if code == ExitCode.BAD_INPUT and said else HostDied(own, code, said)
+            if code == ExitCode.BAD_INPUT and said:
+                raise RunFailed(said.replace(os.path.abspath(fmu.path), Path(fmu.path).name))
+            raise HostDied(fmu.path, code, said)  # it tells a command with the path
         with result.open(encoding="utf-8") as file:
             names = [title.split(" [")[0] for title in file.readline().split(",")]
             table = np.loadtxt(file, delimiter=",", ndmin=2)

@@ -54,7 +54,7 @@ def _directions(coordinates: Sequence[Coordinate], covariance: Array, network: N
         moved = steps @ V[:, i] * sd[i]
         moves = tuple((name, float(step)) for name, step in zip(names, moved, strict=True) if step != 0.0)
         low, high = _range(kind, moves, values, known)
-        if kind == SCALE:  # as other factors, or farther if the calibration is that uncertain
+        if kind == SCALE:  # to e^±FARTHEST as other factors, or OUTLIER standard deviations if that is farther
             most = max(OUTLIER, FARTHEST / max(abs(step) for _, step in moves))
             low, high = max(low, -most), min(high, most)
         name = f"{CALIBRATION} {kind} {len(found) + 1} {OWN}"

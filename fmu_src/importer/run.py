@@ -150,10 +150,11 @@ def read_description(fmu: str | os.PathLike[str]) -> ModelDescription:
 
 def _is_system(path: str | os.PathLike[str]) -> bool:
     """Whether a file is a system of FMUs (SSP)."""
-    if not zipfile.is_zipfile(path):
+    try:
+        with zipfile.ZipFile(path) as file:
+            return "SystemStructure.ssd" in file.namelist()
+    except zipfile.BadZipFile:
         return False
-    with zipfile.ZipFile(path) as file:
-        return "SystemStructure.ssd" in file.namelist()
 
 
 def _start_values(

@@ -29,6 +29,7 @@ FMI(Reset, instance *i)
 {
     NEEDS_INSTANCE;
     component_reset(i->c);
+    i->failed = 0;
     return STATUS_OK;
 }
 

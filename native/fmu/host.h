@@ -20,7 +20,7 @@ typedef struct instance {
     void (*logger)(void); /* the host's, of either version */
     int logging, hears;   /* whether it is on; bits by status */
     int format;           /* whether messages are printf formats */
-    int failed;           /* whether the last step did */
+    int failed;           /* whether the last step was discarded */
     char name[256];
 } instance;
 

@@ -363,7 +363,8 @@ class NetworkProblem(Single):
         return self._weighted(Member(tuple(terms), unknowns, x), self.error)
 
     def _weighted(self, member: Member, error: Array) -> Self:
-        """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a member."""
+        """The same problem with the solver's error (K+1, m), and the responses to the inflow's noise and to beats that
+        differ, at a member."""
         own, response, felt = _weights(self.beats, self.simulator, member, error, self.felt)
         return replace(self, target=own, exact=None, error=error, response=response, felt=felt)
 
@@ -383,11 +384,9 @@ def _weights(
     beats: Beats, simulator: Simulator, member: Member, error: Array, known: Felt | None = None
 ) -> tuple[Target, Array, Felt | None]:
     """The weighted data of a record, the response (K+1, m) to the inflow's noise, and that to beats that differ, at a
-    member. error : (K+1, m) of the solver. known : the last response to beats that differ, of which the seam is kept.
-
-    With effects all of it is kept: how much of the changes from beat to beat is noise of the meter is no matter of an
-    effect. If it were, an effect that the mean pressure refutes would call these changes noise, and with its weights no
-    hypothesis would have to fit the mean.
+    member. error : (K+1, m) of the solver. known : the last response to beats that differ, kept whole for a member
+    with effects (else its seam). How much of the changes is noise of the meter does not depend on the effect that is
+    tested: if one that the mean pressure refutes called them noise, no hypothesis would have to fit the mean.
     """
     names, T, K = simulator.names, simulator.T, simulator.K
     network = rewired(simulator.network, member.terms)

@@ -30,7 +30,9 @@ AMPLITUDES = tuple(
 SPECTRA = ((6.0, 1.0), (3.0, 2.0), (8.0, 2.0), (4.0, 4.0), (8.0, 4.0), (16.0, 4.0))  # k0 and n
 FIRST_LOOK = (SPECTRA[1:3], 4)
 _ROUNDING = 1e-8  # of the unknowns' own information (measured: sources of 100 pulses lost 2e-8 of the largest)
-_AT_ONCE = 10_000  # real numbers of the columns of places that are weighed together: limits memory
+# numbers of the unknowns' columns of places that are weighed together; the largest array has 24 times as many with 6
+# amplitudes and 2 spectra: 2 MB
+_AT_ONCE = 10_000
 PRICE = 2.0 * math.log(len(SPECTRA) * len(AMPLITUDES))  # of a prior; all of the list are equally likely
 
 
@@ -117,7 +119,7 @@ class Normal:
         columns, relative : (P, q), with the sizes of the columns. sd : (p,) standard deviations of the priors of the
         unknowns. stride : in the list of amplitudes; those next to the best one follow.
         """
-        most = max(1, _AT_ONCE // (len(self.between) * columns.shape[1] * len(sd)))
+        most = max(1, _AT_ONCE // (len(self.between) * columns.shape[1] * max(1, len(sd))))
         found = list[tuple[float, Law]]()
         for i in range(0, len(columns), most):
             found += self._best_laws(columns[i : i + most], relative[i : i + most], sd, spectra, stride)
@@ -183,6 +185,8 @@ def marginal(normal: Array, sd: Array) -> Array:
     try:
         v, volume = forward(np.eye(sd.shape[-1]) + N, right[..., None])
     except np.linalg.LinAlgError:  # sources absorbed all but round-off of an unknown: negative information is set to 0
+        if normal.ndim > 2:  # of some: each by itself
+            return np.stack([marginal(each, sd) for each in normal])
         value, vector = np.linalg.eigh(0.5 * (N + N.swapaxes(-1, -2)))
         grown = 1.0 + np.maximum(value, 0.0)
         v = (vector.swapaxes(-1, -2) @ right[..., None]) / np.sqrt(grown)[..., None]

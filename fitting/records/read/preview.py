@@ -36,7 +36,13 @@ def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
             }
         )
     samples = max((len(column.values) for column in table.columns), default=0)
-    return {"file": str(path), "format": table.found, "samples": samples, "titled": table.titled, "columns": columns}
+    return {
+        "file": str(path),
+        "format": table.found,
+        "samples": samples,
+        "titled": table.titled or bool(reading.names),
+        "columns": columns,
+    }
 
 
 def preview_questions(found: dict[str, Any]) -> list[str]:
