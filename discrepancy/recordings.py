@@ -36,10 +36,9 @@ from .name.joint_selection import name_together
 from .name.scoring import seen_by, weighed
 from .name.verdict import Naming
 from .options import COMMON, Asked
-from .show.fmu_validation import Gap, Run, confirmed, fall, gap, held_out, rises
+from .show.fmu_validation import Gap, Run, confirmed, fall, gap, held_out
 
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
-_LEAVES_MORE = "without effect, the walls that were fitted leave a larger gap than those of the file."
 Key = TypeVar("Key")
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
@@ -120,11 +119,11 @@ class Recordings:
         base : fit without the added effects. before, after : run the FMU without and with the added effects. given :
         runs of the file as it is, under each fitted recording. The walls of a fit without effect may have absorbed so
         much that the FMU does not run with them, though record and file are sound: the gaps are then those of the file,
-        and no name stands. If the fitted walls leave a larger gap than the file's, the gap before is the file's.
+        and no name stands.
         """
         found, unjudged = self.each(naming, base, before, after, given)
         unjudged += [
-            f"{r.source}: {r.failed or _LEAVES_MORE} The gap is that of the file as it is; do not use these walls."
+            f"{r.source}: {r.failed} The gap is that of the file as it is; do not use these walls."
             for r, first, _ in found
             if first.of_file
         ]
@@ -215,16 +214,14 @@ class Recordings:
         drive, wave = drives(study, without, best)
         stage = f"_{i}" if i else ""
         failed = ""
-        # under the weights of this study, which are not those of the file's own run
-        file = replace(given[i], gap=gap(study, given[i].X), of_file=True) if i < len(given) else None
         try:
             first = before(f"before{stage}", without, drive, moved(study.network, without), study)
         except RunFailed as error:
-            if file is None:
+            if i >= len(given):
                 raise
-            first, failed = file, f"without effect, the FMU does not run with the walls that were fitted: {error}"
-        if file is not None and rises(study, file, first):
-            first = file
+            # under the weights of this study, which are not those of the file's own run
+            first = replace(given[i], gap=gap(study, given[i].X), of_file=True)
+            failed = f"without effect, the FMU does not run with the walls that were fitted: {error}"
         if not fitted:
             check_waves(study, first.beats)
         own, own_before = ({} if self.alone else _own(self.whole, study, fit) for fit in (best or without, without))

@@ -335,19 +335,6 @@ def test_walls_with_which_no_fmu_runs() -> None:
     assert first is run and last is None and "its FMU does not run with this record: x.fmu" in recorded.failed
 
 
-def test_walls_that_leave_more_than_those_of_the_file() -> None:
-    """A model that is far from the record has many minima, and a fit without effect may end in one that is worse than
-    the file: the gap before is then that of the file, and a sentence says so. Of two runs the nearer one counts."""
-    (study, *_), (naming, *_), _ = named(RELAXATION, 1)
-    own = Recordings((Record("a.csv", "ab", np.zeros(1), {}, {}),), (study,))
-    X = study.problem.repeated(study.fitted, study.fitted, study.problem.K)
-    near, far = (Run(x, {}, gap(study, x)) for x in (X, 1.1 * X))
-    for fitted, given in ((near, far), (far, near)):
-        found = own.judged(naming, naming.base.fit, lambda *_, run=fitted: run, lambda *_: near, [given])
-        assert found.before.X is near.X and found.before.of_file == (given is near)
-        assert any("a larger gap than those of the file" in text for text in found.warnings) == (given is near)
-
-
 def test_all_is_all() -> None:
     """Numbers that are the same are said together; as those of all only where no other differs."""
     two = {"B.outlet.P_venous": 133.322, "C.outlet.P_venous": 133.322}

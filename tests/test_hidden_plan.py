@@ -32,7 +32,7 @@ def test_plan(kind: str) -> None:
 def test_records_of_the_plan_can_be_made(kind: str) -> None:
     """The first four of the tuning plan."""
     for i, case in enumerate(plan(kind, 40, TUNING_SEED)[:4]):
-        _finite(case, seed_of(kind, TUNING_SEED, i))
+        assert_finite(case, seed_of(kind, TUNING_SEED, i))
 
 
 def test_the_standard_plan_stays() -> None:
@@ -79,10 +79,10 @@ def test_records_of_groups_can_be_made(name: str, kind: str) -> None:
     """The first two of the tuning plan."""
     seed = GROUPS[name].tuning
     for i, case in enumerate(whole(kind, name, seed)[:2]):
-        _finite(case, seed_of(kind, seed, i))
+        assert_finite(case, seed_of(kind, seed, i))
 
 
-def _finite(case: Case, seed: tuple[int, ...]) -> None:
+def assert_finite(case: Case, seed: tuple[int, ...]) -> None:
     made = make(case, seed)
     assert set(made.channels) == set(case.names)
     assert all(np.isfinite(x).all() for x in made.channels.values())

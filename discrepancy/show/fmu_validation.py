@@ -135,13 +135,6 @@ def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
     return value, math.sqrt(variance)
 
 
-def rises(study: Study, before: Run, after: Run) -> bool:
-    """True if the gap rises from one run to another: that to the fitted beats, and χ² of the held-out ones by more than
-    chance."""
-    fallen, sd = fall(study, before, after)
-    return after.gap.total[0] > before.gap.total[0] and fallen < -at.FALL * sd
-
-
 def _pulsation(part: Beats, name: str, K: int) -> Array:
     """(n_beats, K) coefficients 1 … K of the beats of a channel, with gaps filled by the mean beat."""
     beats = part.values[name]
