@@ -17,7 +17,7 @@ import numpy as np
 
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit, Member
-from fitting.inference.hypothesis import Term, candidates, rewired
+from fitting.inference.hypothesis import Term, rewired
 from fitting.inference.joint.joint_record import Several
 from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
@@ -91,9 +91,10 @@ class Recordings:
     @property
     def terms(self) -> tuple[Term, ...]:
         """Candidates for the channels of all recordings."""
-        network, site = self.studies[0].network, self.studies[0].site
-        sensors = [channel for s in self.studies for channel in s.problem.signals]
-        return candidates(network, [*dict.fromkeys(sensors), *(() if site else (INFLOW,))], site)
+        found: dict[str, Term] = {}
+        for study in self.studies:
+            found = {t.label: t for t in study.terms} | found
+        return tuple(found.values())
 
     def named(self, journal: Journal, asked: Asked, runs: Runs, name: Namer) -> Naming:
         """Name each fitted recording by itself, in its share of the time, then all together. name : names one."""

@@ -12,7 +12,8 @@ flow at its middle (s = x - L/2), which is regular at ω = 0, without friction, 
     P'(x) = P'_mid cosh γs - Q_mid Z_c sinh γs,     Q(x) = Q_mid cosh γs - P'_mid sinh(γs)/Z_c
 
 The sums belong to the effects unsteady_friction, stress_relaxation and fractional_viscosity, g to side_branch of
-:mod:`~solver.laws.effects`; a stenosis vanishes at rest, and a tapered segment is an error.
+:mod:`~solver.laws.effects`; a stenosis vanishes at rest. A segment whose wall varies along it counts as a chain of
+uniform pieces, each with the wall of its middle: the error falls with the square of their length.
 
 Joined ends share one pressure and have ΣQ = 0, in trees and loops alike. Valid for small strain and U/c; the nonlinear
 wall viscosity and convection vanish. Source: linear one-dimensional theory, Alastruey, Parker and Sherwin, ICPS (2012),
@@ -30,6 +31,7 @@ from .errors import InputError
 from .laws.effect import Points
 from .laws.wall import Wall
 from .mesh.mesh import Topology, topology
+from .mesh.pieces import Pieces, pieces
 from .network.coefficients import Coefficients, Parameters, changes, coefficients
 from .network.description import Network
 from .network.table_source import refuse
@@ -37,7 +39,8 @@ from .network.table_source import refuse
 Array = np.ndarray
 Inflows = Array | Mapping[str, Array]
 
-_PLACES = np.linspace(0.0, 1.0, 21)  # x/L, to check that walls are uniform
+_PLACES = np.linspace(0.0, 1.0, 21)  # x/L, to find walls that vary
+_PIECES = 16  # of a segment whose wall varies
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,13 @@ def propagation(network: Network, omega: Array, parameters: Parameters | None = 
     if np.any(omega == 0.0):
         raise InputError("omega = 0 rad/s: a steady flow has no propagation constant; give frequencies above 0.")
     c = coefficients(network, parameters)
-    _, Z, Y, _ = _line(network, c, omega)
+    varying = np.flatnonzero(_varying(c))
+    if varying.size:
+        raise InputError(
+            f"segment {network.segments[varying[0]].name}: its wall varies along it, and has no single propagation "
+            "constant; switch off what makes it vary, or take solve for the waves in it."
+        )
+    Z, Y, _ = _line(network, c, _pieces(network, c), omega)
     return _things_first(np.sqrt(Z * Y), c.batched), _things_first(np.sqrt(Z / Y), c.batched)
 
 
@@ -96,14 +105,14 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
                 "give Q as (n,) or (B, n)."
             )
     batched = c.batched or any(each.ndim == 2 for each in given)
-    nodes = topology(network)
-    A, Z, Y, compliance = _line(network, c, omega)
+    cut = _pieces(network, c)
+    nodes = cut.nodes
+    Z, Y, Z_ref = _line(network, c, cut, omega)
     # flows are expressed in Pa, as Z_ref Q, so that all unknowns and equations have one scale
-    Z_ref = np.sqrt(c.wall.rho * c.wall.stiffness(A) / A)[:, :1, None]
-    L = c.L[:, None, :]
+    L = (c.L[:, cut.segment] * cut.share)[:, None, :]
     Z, Y = Z * L / Z_ref, Y * L * Z_ref
     g = np.sqrt(Z * Y)
-    conditions = _conditions(network, c, nodes, np.broadcast_arrays(*map(np.atleast_2d, given)), omega, Z_ref)
+    conditions = _conditions(network, c, cut, np.broadcast_arrays(*map(np.atleast_2d, given)), omega, Z_ref)
     lossless = bool(np.any((c.C_f == 0.0) & np.all(c.wall.phi0 == 0.0, axis=1, keepdims=True)))
     P_mid, Q_mid = _middles(nodes, conditions, g, Z, Y, lossless)
 
@@ -111,18 +120,22 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     _, first = _ends(nodes)
     side, node = np.divmod(first, len(nodes.start))
     site = np.array([[s.name for s in network.segments].index(s.segment) for s in network.sites], int)
-    segment = np.concatenate([node, nodes.outlet_segment, site])
-    ends = np.concatenate([side, np.ones(len(nodes.outlet_segment)), [s.position for s in network.sites]])
-    even, odd = _modes(g[..., segment], ends - 0.5)
-    P_mid, Q_mid = P_mid[..., segment], Q_mid[..., segment]
-    P = P_mid * even - Z[..., segment] * Q_mid * odd
-    flow = (Q_mid * even - Y[..., segment] * P_mid * odd) / Z_ref
+    position = np.array([s.position for s in network.sites])
+    site_piece, site_end = cut.locate(site, position)
+    piece = np.concatenate([node[cut.node], nodes.outlet_segment, site_piece])
+    ends = np.concatenate([side[cut.node], np.ones(len(nodes.outlet_segment)), site_end])
+    even, odd = _modes(g[..., piece], ends - 0.5)
+    P_mid, Q_mid = P_mid[..., piece], Q_mid[..., piece]
+    P = P_mid * even - Z[..., piece] * Q_mid * odd
+    flow = (Q_mid * even - Y[..., piece] * P_mid * odd) / Z_ref
 
-    n_nodes, n_sites = nodes.n_nodes, len(site)
+    n_nodes = len(cut.node)
     steady = np.where(omega == 0.0, 1.0, 0.0)[:, None]
-    at_site = slice(len(segment) - n_sites, None)
-    R_rest = np.sqrt(A / np.pi)[:, None, site]
-    R = R_rest * steady + P[..., at_site] * compliance[..., site] / (2.0 * np.pi * R_rest)
+    at_site = slice(len(piece) - len(site), None)
+    wall = c.wall_at(site, position)
+    A = wall.area(c.P_0)
+    R_rest = np.sqrt(A / np.pi)[:, None]
+    R = R_rest * steady + P[..., at_site] * _compliance(wall, A, omega) / (2.0 * np.pi * R_rest)
     P += c.P_0[:, None] * steady
     parts = P[..., :n_nodes], flow[..., n_nodes : at_site.start], P[..., at_site], flow[..., at_site], R
     P_node, *others = (_things_first(x, batched) for x in parts)
@@ -195,62 +208,77 @@ def _things_first(x: Array, batched: bool) -> Array:
     return x if batched else x[0]
 
 
-def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array, Array, Array]:
-    """A_rest (B, n_segments) [m²]; Z' [Pa·s/m⁴], Y' [m²/(Pa·s)] and compliance A'/P' [m²/Pa], (B, n, n_segments)."""
-    _refuse_varying(network, c)
-    iw = 1j * omega[:, None]
+def _varying(c: Coefficients) -> Array:
+    """(n_segments,) whether the wall varies along the segment."""
+    n, places = c.L.shape[1], len(_PLACES)
+    whole = c.wall_at(np.tile(np.arange(n), places), np.repeat(_PLACES, n))
+    return np.asarray(whole.differs(whole.at(np.tile(np.arange(n), places))).reshape(places, n).any(axis=0))
+
+
+def _pieces(network: Network, c: Coefficients) -> Pieces:
+    """A segment whose wall varies is cut where its effects begin and end, and into equal pieces."""
+    equal = np.linspace(0.0, 1.0, _PIECES + 1)
+    edges = [
+        np.unique([*equal, *cuts]) if varies else equal[[0, -1]]
+        for varies, cuts in zip(_varying(c), c.cuts, strict=True)
+    ]
+    return pieces(topology(network), edges)
+
+
+def _line(network: Network, c: Coefficients, cut: Pieces, omega: Array) -> tuple[Array, Array, Array]:
+    """Z' [Pa·s/m⁴] and Y' [m²/(Pa·s)] of the pieces, (B, n, n_pieces); Z_ref (B, 1, 1) [Pa·s/m³], the impedance of the
+    first."""
+    wall = c.wall_at(cut.segment, cut.middle)
     with np.errstate(invalid="ignore"):
-        A = c.wall.area(c.P_0)
-        stiffness = c.wall.stiffness(A)
+        A = wall.area(c.P_0)
+        stiffness = wall.stiffness(A)
     for b, i in np.argwhere(~(stiffness > 0.0)):
         raise InputError(
-            f"segment {network.segments[i].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
+            f"segment {network.segments[cut.segment[i]].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
             f"(dP_el/dA = {stiffness[b, i]:g} Pa/m^2, must be positive); change E, ENL or P_0."
         )
-    responses, linear = c.wall.responses(iw), (c.wall.viscosity_area / A)[:, None]
-    law = c.wall.viscosity(A, np.zeros_like(A))[:, None]  # a learned stress adds to φ0 in the first element
-    viscosity = iw * (law * responses[0] + linear * responses[1:].sum(axis=0))
-    compliance = 1.0 / (stiffness[:, None] + viscosity)
-    if c.wall.leakage.any() and np.any(omega == 0.0):
+    if wall.leakage.any() and np.any(omega == 0.0):
         raise InputError(
             f"network {network.name}: the mean flow of a leak depends on the mean pressure; leave out omega = 0."
         )
-    Y = iw * compliance + c.wall.leakage[:, None]
-    return A, (c.rho / A)[:, None] * (iw + (c.C_f / A)[:, None] + _history(c, omega)), Y, compliance
+    iw = 1j * omega[:, None]
+    Y = iw * _compliance(wall, A, omega) + wall.leakage[:, None]
+    Z = (c.rho / A)[:, None] * (iw + (c.C_f / A)[:, None] + _history(c, cut, wall, omega))
+    return Z, Y, np.sqrt(wall.rho * stiffness / A)[:, :1, None]
 
 
-def _history(c: Coefficients, omega: Array) -> Array:
-    """Σ weight iω/(iω + rate) [1/s] of the drag of all effects : (B, n, n_segments)."""
-    iw, n = 1j * omega[:, None], c.L.shape[1]
-    # every segment as an element with one point
-    whole = Points(
-        x=np.full((n, 1), 0.5),
-        left=np.zeros((n, 1)),
-        right=np.ones((n, 1)),
-        R0=np.sqrt(c.wall.A0 / np.pi)[..., None],
-        L=c.L[..., None],
+def _compliance(wall: Wall, A: Array, omega: Array) -> Array:
+    """A'/P' [m²/Pa] of walls at rest at an area A : (B, n_walls), (B, n, n_walls)."""
+    iw = 1j * omega[:, None]
+    responses, linear = wall.responses(iw), (wall.viscosity_area / A)[:, None]
+    law = wall.viscosity(A, np.zeros_like(A))[:, None]  # a learned stress adds to φ0 in the first element
+    viscosity = iw * (law * responses[0] + linear * responses[1:].sum(axis=0))
+    return np.asarray(1.0 / (wall.stiffness(A)[:, None] + viscosity))
+
+
+def _history(c: Coefficients, cut: Pieces, wall: Wall, omega: Array) -> Array:
+    """Σ weight iω/(iω + rate) [1/s] of the drag of all effects : (B, n, n_pieces)."""
+    iw = 1j * omega[:, None]
+    # every piece as an element with one point
+    each = Points(
+        x=cut.middle[:, None],
+        left=cut.left[:, None],
+        right=cut.right[:, None],
+        R0=np.sqrt(wall.A0 / np.pi)[..., None],
+        L=c.L[:, cut.segment, None],
         nu=c.nu[..., None],
         integral=np.array([[0.5, 0.5]]),
     )
-    found = np.zeros((c.B, len(omega), n), complex)
+    found = np.zeros((c.B, len(omega), len(cut.segment)), complex)
     for term in c.terms:
-        values = {key: value[..., None] for key, value in term.values.items()}
-        drag = term.effect.drag(values, whole) if changes(term.effect, "drag") else None
+        if not changes(term.effect, "drag"):
+            continue
+        own = term.at(cut.segment) if term.effect.owner == "segment" else term.values
+        drag = term.effect.drag({key: value[..., None] for key, value in own.items()}, each)
         if drag is not None:
             weight, rate = drag.weight[:, :, None, :, 0], drag.rate[:, :, None, :, 0]
             found += (weight * iw / (iw + rate)).sum(axis=0)
     return found
-
-
-def _refuse_varying(network: Network, c: Coefficients) -> None:
-    n, places = c.L.shape[1], len(_PLACES)
-    whole = c.wall_at(np.tile(np.arange(n), places), np.repeat(_PLACES, n))
-    start = whole.at(np.tile(np.arange(n), places))
-    for i in np.flatnonzero(whole.differs(start).reshape(places, n).any(axis=0)):
-        raise InputError(
-            f"segment {network.segments[i].name}: its wall varies along it, which the frequency domain does not cover; "
-            "switch off what makes it vary, or run the network in time."
-        )
 
 
 def _modes(g: Array, s: Array) -> tuple[Array, Array]:
@@ -271,7 +299,7 @@ def _ends(nodes: Topology) -> tuple[Array, Array]:
 
 
 def _conditions(
-    network: Network, c: Coefficients, nodes: Topology, Q: Sequence[Array], omega: Array, Z_ref: Array
+    network: Network, c: Coefficients, cut: Pieces, Q: Sequence[Array], omega: Array, Z_ref: Array
 ) -> tuple[Array, Array, Array]:
     """Coefficients (B, n, n_nodes) of a F + b P' = r at each node, F = Z_ref · flow from the node into segments.
 
@@ -279,7 +307,9 @@ def _conditions(
     (:mod:`solver.laws.outlets`).
     Raises ValueError if this leaves the mean undetermined.
     """
-    wall = c.wall.at(nodes.outlet_segment)
+    nodes = cut.nodes
+    ends_of = cut.segment[nodes.outlet_segment]
+    wall = c.wall_at(ends_of, np.ones(len(ends_of)))
     _refuse_unreachable(network, c, wall)
     shape = (max(c.B, len(Q[0])), len(omega), nodes.n_nodes)
     a, b, r = np.ones(shape, complex), np.zeros(shape, complex), np.zeros(shape, complex)

@@ -136,14 +136,16 @@ def test_a_tube_of_the_textbook(T: float, R: float, RC: float, part: float, tran
 
 
 def assert_the_line(model: FirstModel, name: str, Z: float, transit: float, C: float) -> None:
-    """The fitted tube and its Windkessel: impedance, R1 and transit time to 15 %, what both store to 2 %: walls of the
-    model keep some viscosity, and those of the textbook have none."""
+    """The fitted tube and its Windkessel: impedance to 4 %, transit time to 17 %, R1 to 22 %, what both store to 2 %, and
+    a taper within 0.05 of none: walls of the model keep some viscosity, and those of the textbook have none; tapers are
+    expected about -0.4, and a tube that narrows is matched to a larger R1."""
     tube, end = model.network.segments[name], model.network.outlets[name]
     area, rho = np.pi * tube.R0**2, model.network.fluid.rho
     c = np.sqrt(2.0 * tube.E * tube.h / (3.0 * rho * tube.R0))
-    assert rho * c / area == pytest.approx(Z, rel=0.15)
-    assert end.R1 == pytest.approx(Z, rel=0.15)
-    assert tube.L / c == pytest.approx(transit, rel=0.15)
+    assert rho * c / area == pytest.approx(Z, rel=0.04)
+    assert end.R1 == pytest.approx(Z, rel=0.22)
+    assert abs(tube.terms["taper"]) < 0.05
+    assert tube.L / c == pytest.approx(transit, rel=0.17)
     assert end.C + area * tube.L / (rho * c**2) == pytest.approx(C, rel=0.02)
 
 
@@ -168,14 +170,18 @@ def test_a_late_flow_meter(late: float) -> None:
 
 
 def test_a_windkessel_without_a_tube() -> None:
-    """No wave returns: the tube becomes so short that it stores less than 6 % of C, and none of the pulse is left."""
+    """No wave returns: tube and Windkessel store C to 5 % together, and 2e-3 of the pulse is left. A tube that narrows to
+    a larger R1 returns hardly more than none, so a record of the root alone does not tell which it is."""
     T, R = 0.66, 1.1 * PER_ML
     Z, C = 0.07 * PER_ML, 1.3 / R
     Q = ejection(T, 45.0 * ML)
     wt = 2.0 * np.pi / T * np.arange(N // 2 + 1)
     P = np.fft.irfft((Z + (R - Z) / (1.0 + 1j * wt * C * (R - Z))) * np.fft.rfft(Q), N) + VENOUS
     model = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P))
-    assert model.network.outlets["Ao"].C == pytest.approx(C, rel=0.06)
+    (tube,), s = model.network.segments, model.network.segments["Ao"].terms["taper"]
+    c_2 = 2.0 * tube.E * tube.h / (3.0 * 1060.0 * tube.R0)
+    stored = np.pi * tube.R0**2 * tube.L / (1060.0 * c_2) * (1.0 + s**2 / 4.0)  # A/c² ∝ R³ along it
+    assert model.network.outlets["Ao"].C + stored == pytest.approx(C, rel=0.05)
     assert model.shown[0].rms < 2e-3 * np.ptp(P)
 
 
@@ -228,10 +234,12 @@ def test_one_site() -> None:
     (tube,) = model.network.segments
     assert (tube.name, model.network.sites["Ao"].position) == ("Ao", 0.0)
     c = numbers(model)["wave speed c"]
-    assert tube.R0 == pytest.approx(1.3e-2 + 1e-8 * P_HUMAN.mean(), rel=1e-3)
-    assert c == pytest.approx(numbers(model)["impedance Z_c"] * np.pi * tube.R0**2 / 1060.0, rel=1e-3)
+    root = tube.R0 * (1.0 - 0.5 * tube.terms["taper"])
+    assert root == pytest.approx(1.3e-2 + 1e-8 * P_HUMAN.mean(), rel=1e-3)
+    at_root = numbers(model)["impedance Z_c"] * np.pi * root**2 / 1060.0
+    assert c == pytest.approx(at_root * np.sqrt(1.2), rel=1e-3)  # c ∝ R^(-1/2), and R falls to 1/1.2
     speed = np.sqrt(2.0 * tube.E * tube.h / (3.0 * 1060.0 * tube.R0))
-    assert tube.L / speed == pytest.approx(0.04, rel=0.15)
+    assert tube.L / speed == pytest.approx(0.04, rel=0.18)
 
 
 def test_inlet_pressure_needs_no_site() -> None:
@@ -251,7 +259,10 @@ def test_a_distance_gives_the_wave_speed() -> None:
 
 
 def test_sites_behind_one_another_or_not() -> None:
-    """A path by delays; a fork by paths, which shares the flow as CA.Q says; what gets lost leaves by a side branch."""
+    """A path by delays; a fork by paths, which shares the flow as CA.Q says; what gets lost leaves by a side branch.
+
+    The mean flow of the side branch is that of CA.Q to 4 %: resistances are estimated before the fit changes radii.
+    """
     channels = {**PAIR, "CA_P": np.roll(P_HUMAN, 10), "CA_Q": 0.2 * Q_HUMAN}  # 20 ms
     row = first_model(beats(0.8, inlet_Q=Q_HUMAN, Ao_P=P_HUMAN, FA_P=P_END, CA_P=np.roll(P_HUMAN, 10)))
     assert [(j.inflow, j.outflow) for j in row.network.junctions] == [(("CA",), ("FA",))]
@@ -263,7 +274,7 @@ def test_sites_behind_one_another_or_not() -> None:
     side = first_model(beats(0.8, **channels))
     assert {o.segment for o in side.network.outlets} == {"FA", "Ao_side"}
     flow = sum((row_.mean[1] for row_ in side.shown if row_.channel == "CA.Q"), 0.0)
-    assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=5e-4)
+    assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=0.04)
     for model in (row, fork, side):
         root = next(each for each in model.shown if each.channel == "Ao.P")
         assert root.mean[1] == pytest.approx(root.mean[0], rel=0.01)

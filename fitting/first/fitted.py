@@ -1,6 +1,7 @@
 """A first model fitted to the mean beats, as small waves about the mean pressure.
 
 With the harmonics X of the channels and their model Y(p) under the inflow, p logarithms of factors of the estimates,
+of the taper its change,
 
     min over p    Σ |X - Y(p) exp(iω lag)|²/σ² + Σ (p/s)²,     σ² = noise² + (error of the model)²,
 
@@ -25,7 +26,7 @@ from solver.quantities.units import INFLOW
 from ..records import thresholds as limit
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
-from .tubes import keyed
+from .tubes import TAPER, TAPER_ERROR, keyed, narrowed
 from .waves import FEET, heard, late
 
 Array = np.ndarray
@@ -40,6 +41,7 @@ _PRIORS = keyed(
     C=(0.7, 0.2, 5.0),
     R2=(0.2, 0.5, 2.0),
 )
+_TAPER = (TAPER_ERROR, -TAPER_ERROR, -TAPER)  # the same of the shift of a taper
 _SHORTEST, _LONGEST = 5e-3, 0.6  # of a tube [m]
 # where searches may start, as factors of the estimates: the best of all combinations do
 _GRID = keyed(E=(0.6, 1.0, 1.7), phi0=(0.15, 1.0), C=(0.6, 1.0, 2.0))
@@ -61,10 +63,10 @@ class Fitted:
     rms: tuple[float, float]
 
 
-def fitted(network: Network, beats: Beats, root: str, known: bool) -> Fitted:
+def fitted(network: Network, beats: Beats, root: str, known: bool, depth: Mapping[str, int]) -> Fitted:
     """Fit lengths, walls and Windkessels. root : the channel of the pressure at the root. known : whether a distance
-    gives the lengths, which then stay."""
-    problem = _Problem(network, beats, root, known)
+    gives the lengths, which then stay. depth : how many tubes are before each."""
+    problem = _Problem(network, beats, root, known, depth)
     plain = problem.search(0.0, 0.0)
     before, feet = problem.rms(plain, root), late(beats, root)
     if before > limit.LATE_MATTERS * problem.size(root) and feet:
@@ -79,24 +81,31 @@ def of_owner(factor: Mapping[str, float], owner: str) -> dict[str, float]:
     return {name.rpartition(".")[2]: x for name, x in factor.items() if name.rpartition(".")[0] == owner}
 
 
-class _Problem:
-    """groups : the parameters that share a factor. x : (p,) their logarithms, and the lag [s]. root : the channel
-    whose mean counts. known : whether lengths stay."""
+def _prior(kind: str, value: float) -> tuple[float, float, float]:
+    """Standard deviation and range of the logarithm of a parameter, or of its shift."""
+    if kind not in _PRIORS:
+        return _TAPER
+    spread, low, high = _PRIORS[kind]
+    if kind == "L":
+        low, high = max(low, min(_SHORTEST / value, 1.0)), min(high, max(_LONGEST / value, 1.0))
+    return spread, float(np.log(low)), float(np.log(high))
 
-    def __init__(self, network: Network, beats: Beats, root: str, known: bool) -> None:
+
+class _Problem:
+    """groups : the parameters that share a factor or shift. x : (p,) logarithms of the factors, the shift, and the lag
+    [s]. root : the channel whose mean counts. known : whether lengths stay."""
+
+    def __init__(self, network: Network, beats: Beats, root: str, known: bool, depth: Mapping[str, int]) -> None:
         nominal = network.parameters()
         kinds = {name: name.rpartition(".")[2] for name in nominal}
         own = [[name] for name, kind in kinds.items() if kind == "L" and not known]
-        common = [[n for n, k in kinds.items() if k == kind] for kind in _PRIORS if kind != "L"]
+        common = [[n for n, k in kinds.items() if k == kind] for kind in (*_PRIORS, "taper") if kind != "L"]
         self.groups = [group for group in own + common if group]
         self.network, self.nominal, self.beats = network, nominal, beats
-        self.known = known
-        spread, low, high = np.array([_PRIORS[kinds[group[0]]] for group in self.groups]).T
-        self.lengths = np.array([kinds[group[0]] == "L" for group in self.groups])
-        L = np.array([nominal[group[0]] for group in self.groups])
-        self.low = np.log(np.where(self.lengths, np.maximum(low, np.minimum(_SHORTEST / L, 1.0)), low))
-        self.high = np.log(np.where(self.lengths, np.minimum(high, np.maximum(_LONGEST / L, 1.0)), high))
-        self.spread = spread
+        self.known, self.depth = known, depth
+        self.spread, self.low, self.high = np.array(
+            [_prior(kinds[group[0]], nominal[group[0]]) for group in self.groups]
+        ).T
         most = min(_HARMONICS, max(int(heard(beats, name).max(initial=1)) for name in beats.values))
         self.Q = resample(beats.mean(INFLOW), 2 * most + 2)
         self.k = np.arange(most + 1)
@@ -120,14 +129,25 @@ class _Problem:
         """rms of the pulsation of a channel."""
         return float(np.sqrt(2.0 * np.sum(np.abs(self.X[name][1:]) ** 2)))
 
+    def values(self, X: Array) -> dict[str, Array]:
+        """The parameters at points X : (…, p). With another taper the radius at the root and the wave speed in the
+        middle of each tube remain."""
+        found: dict[str, Array] = {}
+        for i, group in enumerate(self.groups):
+            for name in group:
+                value, (owner, _, kind) = self.nominal[name], name.rpartition(".")
+                found[name] = value + X[..., i] if kind == "taper" else value * np.exp(X[..., i])
+                if kind == "taper":
+                    wider = narrowed(found[name], self.depth[owner]) / narrowed(value, self.depth[owner])
+                    found |= {f"{owner}.{key}": self.nominal[f"{owner}.{key}"] * wider for key in ("R0", "h")}
+        return found
+
     def factors(self, x: Array) -> dict[str, float]:
-        pairs = zip(self.groups, np.exp(x), strict=False)
-        return {name: float(factor) for group, factor in pairs for name in group}
+        return {name: float(value / self.nominal[name]) for name, value in self.values(x).items()}
 
     def model(self, X: Array) -> dict[str, Array]:
         """Harmonics (B, K+1) of every channel for a batch of points X : (B, p)."""
-        changed = {name: self.nominal[name] * np.exp(X[:, i]) for i, group in enumerate(self.groups) for name in group}
-        wave = waveforms(self.network, self.Q, self.beats.T, changed)
+        wave = waveforms(self.network, self.Q, self.beats.T, self.values(X))
         turn = np.exp(1j * self.beats.omega * self.k * X[:, -1:])
         return {name: np.fft.rfft(wave[name], norm="forward")[:, : len(self.k)] * turn for name in self.names}
 

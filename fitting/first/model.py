@@ -2,11 +2,13 @@
 
 With the impedance Z_c at the root, the wave speed c and the transit time t of a tube with a share s of the flow,
 
-    A = ρ c s/Z_c,   L = c t,   E = 2 ρ c² (1 - η²) R0/h,   C_tube = A L/(ρ c²) = s t/Z_c
+    A = ρ c s/Z_c at its start,   L = c t,   E = 2 ρ c² (1 - η²) R0/h,   C_tube = A L/(ρ c²) = t/Z
 
-so that junctions are matched, and the storage of the tubes depends on times and Z_c alone. A Windkessel at each end has
-its share of the rest: R1 = Z_c/s, R1 + R2 = R/s minus the friction of the tubes, C = s (C - Σ C_tube). From these
-estimates, lengths, walls and Windkessels are fitted to the mean beat (:mod:`fitting.first.fitted`).
+with c, R0 and Z at its middle for the last three: arteries narrow on their way (:mod:`fitting.first.tubes`), and each
+tube begins matched to the end of the one before. The storage of the tubes depends on times and Z_c alone. A Windkessel
+at each end has its share of the rest: R1 = Z at the end, R1 + R2 = R/s minus the friction of the tubes,
+C = s (C - Σ C_tube). From these estimates, lengths, walls, tapers and Windkessels are fitted to the mean beat
+(:mod:`fitting.first.fitted`).
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from .estimates import Found, compliances, delay, impedance, reflection_time, re
 from .fitted import Fitted, fitted, of_owner
 from .species import Typical, typical
 from .stretches import parents, stretches
-from .tubes import KEYS, Tube, made, windkessel
+from .tubes import KEYS, Tube, depths, made, mean_speed, windkessel
 from .waves import heard
 
 Array = np.ndarray
@@ -106,7 +108,7 @@ def first_model(
     )
 
     def with_compliance(C: Found) -> _Parts:
-        walls = [made(tube, c.value, area, usual) for tube in tubes]
+        walls = made(tubes, c.value, area, usual)
         stored, most, said = sum(wall.stretch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
             said.append(
@@ -114,14 +116,16 @@ def first_model(
                 f"shorter and store {_MOST:.0%}."
             )
             shorter = [replace(tube, time=tube.time * most / stored) for tube in tubes]
-            walls = [made(tube, c.value, area, usual) for tube in shorter]
+            walls = made(shorter, c.value, area, usual)
         rest = C.value - min(stored, most)
         ends = {wall.stretch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.stretch.end}
         return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, said)
 
     models = [with_compliance(C).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
     parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
-    return parts.adjusted(fitted(model.network, beats, channel, bool(distances)), channel).model(beats)[1]
+    return parts.adjusted(fitted(model.network, beats, channel, bool(distances), depths(tubes)), channel).model(beats)[
+        1
+    ]
 
 
 @dataclass(frozen=True)
@@ -162,7 +166,8 @@ class _Parts:
 def _speed_and_area(
     beats: Beats, root: str, Z: Found, usual: Typical, delays: Mapping[str, Found], distances: Mapping[str, float]
 ) -> tuple[Found, float, Found]:
-    """Wave speed c, area of a tube with all of the flow [m²], and its radius, with Z_c = ρ c/A.
+    """Mean wave speed c of a tube, area [m²] at the start of one with all of the flow, and the radius there, with
+    Z_c = ρ c/A of the start.
 
     A distance and a delay determine c; a measured radius determines A; the other follows from Z_c. Without either, ln c
     and ln A are shifted from typical values in proportion to their variances until they give Z_c.
@@ -178,19 +183,26 @@ def _speed_and_area(
         c = distances[site] / delays[site].value
         error = float(np.hypot(_DISTANCE, delays[site].error))
         speed = Found("wave speed c", c, "m/s", error, f"the distance to {site} over the delay")
+        at_root = c / mean_speed(1.0)
         how, R_error = "Z_c and c", float(np.hypot(error, Z.error)) / 2.0
     elif measured in beats.values:
         A = np.pi * float(beats.mean(measured).mean()) ** 2
         error = float(np.hypot(Z.error, 2.0 * _MEASURED))
-        speed = Found("wave speed c", float(Z.value * A / rho), "m/s", error, f"Z_c and mean {measured}")
+        at_root = float(Z.value * A / rho)
+        speed = Found("wave speed c", mean_speed(at_root), "m/s", error, f"Z_c and mean {measured}")
         how, R_error = f"mean of {measured}", _MEASURED
     else:
         off = float(np.log(Z.value * np.pi * usual.R**2 / (rho * usual.c)))
         part = _SPEED**2 / (_SPEED**2 + (2.0 * _RADIUS) ** 2)
-        speed = Found("wave speed c", usual.c * float(np.exp(part * off)), "m/s", _SPEED, "Z_c and a typical aorta")
+        at_root = usual.c * float(np.exp(part * off))
+        speed = Found("wave speed c", mean_speed(at_root), "m/s", _SPEED, "Z_c and a typical aorta")
         how, R_error = f"Z_c and a typical aorta ({1e3 * usual.R:.3g} mm, {usual.c:.3g} m/s)", _RADIUS
-    area = rho * speed.value / Z.value
-    return speed, area, Found("radius at the mean pressure", float(np.sqrt(area / np.pi)), "m", R_error, how)
+    area = rho * at_root / Z.value
+    return (
+        speed,
+        area,
+        Found("radius of the root at the mean pressure", float(np.sqrt(area / np.pi)), "m", R_error, how),
+    )
 
 
 def _inflow(beats: Beats) -> Array:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from solver.network.description import Network
-from solver.quantities.coordinate import SCALE, Coordinate
+from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 
 from ..inference.prior import Calibrated, along
 from .text import REFERENCE
-from .tubes import keyed
+from .tubes import TAPER_ERROR, keyed
 
 # standard deviations of the logarithms, whatever fits the mean beat best: judgement. They are wider than those between
 # the walls of one species, since lengths and viscosities are not measured at all
@@ -22,11 +22,13 @@ def is_first(network: Network) -> bool:
 
 
 def spread(network: Network) -> Calibrated:
-    """The unknowns of a first model: lengths, walls and Windkessels, independent of each other."""
-    sds = {
-        name: _SPREAD[key]
-        for name, value in network.parameters().items()
-        if (key := name.rpartition(".")[2]) in _SPREAD and value > 0.0
-    }
-    coordinates = [Coordinate(name, SCALE, ((name, 1.0),), -np.inf, np.inf) for name in sds]
-    return along(coordinates, np.diag(np.array(list(sds.values())) ** 2), network)
+    """The unknowns of a first model: lengths, walls, tapers and Windkessels, independent of each other."""
+    known = network.parameters()
+    scales = {name: sd for name, x in known.items() if (sd := _SPREAD.get(name.rpartition(".")[2])) and x > 0.0}
+    shifts = {name: TAPER_ERROR for name in known if name.endswith(".taper")}
+    coordinates = [
+        Coordinate(name, kind, ((name, 1.0),), -np.inf, np.inf)
+        for kind, names in ((SCALE, scales), (SHIFT, shifts))
+        for name in names
+    ]
+    return along(coordinates, np.diag(np.array([*scales.values(), *shifts.values()]) ** 2), network)

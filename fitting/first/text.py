@@ -110,16 +110,19 @@ def _inlet(source: Source, segment: str) -> list[str]:
 
 def _segment(tube: Tube, factor: Mapping[str, float]) -> list[str]:
     s = tube.stretch
+    fit = of_owner(factor, s.name)
     numbers = _lines(
         Segment,
-        of_owner(factor, s.name),
+        fit,
         L=(tube.L, "wave speed times that time"),
-        R0=(tube.R0, "from c and Z_c over its share of the flow"),
+        R0=(tube.R0, "at the middle, from c and Z_c over its share of the flow"),
         h=(tube.h, "a typical fraction of R0"),
         E=(tube.E, "from c, R0 and h; the recording determines only E h"),
         phi0=(tube.phi0, "a typical fraction of E"),
     )
-    return ["", f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long", *numbers]
+    taper = f"taper = {tube.taper:.3g}  # of R0 over the length, typical of arteries"
+    taper += f", × {fit['taper']:.2g} by the fit" if "taper" in fit else ""
+    return ["", f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long", *numbers, taper]
 
 
 def _junctions(tubes: Sequence[Tube]) -> list[str]:

@@ -7,7 +7,7 @@ one standard deviation of its prior. Effects and quantities define these facts
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -105,8 +105,13 @@ def searched(effect: Effect, coordinate: Coordinate) -> Unknown:
     return with_prior(coordinate, PRIOR_WIDTH if of_size else HOW_WIDTH, of_size)
 
 
-def candidates(network: Network, channels: Sequence[str], site: str | None = None) -> tuple[Term, ...]:
-    """Every effect at every place; on the bench of one ``site`` only its wall and its two channels."""
+def candidates(
+    network: Network, channels: Sequence[str], site: str | None = None, free: Collection[str] = ()
+) -> tuple[Term, ...]:
+    """Every effect at every place; on the bench of one ``site`` only its wall and its two channels.
+
+    free : variables that any hypothesis may move. An effect with no others is missing in none.
+    """
     found: list[Term | None] = []
     for effect in effects.ALL:
         if effect.owner != "channel" and (site is None or effect.search.local):
@@ -115,7 +120,8 @@ def candidates(network: Network, channels: Sequence[str], site: str | None = Non
             places = [place for place in where if site in (None, place) and not (one and place == ALL_PLACES)]
             found += [term_at(network, effect, place) for place in places]
     found += [term for channel in channels for term in sensor_terms(network, channel, site is not None)]
-    return tuple(term for term in found if term is not None)
+    terms = (term for term in found if term is not None)
+    return tuple(term for term in terms if not {v for u in term.unknowns for v in u.variables} <= set(free))
 
 
 def sensor_terms(network: Network, channel: str, bench: bool = False) -> tuple[Term, ...]:
