@@ -12,8 +12,9 @@ flow at its middle (s = x - L/2), which is regular at ω = 0, without friction, 
     P'(x) = P'_mid cosh γs - Q_mid Z_c sinh γs,     Q(x) = Q_mid cosh γs - P'_mid sinh(γs)/Z_c
 
 The sums belong to the effects unsteady_friction, stress_relaxation and fractional_viscosity, g to side_branch of
-:mod:`~solver.laws.effects`; a stenosis vanishes at rest. A segment whose wall varies along it counts as a chain of
-uniform pieces, each with the wall of its middle: the error falls with the square of their length.
+:mod:`~solver.laws.effects`; a stenosis vanishes at rest. Where walls vary along a segment, the way
+from the middle to x is a chain of uniform pieces, each with the wall of its middle: the error falls with the square of
+their length.
 
 Joined ends share one pressure and have ΣQ = 0, in trees and loops alike. Valid for small strain and U/c; the nonlinear
 wall viscosity and convection vanish. Source: linear one-dimensional theory, Alastruey, Parker and Sherwin, ICPS (2012),
@@ -31,7 +32,6 @@ from .errors import InputError
 from .laws.effect import Points
 from .laws.wall import Wall
 from .mesh.mesh import Topology, topology
-from .mesh.pieces import Pieces, pieces
 from .network.coefficients import Coefficients, Parameters, changes, coefficients
 from .network.description import Network
 from .network.table_source import refuse
@@ -40,7 +40,7 @@ Array = np.ndarray
 Inflows = Array | Mapping[str, Array]
 
 _PLACES = np.linspace(0.0, 1.0, 21)  # x/L, to find walls that vary
-_PIECES = 16  # of a segment whose wall varies
+_PIECES = 8  # from the middle of a segment to any place in it, where a wall varies
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,8 @@ def propagation(network: Network, omega: Array, parameters: Parameters | None = 
             f"segment {network.segments[varying[0]].name}: its wall varies along it, and has no single propagation "
             "constant; switch off what makes it vary, or take solve for the waves in it."
         )
-    Z, Y, _ = _line(network, c, _pieces(network, c), omega)
+    n = c.L.shape[1]
+    Z, Y = _line(network, c, np.arange(n), np.full(n, 0.5), omega)
     return _things_first(np.sqrt(Z * Y), c.batched), _things_first(np.sqrt(Z / Y), c.batched)
 
 
@@ -105,41 +106,32 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
                 "give Q as (n,) or (B, n)."
             )
     batched = c.batched or any(each.ndim == 2 for each in given)
-    cut = _pieces(network, c)
-    nodes = cut.nodes
-    Z, Y, Z_ref = _line(network, c, cut, omega)
-    # flows are expressed in Pa, as Z_ref Q, so that all unknowns and equations have one scale
-    L = (c.L[:, cut.segment] * cut.share)[:, None, :]
-    Z, Y = Z * L / Z_ref, Y * L * Z_ref
-    g = np.sqrt(Z * Y)
-    conditions = _conditions(network, c, cut, np.broadcast_arrays(*map(np.atleast_2d, given)), omega, Z_ref)
-    lossless = bool(np.any((c.C_f == 0.0) & np.all(c.wall.phi0 == 0.0, axis=1, keepdims=True)))
-    P_mid, Q_mid = _middles(nodes, conditions, g, Z, Y, lossless)
-
-    # evaluate at the nodes, the outlets and the sites, all at once
-    _, first = _ends(nodes)
-    side, node = np.divmod(first, len(nodes.start))
+    nodes = topology(network)
+    n = c.L.shape[1]
     site = np.array([[s.name for s in network.segments].index(s.segment) for s in network.sites], int)
     position = np.array([s.position for s in network.sites])
-    site_piece, site_end = cut.locate(site, position)
-    piece = np.concatenate([node[cut.node], nodes.outlet_segment, site_piece])
-    ends = np.concatenate([side[cut.node], np.ones(len(nodes.outlet_segment)), site_end])
-    even, odd = _modes(g[..., piece], ends - 0.5)
-    P_mid, Q_mid = P_mid[..., piece], Q_mid[..., piece]
-    P = P_mid * even - Z[..., piece] * Q_mid * odd
-    flow = (Q_mid * even - Y[..., piece] * P_mid * odd) / Z_ref
+    # flows are expressed in Pa, as Z_ref Q, so that all unknowns and equations have one scale
+    A = c.wall.area(c.P_0)
+    Z_ref = np.sqrt(c.wall.rho * c.wall.stiffness(A) / A)[:, :1, None]
+    segment = np.concatenate([np.arange(n), np.arange(n), site])
+    way = _way(network, c, segment, np.concatenate([np.zeros(n), np.ones(n), position]), omega, Z_ref)
+    conditions = _conditions(network, c, nodes, np.broadcast_arrays(*map(np.atleast_2d, given)), omega, Z_ref)
+    lossless = bool(np.any((c.C_f == 0.0) & np.all(c.wall.phi0 == 0.0, axis=1, keepdims=True)))
+    P_mid, Q_mid = (x[..., segment] for x in _middles(nodes, conditions, way[..., : 2 * n], lossless))
+    P = way[0, 0] * P_mid + way[0, 1] * Q_mid
+    flow = (way[1, 0] * P_mid + way[1, 1] * Q_mid) / Z_ref
 
-    n_nodes = len(cut.node)
+    _, first = _ends(nodes)
+    outlet, at_site = n + nodes.outlet_segment, slice(2 * n, None)
     steady = np.where(omega == 0.0, 1.0, 0.0)[:, None]
-    at_site = slice(len(piece) - len(site), None)
     wall = c.wall_at(site, position)
     A = wall.area(c.P_0)
     R_rest = np.sqrt(A / np.pi)[:, None]
     R = R_rest * steady + P[..., at_site] * _compliance(wall, A, omega) / (2.0 * np.pi * R_rest)
     P += c.P_0[:, None] * steady
-    parts = P[..., :n_nodes], flow[..., n_nodes : at_site.start], P[..., at_site], flow[..., at_site], R
+    parts = P[..., first], flow[..., outlet], P[..., at_site], flow[..., at_site], R
     P_node, *others = (_things_first(x, batched) for x in parts)
-    Q_inlet = _things_first(flow[..., nodes.inlets], batched)
+    Q_inlet = _things_first(flow[..., nodes.inlet_segment], batched)
     return Harmonics(omega, P_node, Q_inlet if len(given) > 1 else Q_inlet[..., 0, :], *others)
 
 
@@ -215,26 +207,15 @@ def _varying(c: Coefficients) -> Array:
     return np.asarray(whole.differs(whole.at(np.tile(np.arange(n), places))).reshape(places, n).any(axis=0))
 
 
-def _pieces(network: Network, c: Coefficients) -> Pieces:
-    """A segment whose wall varies is cut where its effects begin and end, and into equal pieces."""
-    equal = np.linspace(0.0, 1.0, _PIECES + 1)
-    edges = [
-        np.unique([*equal, *cuts]) if varies else equal[[0, -1]]
-        for varies, cuts in zip(_varying(c), c.cuts, strict=True)
-    ]
-    return pieces(topology(network), edges)
-
-
-def _line(network: Network, c: Coefficients, cut: Pieces, omega: Array) -> tuple[Array, Array, Array]:
-    """Z' [Pa·s/m⁴] and Y' [m²/(Pa·s)] of the pieces, (B, n, n_pieces); Z_ref (B, 1, 1) [Pa·s/m³], the impedance of the
-    first."""
-    wall = c.wall_at(cut.segment, cut.middle)
+def _line(network: Network, c: Coefficients, segment: Array, x: Array, omega: Array) -> tuple[Array, Array]:
+    """Z' [Pa·s/m⁴] and Y' [m²/(Pa·s)], (B, n, n_points), at points x/L of segments."""
+    wall = c.wall_at(segment, x)
     with np.errstate(invalid="ignore"):
         A = wall.area(c.P_0)
         stiffness = wall.stiffness(A)
     for b, i in np.argwhere(~(stiffness > 0.0)):
         raise InputError(
-            f"segment {network.segments[cut.segment[i]].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
+            f"segment {network.segments[segment[i]].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
             f"(dP_el/dA = {stiffness[b, i]:g} Pa/m^2, must be positive); change E, ENL or P_0."
         )
     if wall.leakage.any() and np.any(omega == 0.0):
@@ -243,8 +224,33 @@ def _line(network: Network, c: Coefficients, cut: Pieces, omega: Array) -> tuple
         )
     iw = 1j * omega[:, None]
     Y = iw * _compliance(wall, A, omega) + wall.leakage[:, None]
-    Z = (c.rho / A)[:, None] * (iw + (c.C_f / A)[:, None] + _history(c, cut, wall, omega))
-    return Z, Y, np.sqrt(wall.rho * stiffness / A)[:, :1, None]
+    return (c.rho / A)[:, None] * (iw + (c.C_f / A)[:, None] + _history(c, wall, segment, x, omega)), Y
+
+
+def _way(network: Network, c: Coefficients, segment: Array, x: Array, omega: Array, Z_ref: Array) -> Array:
+    """(2, 2, B, n, n_points): P' and Z_ref Q at points x/L of segments from those at the middles, as a product of
+    uniform pieces
+
+        | cosh γd        -Z_c sinh γd |
+        | -sinh(γd)/Z_c   cosh γd     |
+
+    times e^{-γL/2} with γ of the middle, so that nothing overflows however large γL is.
+    """
+    pieces = _PIECES if np.any(_varying(c)) else 1
+    each = (np.arange(pieces) + 0.5) / pieces
+    Z, Y = _line(network, c, np.repeat(segment, pieces), (0.5 + np.outer(x - 0.5, each)).ravel(), omega)
+    d = (c.L[:, segment] * (x - 0.5) / pieces)[:, None]
+    whole = np.zeros(1)
+    found = np.array([[1.0, 0.0], [0.0, 1.0]])[..., None, None, None]
+    for i in range(pieces):
+        z, y = Z[..., i::pieces] / Z_ref, Y[..., i::pieces] * Z_ref
+        gamma = np.sqrt(z * y)
+        even, odd = _modes(gamma, d)
+        whole = whole + gamma * np.abs(d)
+        found = np.stack([even * found[0] - z * odd * found[1], even * found[1] - y * odd * found[0]])
+    n = c.L.shape[1]
+    Z, Y = _line(network, c, np.arange(n), np.full(n, 0.5), omega)
+    return np.asarray(found * np.exp(whole - (np.sqrt(Z * Y) * 0.5 * c.L[:, None])[..., segment]))
 
 
 def _compliance(wall: Wall, A: Array, omega: Array) -> Array:
@@ -256,24 +262,24 @@ def _compliance(wall: Wall, A: Array, omega: Array) -> Array:
     return np.asarray(1.0 / (wall.stiffness(A)[:, None] + viscosity))
 
 
-def _history(c: Coefficients, cut: Pieces, wall: Wall, omega: Array) -> Array:
-    """Σ weight iω/(iω + rate) [1/s] of the drag of all effects : (B, n, n_pieces)."""
+def _history(c: Coefficients, wall: Wall, segment: Array, x: Array, omega: Array) -> Array:
+    """Σ weight iω/(iω + rate) [1/s] of the drag of all effects : (B, n, n_points), at points x/L of segments."""
     iw = 1j * omega[:, None]
-    # every piece as an element with one point
+    # every point as a whole element
     each = Points(
-        x=cut.middle[:, None],
-        left=cut.left[:, None],
-        right=cut.right[:, None],
+        x=x[:, None],
+        left=np.zeros((len(x), 1)),
+        right=np.ones((len(x), 1)),
         R0=np.sqrt(wall.A0 / np.pi)[..., None],
-        L=c.L[:, cut.segment, None],
+        L=c.L[:, segment, None],
         nu=c.nu[..., None],
         integral=np.array([[0.5, 0.5]]),
     )
-    found = np.zeros((c.B, len(omega), len(cut.segment)), complex)
+    found = np.zeros((c.B, len(omega), len(x)), complex)
     for term in c.terms:
         if not changes(term.effect, "drag"):
             continue
-        own = term.at(cut.segment) if term.effect.owner == "segment" else term.values
+        own = term.at(segment) if term.effect.owner == "segment" else term.values
         drag = term.effect.drag({key: value[..., None] for key, value in own.items()}, each)
         if drag is not None:
             weight, rate = drag.weight[:, :, None, :, 0], drag.rate[:, :, None, :, 0]
@@ -281,12 +287,11 @@ def _history(c: Coefficients, cut: Pieces, wall: Wall, omega: Array) -> Array:
     return found
 
 
-def _modes(g: Array, s: Array) -> tuple[Array, Array]:
-    """e^{-g/2} cosh(g s) and e^{-g/2} sinh(g s)/g for |s| <= 1/2: exact at g = 0, no overflow however large g = γL."""
-    near, far = np.exp(-g * (0.5 - np.abs(s))), np.exp(-g * (0.5 + np.abs(s)))
-    x = 2.0 * g * np.abs(s)
+def _modes(gamma: Array, d: Array) -> tuple[Array, Array]:
+    """e^{-γ|d|} cosh γd and e^{-γ|d|} sinh(γd)/γ: exact at γ = 0, no overflow however large γd."""
+    x = 2.0 * gamma * np.abs(d)
     zero = x == 0.0
-    return 0.5 * (near + far), s * near * np.where(zero, 1.0, -np.expm1(-x) / np.where(zero, 1.0, x))
+    return 0.5 * (1.0 + np.exp(-x)), d * np.where(zero, 1.0, -np.expm1(-x) / np.where(zero, 1.0, x))
 
 
 # --- the network --------------------------------------------------------------------------------------------------
@@ -299,7 +304,7 @@ def _ends(nodes: Topology) -> tuple[Array, Array]:
 
 
 def _conditions(
-    network: Network, c: Coefficients, cut: Pieces, Q: Sequence[Array], omega: Array, Z_ref: Array
+    network: Network, c: Coefficients, nodes: Topology, Q: Sequence[Array], omega: Array, Z_ref: Array
 ) -> tuple[Array, Array, Array]:
     """Coefficients (B, n, n_nodes) of a F + b P' = r at each node, F = Z_ref · flow from the node into segments.
 
@@ -307,9 +312,7 @@ def _conditions(
     (:mod:`solver.laws.outlets`).
     Raises ValueError if this leaves the mean undetermined.
     """
-    nodes = cut.nodes
-    ends_of = cut.segment[nodes.outlet_segment]
-    wall = c.wall_at(ends_of, np.ones(len(ends_of)))
+    wall = c.wall_at(nodes.outlet_segment, np.ones(len(nodes.outlet_segment)))
     _refuse_unreachable(network, c, wall)
     shape = (max(c.B, len(Q[0])), len(omega), nodes.n_nodes)
     a, b, r = np.ones(shape, complex), np.zeros(shape, complex), np.zeros(shape, complex)
@@ -355,29 +358,28 @@ def _check_mean(network: Network, c: Coefficients, nodes: Topology, a: Array, b:
 
 
 def _middles(
-    nodes: Topology, conditions: tuple[Array, Array, Array], g: Array, Z: Array, Y: Array, lossless: bool
+    nodes: Topology, conditions: tuple[Array, Array, Array], way: Array, lossless: bool
 ) -> tuple[Array, Array]:
-    """e^{g/2} times P' and Z_ref Q at the middle of each segment, (B, n, n_segments): 2 unknowns per segment.
+    """e^{γL/2} times P' and Z_ref Q at the middle of each segment, (B, n, n_segments): 2 unknowns per segment.
 
-    The equations are the conditions at the nodes, and a common pressure of all ends at a node.
+    The equations are the conditions at the nodes, and a common pressure of all ends at a node. way : to the starts and
+    to the ends of the segments.
     """
     a, b, r = conditions
     n = len(nodes.start)
-    even, odd = _modes(g, np.array(0.5))
     node, first = _ends(nodes)
     others = np.setdiff1d(np.arange(2 * n), first)
     one = np.eye(2 * n)
-    meets = (node == np.arange(nodes.n_nodes)[:, None]).astype(float)
+    meets = (node == np.arange(nodes.n_nodes)[:, None]) * np.repeat([1.0, -1.0], n)  # a flow leaves a node at a start
     differs = one[first[node[others]]] - one[others]
 
-    def rows(ends: Array, from_P: Array, from_Q: Array) -> Array:
-        """A sum over ends: P_mid contributes with equal, Q_mid with opposite signs at the two ends of a segment."""
-        start, end = ends[:, :n], ends[:, n:]
-        return np.concatenate([(start + end) * from_P[..., None, :], (start - end) * from_Q[..., None, :]], axis=-1)
+    def rows(ends: Array, of: Array) -> Array:
+        """Sums over ends of a quantity, by P and by Z_ref Q at the middles."""
+        each = ends * of[..., None, :]
+        return np.concatenate(each[..., :n] + each[..., n:], axis=-1)
 
-    flow, pressure = (Y * odd, even), (even, Z * odd)
-    condition = a[..., None] * rows(meets, *flow) + b[..., None] * rows(one[first], *pressure)
-    continuity = np.broadcast_to(rows(differs, *pressure), condition.shape[:-2] + (len(others), 2 * n))
+    condition = a[..., None] * rows(meets, way[1]) + b[..., None] * rows(one[first], way[0])
+    continuity = np.broadcast_to(rows(differs, way[0]), condition.shape[:-2] + (len(others), 2 * n))
     right = np.concatenate([r, np.zeros(r.shape[:-1] + (len(others),))], axis=-1)
     M = np.concatenate([condition, continuity], axis=-2)
     try:

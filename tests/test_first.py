@@ -21,13 +21,17 @@ from arterial_fmu.cli.fit import app
 from discrepancy.find.model_source import first_of
 from fitting.first.model import FirstModel, first_model
 from fitting.first.species import NAMES, typical
+from fitting.first.spread import spread
+from fitting.inference.hypothesis import candidates
 from fitting.records.alignment.beats import Beats
 from fitting.records.read.record import read_record, write_record
 from solver import load, read_network, simulate_periodic
 from solver.errors import InputError
 from solver.network.files import loads
+from solver.quantities.coordinate import SHIFT
 from solver.quantities.units import MMHG
 
+WK = ("R1", "C", "R2")
 ML, N, BEATS = 1e-6, 400, 12
 PER_ML = MMHG / ML  # mmHg s/mL
 VENOUS = 5.0 * MMHG
@@ -136,9 +140,11 @@ def test_a_tube_of_the_textbook(T: float, R: float, RC: float, part: float, tran
 
 
 def assert_the_line(model: FirstModel, name: str, Z: float, transit: float, C: float) -> None:
-    """The fitted tube and its Windkessel: impedance to 4 %, transit time to 17 %, R1 to 22 %, what both store to 2 %, and
-    a taper within 0.05 of none: walls of the model keep some viscosity, and those of the textbook have none; tapers are
-    expected about -0.4, and a tube that narrows is matched to a larger R1."""
+    """The fitted tube and its Windkessel: impedance to 4 %, transit time to 17 %, R1 to 22 %, what both store to 2 %.
+
+    The taper is within 0.05 of none. Walls of the model keep some viscosity, and those of the textbook have none; tapers
+    are expected about -0.4, and a tube that narrows is matched to a larger R1.
+    """
     tube, end = model.network.segments[name], model.network.outlets[name]
     area, rho = np.pi * tube.R0**2, model.network.fluid.rho
     c = np.sqrt(2.0 * tube.E * tube.h / (3.0 * rho * tube.R0))
@@ -170,8 +176,11 @@ def test_a_late_flow_meter(late: float) -> None:
 
 
 def test_a_windkessel_without_a_tube() -> None:
-    """No wave returns: tube and Windkessel store C to 5 % together, and 2e-3 of the pulse is left. A tube that narrows to
-    a larger R1 returns hardly more than none, so a record of the root alone does not tell which it is."""
+    """No wave returns: tube and Windkessel store C to 5 % together, and 2e-3 of the pulse is left.
+
+    A tube that narrows to a larger R1 returns hardly more than none, so a record of the root alone does not tell which
+    it is.
+    """
     T, R = 0.66, 1.1 * PER_ML
     Z, C = 0.07 * PER_ML, 1.3 / R
     Q = ejection(T, 45.0 * ML)
@@ -294,6 +303,19 @@ def test_the_file_says_where_numbers_come_from() -> None:
     assert any("the mean of FA.P is 2 mmHg above that of Ao.P" in note for note in model.notes)
     assert f"# Doubtful: {model.notes[0]}" in model.text
     np.testing.assert_allclose(model.network.inlet.Q(np.arange(N) * 0.8 / N), Q_HUMAN, atol=0.01 * Q_HUMAN.max())
+
+
+def test_what_a_study_of_it_leaves_free() -> None:
+    """Lengths, walls, tapers and Windkessels: a taper by ±0.3. What is free by so much is no effect that is missing."""
+    network = first_model(beats(0.8, **PAIR)).network
+    prior = spread(network)
+    assert prior.single == {f"FA.{key}" for key in ("L", "R0", "E", "phi0", "taper", *(f"outlet.{k}" for k in WK))}
+    (taper,) = (u for u in prior.unknowns if u.variables == ("FA.taper",))
+    assert (taper.kind, [abs(step) for _, step in taper.moves]) == (SHIFT, [0.3])
+    effects = {
+        free: {t.effect for t in candidates(network, ("Ao.P",), free=free)} for free in (frozenset(), prior.free)
+    }
+    assert effects[frozenset()] - effects[prior.free] == {"taper", "wall_viscosity"}
 
 
 def test_species() -> None:

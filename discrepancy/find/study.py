@@ -76,7 +76,7 @@ def prepare(
             problem = bench(fitted, network, site)
             warnings += other_law(fitted, network, site)
         sensors = problem.signals if problem.site else (*problem.signals, INFLOW)
-        terms = candidates(network, sensors, problem.site, prior.single if prior else ())
+        terms = candidates(network, sensors, problem.site, prior.free if prior else ())
         return Study(network, fitted, kept, problem, terms, warnings)
     except Unusable:
         raise

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from solver.network.description import Network
@@ -31,4 +33,5 @@ def spread(network: Network) -> Calibrated:
         for kind, names in ((SCALE, scales), (SHIFT, shifts))
         for name in names
     ]
-    return along(coordinates, np.diag(np.array([*scales.values(), *shifts.values()]) ** 2), network)
+    found = along(coordinates, np.diag(np.array([*scales.values(), *shifts.values()]) ** 2), network)
+    return replace(found, free=found.single)

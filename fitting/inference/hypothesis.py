@@ -110,7 +110,7 @@ def candidates(
 ) -> tuple[Term, ...]:
     """Every effect at every place; on the bench of one ``site`` only its wall and its two channels.
 
-    free : variables that any hypothesis may move. An effect with no others is missing in none.
+    free : variables of a prior so wide that an effect which moves only them is no finding.
     """
     found: list[Term | None] = []
     for effect in effects.ALL:

@@ -27,10 +27,12 @@ _LEAST = 1e-4  # of the largest standard deviation: smaller ones are neglected
 
 @dataclass(frozen=True)
 class Calibrated:
-    """The uncertainty of a calibration. single : variables with an unknown of their own."""
+    """The uncertainty of a calibration. single : variables with an unknown of their own. free : those known so little
+    that an effect which moves only them is no finding."""
 
     unknowns: tuple[Unknown, ...]
     single: frozenset[str]
+    free: frozenset[str] = frozenset()
 
 
 def along(coordinates: Sequence[Coordinate], covariance: Array, network: Network) -> Calibrated:
