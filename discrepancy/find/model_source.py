@@ -18,8 +18,9 @@ from solver.network.files import find_network, read_network
 
 FILE = "first.toml"
 OF_FIRST = (
-    "the model is a first one: its lengths, radii, walls and Windkessels may be off by a third, and the viscosity by a "
-    "factor of 3, before anything counts as missing; an effect of its walls may stand for vessels that it leaves out."
+    "the model is a first one: its lengths, radii, tapers, walls and Windkessels may be off by a third, and the "
+    "viscosity by a factor of 3, before anything counts as missing; an effect of its walls may stand for vessels that "
+    "it leaves out."
 )
 
 
