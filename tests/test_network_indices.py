@@ -115,6 +115,8 @@ def test_written_and_shown() -> None:
     E = found["B"]["E_inc"]
     half = (E.ci95[1] - E.ci95[0]) / 2.0
     assert list(table.columns[1].cells)[1] == f"{1e-6 * E.value:.4f}\n±{1e-6 * half:.2g}"
+    fixed = network_indices_table("fork", {"A": {"E_inc": replace(E, ci95=(E.value, E.value))}})
+    assert list(fixed.columns[1].cells) == [f"{1e-6 * E.value:.4f}\n(given)"]
 
 
 def test_refused_in_one_sentence() -> None:

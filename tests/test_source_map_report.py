@@ -183,7 +183,7 @@ def test_rivals_are_what_stands_in_the_place_of_one() -> None:
     assert [(tuple(p.label for p in r.places), r.above) for r in squeezed.rivals] == [((), 9.0)]
     text = acts_as(shown(SQUEEZED, LEAK, rivals=rivals))
     assert "cannot distinguish a loss of flow along B from an additional flow through the outlet of B." in text
-    assert "The record is nearly as probable without a pressure in the wall of C." in text
+    assert "Without a pressure in the wall of C, the record is nearly as probable: the other places and the walls," in text
     many = [Rival((p,), 1.0) for p in PLACES if p.kind == "drop"][:6]
     assert "x/L = 0.5 or 3 other places." in acts_as(shown(LEAK, rivals=many))
     assert "x/L = 0.5 or 1 other place." in acts_as(shown(LEAK, rivals=many[:4]))
@@ -195,7 +195,7 @@ def test_the_map_of_one_of_several_recordings_says_which() -> None:
     text = acts_as(replace(shown(LEAK, rivals=rivals), recording="rest"))
     assert text.startswith("In rest it acts as a loss of flow along B: ")
     assert "rest cannot distinguish it from an additional flow" in text
-    assert text.endswith("rest is nearly as probable without it.")
+    assert text.endswith("Without it, rest is nearly as probable: refitted walls take its part.")
     assert map_sentences(replace(shown(LEAK), recording="rest"))[0].startswith("In rest the missing physics acts as")
     labels = ("rest", "pacing")
     naming = replace(named("unknown"), map=found(LEAK), problem=Several((PROBLEM, PROBLEM), labels))

@@ -263,7 +263,10 @@ def _alike(a: Acting, several: bool, recording: str) -> str:
     named = f"{', '.join(first)} or {last}" if first else last
     sentences = [f"{recording or 'This record'} cannot distinguish {it} from {named}."] if others else []
     if any(not rival.places for rival in a.rivals):
-        sentences.append(f"{recording or 'The record'} is nearly as probable without {it}.")
+        others_do = (
+            "the other places and the walls, refitted, take its part" if several else "refitted walls take its part"
+        )
+        sentences.append(f"Without {it}, {recording or 'the record'} is nearly as probable: {others_do}.")
     return " ".join(sentences)
 
 

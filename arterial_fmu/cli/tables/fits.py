@@ -32,6 +32,7 @@ _HYPHENATED = {
 }
 
 _FOUR_DIGITS = 0.01  # half of an interval by which a number is rounded to four digits: columns stay narrow
+_ROUND_OFF = 1e-9  # of a value: it does not depend on what was fitted
 _PHI = "φ0 goes with the strain rate dR/dt/R0; φ0 R0/R is φ of Γ = √π φ h/(2 (1 - η²)) in P_v = Γ/(A0 √A) dA/dt"
 
 SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
@@ -146,4 +147,5 @@ def _plus_minus(estimate: Estimate | None, factor: float) -> str:
         return DASH
     low, high = estimate.ci95
     value, half = factor * estimate.value, factor * (high - low) / 2.0
-    return f"{rounded(value, max(half, _FOUR_DIGITS * abs(value)))}\n±{number(half, 2)}"
+    shown = rounded(value, max(half, _FOUR_DIGITS * abs(value)))
+    return f"{shown}\n(given)" if half < _ROUND_OFF * abs(value) else f"{shown}\n±{number(half, 2)}"
