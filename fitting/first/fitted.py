@@ -12,7 +12,7 @@ rise together, whatever lies behind it; a lag fitted to the whole beat alone wou
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -26,7 +26,10 @@ from solver.quantities.units import INFLOW
 from ..records import thresholds as limit
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
-from .tubes import TAPER, TAPER_ERROR, keyed, narrowed
+from . import shares
+from .shares import forks
+from .stretches import Stretch
+from .tubes import TAPER, TAPER_ERROR, depths, keyed, narrowed
 from .waves import FEET, heard, late
 
 Array = np.ndarray
@@ -46,6 +49,7 @@ _SHORTEST, _LONGEST = 5e-3, 0.6  # of a tube [m]
 # where searches may start, as factors of the estimates: the best of all combinations do
 _GRID = keyed(E=(0.6, 1.0, 1.7), phi0=(0.15, 1.0), C=(0.6, 1.0, 2.0))
 _LENGTHS = (0.2, 0.5, 1.0, 2.0)  # the same of all lengths
+_FORK, _ODDS = "fork", (0.3, 3.0)  # the same of e^u
 _SEARCHES = 3  # that are begun
 _HARMONICS = 16  # at most: they hold the pulse
 _ERROR = 0.005  # of the pulsation: an error of the model in each harmonic
@@ -54,26 +58,29 @@ _STEP = 1e-4  # of the finite differences
 
 @dataclass(frozen=True)
 class Fitted:
-    """factor : by parameter of the network. late : of inlet.Q [s], 0 where no lag helps; feet : the same from foot to
-    foot. rms : of the residual of the channel at the root [SI] without and with that lag."""
+    """factor : by parameter of the network; share : of that of the flow, by tube. late : of inlet.Q [s], 0 where no lag
+    helps; feet : the same from foot to foot. rms : of the residual of the channel at the root [SI] without and with
+    that lag. cost : the minimum."""
 
     factor: Mapping[str, float]
+    share: Mapping[str, float]
     late: float
     feet: float
     rms: tuple[float, float]
+    cost: float
 
 
-def fitted(network: Network, beats: Beats, root: str, known: bool, depth: Mapping[str, int]) -> Fitted:
-    """Fit lengths, walls and Windkessels. root : the channel of the pressure at the root. known : whether a distance
-    gives the lengths, which then stay. depth : how many tubes are before each."""
-    problem = _Problem(network, beats, root, known, depth)
+def fitted(network: Network, beats: Beats, root: str, known: bool, tubes: Sequence[Stretch]) -> Fitted:
+    """Fit lengths, walls, shares and Windkessels. root : the channel of the pressure at the root. known : whether a
+    distance gives the lengths, which then stay."""
+    problem = _Problem(network, beats, root, known, tubes)
     plain = problem.search(0.0, 0.0)
     before, feet = problem.rms(plain, root), late(beats, root)
     if before > limit.LATE_MATTERS * problem.size(root) and feet:
         moved = problem.search(feet, FEET * beats.T)
         if (after := problem.rms(moved, root)) < limit.LATE_CLOSES * before:
-            return Fitted(problem.factors(moved), float(moved[-1]), feet, (before, after))
-    return Fitted(problem.factors(plain), 0.0, feet, (before, before))
+            return problem.fitted(moved, float(moved[-1]), feet, (before, after))
+    return problem.fitted(plain, 0.0, feet, (before, before))
 
 
 def of_owner(factor: Mapping[str, float], owner: str) -> dict[str, float]:
@@ -92,20 +99,22 @@ def _prior(kind: str, value: float) -> tuple[float, float, float]:
 
 
 class _Problem:
-    """groups : the parameters that share a factor or shift. x : (p,) logarithms of the factors, the shift, and the lag
-    [s]. root : the channel whose mean counts. known : whether lengths stay."""
+    """groups : the parameters that have a factor or a shift in common. x : (p,) logarithms of the factors, the shift,
+    u of each fork (:mod:`~fitting.first.shares`), and the lag [s]. root : the channel whose mean counts. known :
+    whether lengths stay."""
 
-    def __init__(self, network: Network, beats: Beats, root: str, known: bool, depth: Mapping[str, int]) -> None:
+    def __init__(self, network: Network, beats: Beats, root: str, known: bool, tubes: Sequence[Stretch]) -> None:
         nominal = network.parameters()
         kinds = {name: name.rpartition(".")[2] for name in nominal}
         own = [[name] for name, kind in kinds.items() if kind == "L" and not known]
         common = [[n for n, k in kinds.items() if k == kind] for kind in (*_PRIORS, "taper") if kind != "L"]
         self.groups = [group for group in own + common if group]
         self.network, self.nominal, self.beats = network, nominal, beats
-        self.known, self.depth = known, depth
-        self.spread, self.low, self.high = np.array(
-            [_prior(kinds[group[0]], nominal[group[0]]) for group in self.groups]
-        ).T
+        self.known, self.tubes, self.depth = known, tubes, depths(tubes)
+        self.forks = len(forks(tubes))
+        priors = [_prior(kinds[group[0]], nominal[group[0]]) for group in self.groups]
+        priors += [(shares.SPREAD, -shares.FARTHEST, shares.FARTHEST)] * self.forks
+        self.spread, self.low, self.high = np.array(priors).T
         most = min(_HARMONICS, max(int(heard(beats, name).max(initial=1)) for name in beats.values))
         self.Q = resample(beats.mean(INFLOW), 2 * most + 2)
         self.k = np.arange(most + 1)
@@ -131,7 +140,7 @@ class _Problem:
 
     def values(self, X: Array) -> dict[str, Array]:
         """The parameters at points X : (…, p). With another taper the radius at the root and the wave speed in the
-        middle of each tube remain."""
+        middle of each tube remain, with another share the wave speed."""
         found: dict[str, Array] = {}
         for i, group in enumerate(self.groups):
             for name in group:
@@ -140,7 +149,21 @@ class _Problem:
                 if kind == "taper":
                     wider = narrowed(found[name], self.depth[owner]) / narrowed(value, self.depth[owner])
                     found |= {f"{owner}.{key}": self.nominal[f"{owner}.{key}"] * wider for key in ("R0", "h")}
+        for tube, r in self.ratios(X).items() if self.forks else ():
+            for name, power in ((f"{tube}.{key}", power) for key, power in shares.POWERS.items()):
+                if name in self.nominal:
+                    found[name] = found.get(name, self.nominal[name]) * r**power
         return found
+
+    def ratios(self, X: Array) -> Mapping[str, Array]:
+        """Of the shares of the flow to the estimates, by tube."""
+        first = len(self.groups)
+        return shares.ratios(self.tubes, X[..., first : first + self.forks])
+
+    def fitted(self, x: Array, late: float, feet: float, rms: tuple[float, float]) -> Fitted:
+        """The result at a point."""
+        share = {tube: float(r) for tube, r in self.ratios(x).items()}
+        return Fitted(self.factors(x), share, late, feet, rms, float(np.sum(self.residual(x[None]) ** 2)))
 
     def factors(self, x: Array) -> dict[str, float]:
         return {name: float(value / self.nominal[name]) for name, value in self.values(x).items()}
@@ -166,14 +189,24 @@ class _Problem:
     def search(self, late: float, error: float) -> Array:
         """The best point : (p,), from points about the estimates, with a lag [s] of ``late`` to an error."""
         T = self.beats.T
-        unit = np.append(np.ones(len(self.groups)), T)  # of x: the lag in periods
+        unit = np.append(np.ones(len(self.spread)), T)  # of x: the lag in periods
         low, high = np.append(self.low, (late - error) / T), np.append(self.high, (late + error) / T)
 
+        about: dict[
+            bytes, Array
+        ] = {}  # the last point with its neighbours: one batch takes little longer than the point
+
+        def near(x: Array) -> Array:
+            if x.tobytes() not in about:
+                about.clear()
+                about[x.tobytes()] = self.residual(np.concatenate([x[None], x + _STEP * np.eye(len(x))]) * unit)
+            return about[x.tobytes()]
+
         def at(x: Array) -> Array:
-            return np.asarray(self.residual(x[None] * unit)[0])
+            return np.asarray(near(x)[0])
 
         def slopes(x: Array) -> Array:
-            z = self.residual(np.concatenate([x[None], x + _STEP * np.eye(len(x))]) * unit)
+            z = near(x)
             return np.asarray((z[1:] - z[0]).T / _STEP)
 
         starts = np.clip(np.pad(self._starts(), ((0, 0), (0, 1)), constant_values=late / T), low, high)
@@ -184,7 +217,8 @@ class _Problem:
 
     def _starts(self) -> Array:
         """(n, p) points: all combinations of a few factors."""
-        grid = product((1.0,) if self.known else _LENGTHS, *_GRID.values())
-        kinds = ("L", *_GRID)
-        of = [group[0].rpartition(".")[2] for group in self.groups]
+        odds = _ODDS if self.forks else (1.0,)
+        grid = product(odds, (1.0,) if self.known else _LENGTHS, *_GRID.values())
+        kinds = (_FORK, "L", *_GRID)
+        of = [group[0].rpartition(".")[2] for group in self.groups] + [_FORK] * self.forks
         return np.array([[np.log(dict(zip(kinds, each, strict=True)).get(kind, 1.0)) for kind in of] for each in grid])

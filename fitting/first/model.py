@@ -32,8 +32,8 @@ from .doubts import doubts, late_flow
 from .estimates import Found, compliances, delay, impedance, reflection_time, resistance, root_pressure, sites
 from .fitted import Fitted, fitted, of_owner
 from .species import Typical, typical
-from .stretches import parents, stretches
-from .tubes import KEYS, Tube, depths, made, mean_speed, windkessel
+from .stretches import Stretch, layouts, parents
+from .tubes import KEYS, Tube, made, mean_speed, windkessel
 from .waves import heard
 
 Array = np.ndarray
@@ -42,6 +42,7 @@ VENOUS = 5.0 * MMHG  # as in the bundled network human
 _MOST = 0.85  # of the compliance: upper limit of the tubes
 _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c
 _DISTANCE = 0.1  # the same of a length that is given
+_FORKED = 0.5  # of what one path leaves, as χ²: a fork that leaves more is not taken
 _USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
 _FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
 _SAMPLES = 200  # a beat, of the comparison
@@ -95,7 +96,6 @@ def first_model(
     c, area, radius = _speed_and_area(beats, root, Z, usual, delays, distances or {})
     echo = reflection_time(beats, channel, Z.value)
     times = {site: found.value for site, found in delays.items()}
-    tubes = stretches(beats, root, parents(paths, root, times), times, echo.value / 2.0, area)
     P = float(beats.mean(channel).mean())
     notes = list(doubts(beats, channel, R, usual.mass, list(delays)))
     if not _USUAL[0] <= c.value <= _USUAL[1]:
@@ -107,7 +107,7 @@ def first_model(
         Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)
     )
 
-    def with_compliance(C: Found) -> _Parts:
+    def with_compliance(C: Found, tubes: Sequence[Stretch]) -> _Parts:
         walls = made(tubes, c.value, area, usual)
         stored, most, said = sum(wall.stretch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
@@ -121,11 +121,18 @@ def first_model(
         ends = {wall.stretch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.stretch.end}
         return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, said)
 
-    models = [with_compliance(C).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
-    parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
-    return parts.adjusted(fitted(model.network, beats, channel, bool(distances), depths(tubes)), channel).model(beats)[
-        1
-    ]
+    def of_layout(tubes: Sequence[Stretch]) -> tuple[_Parts, Fitted]:
+        models = [with_compliance(C, tubes).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
+        parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
+        fit = fitted(model.network, beats, channel, bool(distances), tubes)
+        return parts.adjusted(fit, channel), fit
+
+    upstream = parents(paths, root, times)
+    (plain, fit), *forked = (
+        of_layout(tubes) for tubes in layouts(beats, root, upstream, times, echo.value / 2.0, area, bool(paths))
+    )
+    parts = next((other for other, its in forked if its.cost < _FORKED * fit.cost), plain)
+    return parts.model(beats)[1]
 
 
 @dataclass(frozen=True)
@@ -144,7 +151,11 @@ class _Parts:
         """The same with the fitted values, and a note if inlet.Q is late."""
         f = fit.factor
         tubes = [
-            replace(t, **{key: getattr(t, key) * x for key, x in of_owner(f, t.stretch.name).items()})
+            replace(
+                t,
+                stretch=replace(t.stretch, share=t.stretch.share * fit.share[t.stretch.name]),
+                **{key: getattr(t, key) * x for key, x in of_owner(f, t.stretch.name).items()},
+            )
             for t in self.tubes
         ]
         ends = {

@@ -13,6 +13,7 @@ from solver.quantities.units import INFLOW
 from ..records.alignment.beats import Beats
 
 _SIDE = 0.05  # of the flow: a larger loss between two sites leaves through a side branch
+_HALF = 0.5  # of the flow, where nothing says how much goes to a site: a first estimate
 _TRUNK = 0.5  # of the first delay: the common part of vessels that fork at the root
 
 
@@ -21,7 +22,8 @@ class Stretch:
     """One tube, named after the site at its end, or at the root.
 
     parent : name of the one upstream, "" at the root. site : at its end, "" if none. time : transit time of a wave [s].
-    share : fraction of the inflow that enters it. end : whether a Windkessel is at its end.
+    share : fraction of the inflow that enters it. end : whether a Windkessel is at its end. guessed : whether nothing
+    measured says the share.
     """
 
     name: str
@@ -30,6 +32,7 @@ class Stretch:
     time: float
     share: float
     end: bool = True
+    guessed: bool = False
 
 
 def parents(paths: Sequence[str], root: str, delays: Mapping[str, float]) -> dict[str, str]:
@@ -56,13 +59,27 @@ def parents(paths: Sequence[str], root: str, delays: Mapping[str, float]) -> dic
     return found
 
 
+def layouts(
+    beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float,
+    stated: bool,
+) -> list[list[Stretch]]:  # fmt: skip
+    """Tubes that a record may have: as the paths say if they are stated; otherwise one path, or a fork at the end of a
+    trunk, with a branch for each site and, for one site, another."""
+    plain = stretches(beats, root, upstream, delays, alone, area)
+    own = dict.fromkeys(upstream, "")
+    if stated or not upstream or len(own) == 1 and not plain[-1].guessed:
+        return [plain]
+    return [plain, stretches(beats, root, own, delays, alone, area, forked=True)]
+
+
 def stretches(
-    beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float
-) -> list[Stretch]:
+    beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float,
+    forked: bool = False,
+) -> list[Stretch]:  # fmt: skip
     """The tubes, each after the one upstream of it.
 
     upstream : as :func:`parents`. alone : time [s] through the one tube of a record without other sites. area : of a
-    tube with all of the flow [m²].
+    tube with all of the flow [m²]. forked : whether part of the flow to a single site leaves on the way: a half.
 
     Flow is shared as measured, or in proportion to the measured areas, or otherwise equally; flow lost on the way
     leaves through a side branch.
@@ -72,26 +89,30 @@ def stretches(
     first = [site for site, before in upstream.items() if not before]
     trunk = _TRUNK * min(delays[site] for site in first)
     shares = _shares(beats, upstream, area)
+    if forked and len(upstream) == 1:
+        shares = dict.fromkeys(upstream, _HALF)
+    guessed = {site for site in upstream if f"{site}.Q" not in beats.values and f"{site}.R" not in beats.values}
     found: list[Stretch] = []
     lost = 1.0 - sum(shares[site] for site in first)
     if len(first) > 1 or lost > _SIDE:
         found = [Stretch(root or "root", "", "", trunk, 1.0)]
-        found += _side(found[0], lost)
+        found += _side(found[0], lost, guessed >= set(first))
     for site in sorted(upstream, key=lambda site: delays[site]):
         before = upstream[site]
         parent = next((s.name for s in found if s.site == before), "")
         time = delays[site] - (delays[before] if before else trunk if found and found[0].site == "" else 0.0)
-        found.append(Stretch(site, parent, site, max(time, beats.T / beats.N), shares[site]))
+        time = max(time, beats.T / beats.N)
+        found.append(Stretch(site, parent, site, time, shares[site], guessed=site in guessed))
         children = [other for other in upstream if upstream[other] == site]
         if children:
-            found += _side(found[-1], shares[site] - sum(shares[child] for child in children))
+            found += _side(found[-1], shares[site] - sum(shares[child] for child in children), guessed >= set(children))
     heads = {s.parent for s in found}
     return [replace(s, end=s.name not in heads) for s in found]
 
 
-def _side(of: Stretch, lost: float) -> list[Stretch]:
+def _side(of: Stretch, lost: float, guessed: bool) -> list[Stretch]:
     """The branch at the end of a stretch for the flow lost there."""
-    return [Stretch(f"{of.name}_side", of.name, "", of.time, lost)] if lost > _SIDE else []
+    return [Stretch(f"{of.name}_side", of.name, "", of.time, lost, guessed=guessed)] if lost > _SIDE else []
 
 
 def _shares(beats: Beats, upstream: Mapping[str, str], area: float) -> dict[str, float]:
