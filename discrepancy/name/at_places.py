@@ -7,7 +7,7 @@ sources would have absorbed a part of the effect. Then other laws are tried inst
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 
@@ -162,24 +162,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         raise InputError("the model as given cannot be simulated with this record")
     result = Compared.of(problem, none, {}, terms)
     yield result
-    laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
-    fits = [*none, *single(problem, found, laws, runs)]
-    yield (result := exact(problem, fits, {}, terms, runs))
-    own = alone(problem, found, laws, runs) if len(laws) > 1 and not result.best.explains else []
-    if own:
-        fits += together(problem, found, combinations(own, 2), runs)
-        yield (result := exact(problem, fits, {}, terms, runs))
-    lawful = [i for i, some in enumerate(own) if _explains(some)]
-    nothing = False  # of the catalogue explains the record
-    if not result.best.explains and len(lawful) < len(laws):
-        everywhere = [t for t in result.sought if t.place == ALL_PLACES]
-        fits += single(problem, found, [everywhere], runs)
-        yield (result := exact(problem, fits, {}, terms, runs))
-        if not result.best.explains:
-            wide = [_beside(problem, found, [i], everywhere, runs) for i in lawful]
-            fits += together(problem, found, [(own[i], some) for i, some in zip(lawful, wide, strict=True)], runs)
-            yield (result := exact(problem, fits, {}, terms, runs))
-            nothing = found.explains and not any(_explains(some) for some in wide)
+    result, ruled_out = yield from _of_the_map(problem, found, none, terms, runs)
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := replace(result, columns=columns))
     if result.none.explains:
@@ -192,7 +175,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         if left and result.best.fit.terms:
             result = result.at_minimum(runs)
             yield (result := result.joined_by(_refined(result, runs)).polished(runs))
-        if nothing and not result.best.explains:
+        if ruled_out and not result.best.explains:
             break
         # if one place accounts for all that acts, a law that explains only a part of it is the wrong one
         more = left and not (found.explains and len(found.places) == 1 and not result.best.explains)
@@ -203,6 +186,39 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         # from there on, beside the same laws, the same others promise the same
         tried |= set() if left else {names_of(rest) for rest in rests}
     yield result.at_minimum(runs)
+
+
+def _of_the_map(
+    problem: NetworkProblem, found: SourceMap, none: Sequence[Fit], terms: tuple[Term, ...], runs: Runs
+) -> Generator[Compared, None, tuple[Compared, bool]]:
+    """The comparison after every stage with the laws that act at the places of the map. Returns the last one, and
+    whether it rules out that laws of the catalogue explain the record.
+
+    A law is one course of the free source at its place, so the map bounds what laws can explain: if it leaves only
+    noise, and a place of it needs a source, two laws explain the record only if one of them explains it in the place of
+    that source, beside the free sources of the other places; or if one acts everywhere, and explains it beside the free
+    source of one place, where the other one acts. If none does, neither will a law that moves from the best hypothesis
+    might find, since that would be at places with less evidence even with free sources.
+    """
+    laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
+    fits = [*none, *single(problem, found, laws, runs)]
+    yield (result := exact(problem, fits, {}, terms, runs))
+    own = alone(problem, found, laws, runs) if len(laws) > 1 and not result.best.explains else []
+    if own:
+        fits += together(problem, found, combinations(own, 2), runs)
+        yield (result := exact(problem, fits, {}, terms, runs))
+    lawful = [i for i, some in enumerate(own) if _explains(some)]
+    if result.best.explains or len(lawful) == len(laws):
+        return result, False
+    everywhere = [t for t in result.sought if t.place == ALL_PLACES]
+    fits += single(problem, found, [everywhere], runs)
+    yield (result := exact(problem, fits, {}, terms, runs))
+    if result.best.explains:
+        return result, False
+    wide = [_beside(problem, found, [i], everywhere, runs) for i in lawful]
+    fits += together(problem, found, [(own[i], some) for i, some in zip(lawful, wide, strict=True)], runs)
+    yield (result := exact(problem, fits, {}, terms, runs))
+    return result, found.explains and not any(_explains(some) for some in wide)
 
 
 def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) -> Compared:
