@@ -195,10 +195,11 @@ def _of_the_map(
     whether it rules out that laws of the catalogue explain the record.
 
     A law is one course of the free source at its place, so the map bounds what laws can explain: if it leaves only
-    noise, and a place of it needs a source, two laws explain the record only if one of them explains it in the place of
-    that source, beside the free sources of the other places; or if one acts everywhere, and explains it beside the free
-    source of one place, where the other one acts. If none does, neither will a law that moves from the best hypothesis
-    might find, since that would be at places with less evidence even with free sources.
+    noise, and needs a source at each of its places, two laws explain the record only if one of them explains it in the
+    place of each source, beside the free sources of the other places; or if one acts everywhere, and explains it beside
+    the free source of the place where the other one acts. A place rules this out only if its laws leave more than noise
+    even with the model error of the first fit: what is less may have more evidence as a law of another place, which has
+    fewer numbers than a free source there. One place alone does not, as every other law is then cheaply compared.
     """
     laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
     fits = [*none, *single(problem, found, laws, runs)]
@@ -218,7 +219,7 @@ def _of_the_map(
     wide = [_beside(problem, found, [i], everywhere, runs) for i in lawful]
     fits += together(problem, found, [(own[i], some) for i, some in zip(lawful, wide, strict=True)], runs)
     yield (result := exact(problem, fits, {}, terms, runs))
-    return result, found.explains and not any(_explains(some) for some in wide)
+    return result, found.explains and not all(own) and bool(own) and not any(_explains(some) for some in wide)
 
 
 def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) -> Compared:
