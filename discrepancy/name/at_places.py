@@ -219,7 +219,7 @@ def _of_the_map(
     wide = [_beside(problem, found, [i], everywhere, runs) for i in lawful]
     fits += together(problem, found, [(own[i], some) for i, some in zip(lawful, wide, strict=True)], runs)
     yield (result := exact(problem, fits, {}, terms, runs))
-    return result, found.explains and not all(own) and bool(own) and not any(_explains(some) for some in wide)
+    return result, found.explains and not all(own) and not any(_explains(some) for some in wide)
 
 
 def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) -> Compared:
