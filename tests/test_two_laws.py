@@ -6,15 +6,18 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from forked import NETWORK, N, T, inflow, record
-from small_network import NAMES, term
+from small_network import NAMES, term, terms
 
+from discrepancy.name import at_places
 from discrepancy.name.at_places import with_moves
 from discrepancy.name.scoring import Compared
 from discrepancy.thresholds import RULED_OUT
 from fitting.inference.hypothesis import candidates, placed
 from fitting.inference.models.network_record import network_problem
-from fitting.inference.runs import Runs
+from fitting.inference.runs import Meter, Runs
+from fitting.inference.source_maps.source_map import source_map
 from solver import Settings, simulate_periodic
 from solver.laws.effects import BY_NAME
 
@@ -54,7 +57,8 @@ def test_a_law_that_made_up_for_the_other_effect_is_replaced() -> None:
 
 def test_a_law_of_another_place_is_compared_with_the_best() -> None:
     """A stenosis in C, 40 dB, of which only the reflection at the end of C was asked: the stenosis, of all laws of the
-    catalogue, takes its place, K to 10 %, and the reflection is ruled out beside it."""
+    catalogue, takes its place, K to 10 %, and the reflection is ruled out beside it. Nothing is simulated for moves
+    that were made before."""
     hidden = BY_NAME["stenosis"].add(NETWORK, "C", {"K": 3.0})
     beat = simulate_periodic(hidden, inflow, T, settings=Settings(dt=T / 200, tolerance=1e-7), tolerance=1e-6)
     problem = network_problem(record({n: beat[n][:-1] for n in ("inlet.Q", *NAMES)}, 15, 0.01), NETWORK)
@@ -67,6 +71,8 @@ def test_a_law_of_another_place_is_compared_with_the_best() -> None:
     (K,) = (x * u.size for u, x in zip(found.best.fit.unknowns, found.best.fit.x, strict=True) if u.name == "C.K")
     np.testing.assert_allclose(K, 3.0, rtol=0.1)
     assert min(n.above_best for n in found.ranked if n.label == "terminal_reflection at C") > RULED_OUT
+    meter = Meter()
+    assert with_moves(found, Runs(meter), tried={""}) is found and meter.simulations == 0
 
 
 def test_a_part_of_another_segment_is_compared_with_a_part_of_one() -> None:
@@ -85,3 +91,29 @@ def test_a_part_of_another_segment_is_compared_with_a_part_of_one() -> None:
     assert best.label == "stenosis at C" and best.fit.terms[0].moves_along
     (position,) = ((u, x) for u, x in zip(best.fit.unknowns, best.fit.x, strict=True) if u.name == "C.K_position")
     assert abs(position[0].nominal + position[0].size * position[1] - 0.8) < 0.05
+
+
+# --- when no move can find a name -------------------------------------------------------------------------------------
+
+
+def test_no_moves_where_the_catalogue_lacks_the_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stenosis in C that no law of those asked is, beside a sensor of wrong gain, 40 dB: the map needs a source in C
+    and leaves noise, and no law leaves noise in its place, so no move is tried. With the law asked, both are named."""
+    hidden = BY_NAME["stenosis"].add(NETWORK, "C", {"K": 100.0})
+    beat = simulate_periodic(hidden, inflow, T, settings=Settings(dt=T / 200, tolerance=1e-7), tolerance=1e-6)
+    waves = {n: beat[n][:-1] * (1.2 if n == CHANNEL else 1.0) for n in ("inlet.Q", *NAMES)}
+    problem = network_problem(record(waves, 15, 0.01), NETWORK)
+    asked, found = terms("channel_gain", "wall_viscosity"), source_map(problem)
+    assert found.explains and {p.name for p in found.places} == {"C", CHANNEL}
+    moves = list[bool]()
+
+    def counted(*of: object) -> Compared:
+        moves.append(True)
+        return with_moves(*of)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(at_places, "with_moves", counted)
+    *_, last = at_places.named_at(problem, found, asked, Runs())
+    assert not moves and not last.best.explains
+    *_, last = at_places.named_at(problem, found, (*asked, term("stenosis", "C")), Runs())
+    assert moves and last.best.explains
+    assert {t.label for t in last.best.fit.terms} == {"stenosis at C", f"channel_gain at {CHANNEL}"}

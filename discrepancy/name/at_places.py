@@ -7,13 +7,14 @@ sources would have absorbed a part of the effect. Then other laws are tried inst
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
 
 from fitting.inference.fit import Array, Fit, Member, sizes_of
+from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.hypothesis import Term, effect_of, joins, placed
 from fitting.inference.models.network import NetworkProblem
@@ -23,7 +24,7 @@ from fitting.inference.source_maps.beside import found_beside
 from fitting.inference.source_maps.place_model import with_signals
 from fitting.inference.source_maps.source_map import SourceMap, is_noise
 from solver.errors import InputError
-from solver.laws.effect import CHANNEL
+from solver.laws.effect import ALL_PLACES, CHANNEL
 
 from .. import thresholds as at
 from .individual_walls import implausible
@@ -33,10 +34,9 @@ from .scoring import Compared, exact, names_of, promised, there
 _ROUNDS = 3  # at most, of moves from the best hypothesis, while they find a better one
 
 
-def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkProblem, SourceMap]:
-    """The problem with the free sources of all places except the i-th, and the map with their outlying parameters."""
-    others = [j for j in range(len(found.signals)) if j != i]
-    return found.forced(problem, others), found.standing_out(others)
+def _others(found: SourceMap, i: int) -> list[int]:
+    """All places of the map except the i-th."""
+    return [j for j in range(len(found.signals)) if j != i]
 
 
 def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
@@ -87,30 +87,46 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Te
 def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
     """For every place, the laws that may explain the record beside the free sources of the other places, refitted with
     these sources; lowest cost first."""
-    fits = []
-    for i, some in enumerate(laws):
-        beside, walls = _beside(problem, found, i)
-        few = [[(b.term, b.x)] for b in fewest(nearest(beside, base(beside, walls), some, runs))]
-        own = refitted(beside, walls, few, runs, explaining=True)
-        fits.append(sorted(own, key=lambda f: f.cost))
-    return fits
+    return [_beside(problem, found, _others(found, i), some, runs) for i, some in enumerate(laws)]
 
 
-def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
+def _beside(
+    problem: NetworkProblem, found: SourceMap, others: Sequence[int], laws: Sequence[Term], runs: Runs
+) -> list[Fit]:
+    """The laws that may explain the record beside the free sources of other places of the map, refitted with these
+    sources; lowest cost first."""
+    beside, walls = found.forced(problem, others), found.standing_out(others)
+    few = [[(b.term, b.x)] for b in fewest(nearest(beside, base(beside, walls), laws, runs))]
+    fits = refitted(beside, walls, few, runs, explaining=True)
+    if fits and not _explains(fits):  # the best one may explain it with other sizes in each segment, or at another part
+        best = min(fits, key=lambda f: f.cost)
+        fits += there(beside.refit([(finer,) for finer in _finer(problem, best, best.terms[0])], best, runs))
+    return sorted(fits, key=lambda f: f.cost)
+
+
+def _explains(fits: Sequence[Fit]) -> bool:
+    """True if the best of some fits leaves only noise."""
+    best = min(fits, key=lambda f: f.cost, default=None)
+    return best is not None and is_noise(best.chi2, len(best.z))
+
+
+def together(
+    problem: NetworkProblem, found: SourceMap, couples: Iterable[tuple[Sequence[Fit], Sequence[Fit]]], runs: Runs
+) -> list[Fit]:
     """Pairs of laws at two places, refitted: from each place the laws that fit nearly as well as its best. A place
     contributes no law if its best law leaves more than noise beside the free sources of the other places."""
-    near = [
-        [f for f in some if f.cost < some[0].cost + at.NEAR][: at.BRANCHES]
-        for some in fits
-        if some and is_noise(some[0].chi2, len(some[0].z))
-    ]
     both = [
         [(a.terms[0], _own(a)), (b.terms[0], _own(b))]
-        for some, others in combinations(near, 2)
-        for a, b in product(some, others)
+        for some, others in couples
+        for a, b in product(_near(some), _near(others))
         if a.terms[0].label != b.terms[0].label and joins(b.terms[0], a.terms) and joins(a.terms[0], b.terms)
     ]
     return refitted(found.forced(problem, []), found.standing_out(()), both, runs)
+
+
+def _near(fits: Sequence[Fit]) -> list[Fit]:
+    """Of the laws of a place, those that fit nearly as well as its best; none if that leaves more than noise."""
+    return [f for f in fits if f.cost < fits[0].cost + at.NEAR][: at.BRANCHES] if _explains(fits) else []
 
 
 def _own(fit: Fit) -> Array:
@@ -146,29 +162,64 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         raise InputError("the model as given cannot be simulated with this record")
     result = Compared.of(problem, none, {}, terms)
     yield result
-    laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
-    fits = [*none, *single(problem, found, laws, runs)]
-    yield (result := exact(problem, fits, {}, terms, runs))
-    if len(laws) > 1 and not result.best.explains:
-        fits += together(problem, found, alone(problem, found, laws, runs), runs)
-        yield (result := exact(problem, fits, {}, terms, runs))
+    result, ruled_out = yield from _of_the_map(problem, found, none, terms, runs)
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := replace(result, columns=columns))
     if result.none.explains:
         yield (result := _also_promising(result, columns, runs))
         if implausible(result.none.fit):
             yield (result := _of_the_file(result, found, runs))
+    tried = set[str]()
     for _ in range(_ROUNDS):
         best, left = result.best.key, _leaves(result)
         if left and result.best.fit.terms:
             result = result.at_minimum(runs)
             yield (result := result.joined_by(_refined(result, runs)).polished(runs))
+        if ruled_out and not result.best.explains:
+            break
         # if one place accounts for all that acts, a law that explains only a part of it is the wrong one
         more = left and not (found.explains and len(found.places) == 1 and not result.best.explains)
-        yield (result := with_moves(result, runs, left, more))
+        rests = _rests(_leading(result).terms, left, more)
+        yield (result := with_moves(result, runs, left, more, tried))
         if result.best.key == best:
             break
+        # from there on, beside the same laws, the same others promise the same
+        tried |= set() if left else {names_of(rest) for rest in rests}
     yield result.at_minimum(runs)
+
+
+def _of_the_map(
+    problem: NetworkProblem, found: SourceMap, none: Sequence[Fit], terms: tuple[Term, ...], runs: Runs
+) -> Generator[Compared, None, tuple[Compared, bool]]:
+    """The comparison after every stage with the laws that act at the places of the map. Returns the last one, and
+    whether it rules out that laws of the catalogue explain the record.
+
+    A law is one course of the free source at its place, so the map bounds what laws can explain: if it leaves only
+    noise, and needs a source at each of its places, two laws explain the record only if one of them explains it in the
+    place of each source, beside the free sources of the other places; or if one acts everywhere, and explains it beside
+    the free source of the place where the other one acts. A place rules this out only if its laws leave more than noise
+    even with the model error of the first fit: what is less may have more evidence as a law of another place, which has
+    fewer numbers than a free source there. One place alone does not, as every other law is then cheaply compared.
+    """
+    laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
+    fits = [*none, *single(problem, found, laws, runs)]
+    yield (result := exact(problem, fits, {}, terms, runs))
+    own = alone(problem, found, laws, runs) if len(laws) > 1 and not result.best.explains else []
+    if own:
+        fits += together(problem, found, combinations(own, 2), runs)
+        yield (result := exact(problem, fits, {}, terms, runs))
+    lawful = [i for i, some in enumerate(own) if _explains(some)]
+    if result.best.explains or len(lawful) == len(laws):
+        return result, False
+    everywhere = [t for t in result.sought if t.place == ALL_PLACES]
+    fits += single(problem, found, [everywhere], runs)
+    yield (result := exact(problem, fits, {}, terms, runs))
+    if result.best.explains:
+        return result, False
+    wide = [_beside(problem, found, [i], everywhere, runs) for i in lawful]
+    fits += together(problem, found, [(own[i], some) for i, some in zip(lawful, wide, strict=True)], runs)
+    yield (result := exact(problem, fits, {}, terms, runs))
+    return result, found.explains and not all(own) and not any(_explains(some) for some in wide)
 
 
 def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) -> Compared:
@@ -207,12 +258,17 @@ def _refined(result: Compared, runs: Runs) -> list[Fit]:
     position and length."""
     first, problem, hypotheses = result.best.fit, result.problem, list[tuple[Term, ...]]()
     for i, t in enumerate(first.terms):
-        for finer in (problem.refined(first, t), placed(problem.network, t, sizes_of(first, t))):
-            if finer is not None:
-                hypotheses.append((*first.terms[:i], finer, *first.terms[i + 1 :]))
-                if len(first.terms) > 1:  # the other law may have stood in for this one
-                    hypotheses.append((finer,))
+        for finer in _finer(problem, first, t):
+            hypotheses.append((*first.terms[:i], finer, *first.terms[i + 1 :]))
+            if len(first.terms) > 1:  # the other law may have stood in for this one
+                hypotheses.append((finer,))
     return there(problem.refit(hypotheses, first, runs)) if hypotheses else []
+
+
+def _finer(problem: Forward, fit: Fit, term: Term) -> list[Term]:
+    """The refinements of a law of a fit."""
+    found = (problem.refined(fit, term), placed(problem.network, term, sizes_of(fit, term)))
+    return [finer for finer in found if finer is not None]
 
 
 # --- moves from the best hypothesis -----------------------------------------------------------------------------------
@@ -221,18 +277,23 @@ def _refined(result: Compared, runs: Runs) -> list[Fit]:
 # acts everywhere is no place of a map. A name requires that all of these were refitted.
 
 
-def with_moves(result: Compared, runs: Runs, left: bool = False, more: bool = False) -> Compared:
+def with_moves(
+    result: Compared, runs: Runs, left: bool = False, more: bool = False, tried: Collection[str] = ()
+) -> Compared:
     """Refit the laws that promise to explain the record instead of one law of the best hypothesis or all of them, and
     those whose search ended far above its predicted cost.
 
     left : the best leaves something; searches then start with a model error, and the moves end as soon as another
-    hypothesis explains the record; the next round starts from it. more : another law may act beside it.
+    hypothesis explains the record; the next round starts from it. more : another law may act beside it. tried : laws
+    beside which others were tried before.
     """
-    best, first = min(result.every, key=lambda n: n.score).fit, result.best.key  # even one that is never named
+    best, first = _leading(result), result.best.key
     weights = result.problem
     assert isinstance(weights, NetworkProblem)
     problem = with_signals(weights, [])  # without free sources
     for rest in _rests(best.terms, left, more):
+        if names_of(rest) in tried:
+            continue
         if result.problem is not weights:  # fits of one comparison have the same weights
             weights = result.problem
             assert isinstance(weights, NetworkProblem)
@@ -268,6 +329,11 @@ def _promising_beside(
         if begun.left < known.get(key, np.inf) - at.RULED_OUT:
             members.setdefault((key, begun.term.moves_along), base.promised(problem, begun))
     return list(members.values())
+
+
+def _leading(result: Compared) -> Fit:
+    """The most probable hypothesis, even one that is never named."""
+    return min(result.every, key=lambda n: n.score).fit
 
 
 def _rests(terms: tuple[Term, ...], left: bool, more: bool) -> list[tuple[Term, ...]]:

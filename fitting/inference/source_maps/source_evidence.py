@@ -30,8 +30,8 @@ AMPLITUDES = tuple(
 SPECTRA = ((6.0, 1.0), (3.0, 2.0), (8.0, 2.0), (4.0, 4.0), (8.0, 4.0), (16.0, 4.0))  # k0 and n
 FIRST_LOOK = (SPECTRA[1:3], 4)
 _ROUNDING = 1e-8  # of the unknowns' own information (measured: sources of 100 pulses lost 2e-8 of the largest)
-# numbers of the unknowns' columns of places that are weighed together; the largest array has 24 times as many with 6
-# amplitudes and 2 spectra: 2 MB
+# numbers of the unknowns' columns of places that are weighed together; the largest array has as many for each unknown:
+# 5 MB with 60
 _AT_ONCE = 10_000
 PRICE = 2.0 * math.log(len(SPECTRA) * len(AMPLITUDES))  # of a prior; all of the list are equally likely
 
@@ -128,39 +128,42 @@ class Normal:
     def _best_laws(
         self, columns: Array, relative: Array, sd: Array, spectra: Sequence[tuple[float, float]], stride: int
     ) -> list[tuple[float, Law]]:
-        P, amplitudes = len(columns), np.array(AMPLITUDES)
-        coarse = np.tile(np.arange(0, len(amplitudes), stride), (P, 1))
-        falling = np.stack([Law(1.0, *each).variance(len(self.between) - 1, (1.0,)) for each in spectra])
-        variances = falling * np.square(relative)[:, None, None]  # (P, V, K+1, q)
-        scores = self._scores(columns, variances, amplitudes[coarse], sd)
-        i, j = np.unravel_index(scores.reshape(P, -1).argmin(axis=1), scores.shape[1:])
-        beside = np.clip(coarse[0, i][:, None] + [-1, 0, 1], 0, len(amplitudes) - 1)
-        closer = self._scores(columns, variances[np.arange(P), j][:, None], amplitudes[beside], sd)[:, :, 0]
+        amplitudes, modes = np.array(AMPLITUDES), self._modes(columns, relative)
+        coarse = np.arange(0, len(amplitudes), stride)
+        falling = np.stack([Law(1.0, *each).variance(len(self.between) - 1, (1.0,))[:, 0] for each in spectra])
+        variances = np.square(amplitudes[coarse])[:, None, None] * falling  # (A, V, K+1)
+        scores = self._scores(*modes, variances.reshape(1, -1, falling.shape[1]), sd)
+        i, j = np.unravel_index(scores.argmin(axis=1), variances.shape[:2])
+        beside = np.clip(coarse[i][:, None] + [-1, 0, 1], 0, len(amplitudes) - 1)
+        closer = self._scores(*modes, np.square(amplitudes[beside])[..., None] * falling[j][:, None], sd)
         best = closer.argmin(axis=1)
         return [
             (float(score[n]), Law(AMPLITUDES[at[n]], *spectra[k]))
             for score, n, at, k in zip(closer, best, beside, j, strict=True)
         ]
 
-    def _scores(self, columns: Array, variances: Array, amplitudes: Array, sd: Array) -> Array:
-        """(P, A, V) -2 ln evidence. variances : (P, V, K+1, q), for the amplitude 1. amplitudes : (P, A)."""
-        r = np.sqrt(variances)
-        own = np.moveaxis(self.of_sources[:, columns[:, :, None], columns[:, None, :]], 0, 1)[:, None]
-        GG = r[..., None] * own * r[..., None, :]
-        right = r[..., None] * np.moveaxis(self.between[:, columns], 0, 1)[:, None]  # (P, V, K+1, q, p+1)
-        # (1 + a² GG)⁻¹ for all amplitudes a, by the eigenvectors of GG
+    def _modes(self, columns: Array, relative: Array) -> tuple[Array, Array]:
+        """The eigenvalues (P, K+1, q) of GᴴG for columns of sizes ``relative``, which a common variance of a harmonic
+        only scales, and the outer products (P, (K+1) q, (p+1)²) of the equations between their eigenvectors and the
+        unknowns."""
+        own = np.moveaxis(self.of_sources[:, columns[:, :, None], columns[:, None, :]], 0, 1)
+        GG = relative[:, None, :, None] * own * relative[:, None, None]
+        right = relative[:, None, :, None] * np.moveaxis(self.between[:, columns], 0, 1)  # (P, K+1, q, p+1)
         value, vector = (GG[..., 0].real, None) if columns.shape[1] == 1 else np.linalg.eigh(GG)
         right = right if vector is None else vector.conj().swapaxes(-1, -2) @ right
-        right = right.reshape(*right.shape[:2], -1, right.shape[-1])
-        right = np.concatenate([right.real, right.imag], axis=-2)[:, None]
-        a2 = np.square(amplitudes)[:, :, None, None, None]
-        value = np.maximum(value, 0.0)[:, None]
-        grown = np.log1p(a2 * value).sum(axis=-1)
+        parts = [part[..., :, None] * part[..., None, :] for part in (right.real, right.imag)]
+        return np.maximum(value, 0.0), np.add(*parts).reshape(len(columns), -1, right.shape[-1] ** 2)
+
+    def _scores(self, value: Array, outer: Array, variances: Array, sd: Array) -> Array:
+        """(P, n) -2 ln evidence of places by their modes. variances : (P, n, K+1) of the harmonics, for the relative
+        size 1."""
+        a2 = variances[..., None]
+        grown = np.log1p(a2 * value[:, None]).sum(axis=-1)
         # ln det of the real problem: half for the mean, which is real
         log_volume = grown[..., 0] + 2.0 * grown[..., 1:].sum(axis=-1)
-        weight = np.sqrt(a2 / (1.0 + a2 * value)).reshape(*log_volume.shape, -1, 1)
-        parts = np.concatenate([weight, weight], axis=-2) * right
-        return marginal(self._less(parts.swapaxes(-1, -2) @ parts), sd) + log_volume + self.log_volume
+        weight = (a2 / (1.0 + a2 * value[:, None])).reshape(*log_volume.shape, -1)
+        taken = (weight @ outer).reshape(*log_volume.shape, *self.of_unknowns.shape)
+        return marginal(self._less(taken), sd) + log_volume + self.log_volume
 
     def amplitudes(self, columns: Array, variance: Array, x: Array, spread: Array | None = None) -> tuple[Array, Array]:
         """(K+1, q) the most probable harmonics of sources for unknowns x, and the standard deviations of their real and
