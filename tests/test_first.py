@@ -237,8 +237,8 @@ def test_a_network_by_another_generator() -> None:
 
 
 def test_a_side_branch_that_no_path_states() -> None:
-    """Human, a carotid pressure: a fork leaves 0.52 and 0.77 mmHg rms, less than 0.55 of what one path to it does, and is
-    taken; with the path stated, that is."""
+    """Human, a carotid pressure: a fork leaves 0.52 and 0.77 mmHg rms, less than 0.55 of what one path to it does, and
+    is taken; with the path stated, that is."""
     sides = human(("AsA.P", "LC.P"))
     forked, path = first_model(sides), first_model(sides, paths=("AsA,LC",))
     assert [(j.inflow, j.outflow) for j in forked.network.junctions] == [(("AsA",), ("AsA_side", "LC"))]
