@@ -29,7 +29,7 @@ from ..records.channels.spectral import coefficients, resample
 from . import shares
 from .shares import forks
 from .stretches import Stretch
-from .tubes import TAPER, TAPER_ERROR, depths, keyed, narrowed
+from .tubes import TAPER, TAPER_ERROR, TAPERED, depths, keyed, narrowed
 from .waves import FEET, heard, late
 
 Array = np.ndarray
@@ -107,7 +107,7 @@ class _Problem:
         nominal = network.parameters()
         kinds = {name: name.rpartition(".")[2] for name in nominal}
         own = [[name] for name, kind in kinds.items() if kind == "L" and not known]
-        common = [[n for n, k in kinds.items() if k == kind] for kind in (*_PRIORS, "taper") if kind != "L"]
+        common = [[n for n, k in kinds.items() if k == kind] for kind in (*_PRIORS, TAPERED) if kind != "L"]
         self.groups = [group for group in own + common if group]
         self.network, self.nominal, self.beats = network, nominal, beats
         self.known, self.tubes, self.depth = known, tubes, depths(tubes)
@@ -145,8 +145,8 @@ class _Problem:
         for i, group in enumerate(self.groups):
             for name in group:
                 value, (owner, _, kind) = self.nominal[name], name.rpartition(".")
-                found[name] = value + X[..., i] if kind == "taper" else value * np.exp(X[..., i])
-                if kind == "taper":
+                found[name] = value + X[..., i] if kind == TAPERED else value * np.exp(X[..., i])
+                if kind == TAPERED:
                     wider = narrowed(found[name], self.depth[owner]) / narrowed(value, self.depth[owner])
                     found |= {f"{owner}.{key}": self.nominal[f"{owner}.{key}"] * wider for key in ("R0", "h")}
         for tube, r in self.ratios(X).items() if self.forks else ():

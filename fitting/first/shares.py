@@ -16,11 +16,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .stretches import Stretch
+from .tubes import keyed
 
 Array = np.ndarray
 
 SPREAD, FARTHEST = 1.0, 3.0  # standard deviation and range of u: judgement; a half becomes 0.05 to 0.95
-POWERS = {"R0": 0.5, "h": 0.5, "outlet.R1": -1.0, "outlet.C": 1.0, "outlet.R2": -1.0}  # of r, by key
+_OF_WALLS, _OF_ENDS = keyed(R0=0.5, h=0.5), keyed(R1=-1.0, C=1.0, R2=-1.0)
+POWERS = _OF_WALLS | {f"outlet.{key}": power for key, power in _OF_ENDS.items()}  # of r, by key
 
 
 def forks(tubes: Sequence[Stretch]) -> list[tuple[Stretch, ...]]:

@@ -11,7 +11,7 @@ from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 
 from ..inference.prior import Calibrated, along
 from .text import REFERENCE
-from .tubes import TAPER_ERROR, keyed
+from .tubes import TAPER_ERROR, TAPERED, keyed
 
 # standard deviations of the logarithms, whatever fits the mean beat best: judgement. They are wider than those between
 # the walls of one species, since lengths and viscosities are not measured at all
@@ -27,7 +27,7 @@ def spread(network: Network) -> Calibrated:
     """The unknowns of a first model: lengths, walls, tapers and Windkessels, independent of each other."""
     known = network.parameters()
     scales = {name: sd for name, x in known.items() if (sd := _SPREAD.get(name.rpartition(".")[2])) and x > 0.0}
-    shifts = {name: TAPER_ERROR for name in known if name.endswith(".taper")}
+    shifts = {name: TAPER_ERROR for name in known if name.rpartition(".")[2] == TAPERED}
     coordinates = [
         Coordinate(name, kind, ((name, 1.0),), -np.inf, np.inf)
         for kind, names in ((SCALE, scales), (SHIFT, shifts))

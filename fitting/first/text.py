@@ -16,7 +16,7 @@ from solver.quantities.units import INFLOW, display_factor, display_units, reada
 
 from .estimates import Found
 from .fitted import of_owner
-from .tubes import Tube
+from .tubes import TAPERED, Tube
 
 Array = np.ndarray
 
@@ -120,8 +120,8 @@ def _segment(tube: Tube, factor: Mapping[str, float]) -> list[str]:
         E=(tube.E, "from c, R0 and h; the recording determines only E h"),
         phi0=(tube.phi0, "a typical fraction of E"),
     )
-    taper = f"taper = {tube.taper:.3g}  # of R0 over the length, typical of arteries"
-    taper += f", × {fit['taper']:.2g} by the fit" if "taper" in fit else ""
+    taper = f"{TAPERED} = {tube.taper:.3g}  # of R0 over the length, typical of arteries"
+    taper += f", × {fit[TAPERED]:.2g} by the fit" if TAPERED in fit else ""
     return ["", f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long", *numbers, taper]
 
 

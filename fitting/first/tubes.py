@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from solver.laws.effects import Taper
 from solver.laws.outlets import Windkessel
 from solver.network.description import Fluid
 
@@ -23,6 +24,7 @@ Array = np.ndarray
 # s, and its standard deviation: radii of the bundled aortas fall by 0.14 (sheep, AA to DD) to 0.75 (human, to its
 # bifurcation) of their mean, and a tube of a laboratory by nothing
 TAPER, TAPER_ERROR = -0.4, 0.3
+TAPERED = Taper.at_ends["R0"]  # the key of s
 KEYS = tuple(Windkessel.__annotations__)[:3]  # of what windkessel() gives
 _ETA = 0.5  # of a network file without eta
 _PROXIMAL = 0.5  # of the resistance of an end: upper limit of R1
