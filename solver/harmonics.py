@@ -48,7 +48,8 @@ def beat_harmonics(
     compiled engine (:mod:`~solver.periodic.native_balance`), which agrees to 1e-9 of the largest harmonic of its kind;
     "auto", the engine if it is available and supports the network. near : (B,) the member at whose beat the corrections
     of each one start, its own index for the steady state; the difference between two such beats of similar parameters
-    is accurate to a few thousandths of itself; it is NaN if the other is. With leaks every beat starts by itself.
+    is accurate to a few thousandths of itself; it is NaN if the other is. With leaks every beat starts by itself, and
+    so does one that is not found from the other.
     lengths : (n_segments,) [m] by which segments are cut into elements, so that the beats are smooth in parameters L;
     default: the longest of the B. An inflow with a method ``harmonics`` (:meth:`.Drives.harmonics`) is not sampled.
     Other arguments as there.
@@ -128,6 +129,9 @@ class _Beats:
             return X
         begun = kept.members(np.searchsorted(first, near[others]))
         X[others], _ = replace(self, asked=self.asked._replace(of_first=_OF_FIRST)).of(others, begun)
+        lost = others[np.isnan(X[others]).any(axis=(1, 2))]
+        if len(lost):  # the first corrections of a small difference may grow, where those from rest fall
+            X[lost], _ = self.of(lost)
         X[np.isnan(X[near]).any(axis=(1, 2))] = np.nan  # the residual of a beat that is lost is none to share
         return X
 

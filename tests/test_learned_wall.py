@@ -147,6 +147,8 @@ def test_it_is_no_candidate_but_makes_laws(sheep: Network) -> None:
     assert everywhere.ratio == "E" and len(everywhere.moves) == len(sheep.segments)
     held = LAW.valid(np.array([0.02, 0.10]), np.array([-1.0, 0.4]))
     assert held == pytest.approx({"learned_low": 0.0, "learned_span": 0.12, "learned_rate": 1.25})
+    far = LAW.valid(np.array([-0.85, 0.15]), np.array([-1.0, 0.4]))  # no strain is lower than a wall's may be
+    assert (far["learned_low"], far["learned_span"]) == pytest.approx((-0.9, 0.9 + 0.15 + 0.25))
     assert all(("u = " in LAW.formula((key,))) == (key in ("learned_rise", "learned_fall")) for key in LAW.library)
     with pytest.raises(InputError, match="does not support the effect learned_wall"):
         simulate(LAW.add(sheep, "CA", EVERY), duration=0.01, scheme="muscl")

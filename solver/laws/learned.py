@@ -64,7 +64,8 @@ class LearnedWall(Effect):
         low, high = float(strain.min()), float(strain.max())
         more = _BEYOND * (high - low)
         most = (1.0 + _BEYOND) * float(np.abs(rate).max())
-        return {"learned_low": low - more, "learned_span": high - low + 2.0 * more, "learned_rate": most}
+        low = max(low - more, self.terms["learned_low"].low)  # a model far off may nearly collapse
+        return {"learned_low": low, "learned_span": high + more - low, "learned_rate": most}
 
     def formula(self, keys: Sequence[str]) -> str:
         each = {
