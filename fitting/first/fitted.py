@@ -29,7 +29,7 @@ from ..records.channels.spectral import coefficients, resample
 from . import shares
 from .shares import forks
 from .stretches import Stretch
-from .tubes import TAPER, TAPER_ERROR, TAPERED, depths, keyed, narrowed
+from .tubes import KEYS, TAPER, TAPER_ERROR, TAPERED, keyed, narrowed, on_the_way, rest_of
 from .waves import FEET, heard, late
 
 Array = np.ndarray
@@ -110,8 +110,12 @@ class _Problem:
         common = [[n for n, k in kinds.items() if k == kind] for kind in (*_PRIORS, TAPERED) if kind != "L"]
         self.groups = [group for group in own + common if group]
         self.network, self.nominal, self.beats = network, nominal, beats
-        self.known, self.tubes, self.depth = known, tubes, depths(tubes)
+        self.known, self.tubes, self.shape = known, tubes, list(narrowed(tubes, TAPER).values())
+        self.tapers = [name for name, kind in kinds.items() if kind == TAPERED]
         self.forks = len(forks(tubes))
+        way = self.way({}, {tube.name: np.ones(()) for tube in tubes})
+        ends = [tube.name for tube in tubes if tube.end]
+        self.whole = {end: way[end] + sum(nominal[f"{end}.outlet.{key}"] for key in (KEYS[0], KEYS[2])) for end in ends}
         priors = [_prior(kinds[group[0]], nominal[group[0]]) for group in self.groups]
         priors += [(shares.SPREAD, -shares.FARTHEST, shares.FARTHEST)] * self.forks
         self.spread, self.low, self.high = np.array(priors).T
@@ -139,21 +143,32 @@ class _Problem:
         return float(np.sqrt(2.0 * np.sum(np.abs(self.X[name][1:]) ** 2)))
 
     def values(self, X: Array) -> dict[str, Array]:
-        """The parameters at points X : (…, p). With another taper the radius at the root and the wave speed in the
-        middle of each tube remain, with another share the wave speed."""
-        found: dict[str, Array] = {}
+        """The parameters at points X : (…, p). With another taper the radius of the root and the wave speed at the
+        middle of each tube remain, with another share the wave speed. The factor of R2 is that of the whole resistance
+        of an end, so that the flow is shared as it should."""
+        nominal, r, s = self.nominal, self.ratios(X), X[..., 0] * 0.0 + TAPER
+        found = dict[str, Array]()
         for i, group in enumerate(self.groups):
-            for name in group:
-                value, (owner, _, kind) = self.nominal[name], name.rpartition(".")
-                found[name] = value + X[..., i] if kind == TAPERED else value * np.exp(X[..., i])
-                if kind == TAPERED:
-                    wider = narrowed(found[name], self.depth[owner]) / narrowed(value, self.depth[owner])
-                    found |= {f"{owner}.{key}": self.nominal[f"{owner}.{key}"] * wider for key in ("R0", "h")}
-        for tube, r in self.ratios(X).items() if self.forks else ():
-            for name, power in ((f"{tube}.{key}", power) for key, power in shares.POWERS.items()):
-                if name in self.nominal:
-                    found[name] = found.get(name, self.nominal[name]) * r**power
+            s = s + X[..., i] if group == self.tapers else s
+            found |= {name: nominal[name] * np.exp(X[..., i]) for name in group if group != self.tapers}
+        for (tube, (taper, R0)), (_, before) in zip(narrowed(self.tubes, s).items(), self.shape, strict=True):
+            found[f"{tube}.{TAPERED}"] = taper
+            wider = R0 / before * np.sqrt(r[tube])
+            found |= {name: nominal[name] * wider for name in (f"{tube}.R0", f"{tube}.h")}
+        way = self.way(found, r)
+        for tube, whole in self.whole.items():
+            R1, C, R2 = (f"{tube}.outlet.{key}" for key in KEYS)
+            found[R1], found[C] = found[R1] / r[tube], found[C] * r[tube]
+            found[R2] = rest_of(whole * found[R2] / nominal[R2] / r[tube], found[R1], way[tube])
         return found
+
+    def way(self, values: Mapping[str, Array], r: Mapping[str, Array]) -> Mapping[str, Array]:
+        """The resistance of the way to the end of each tube."""
+        every = self.nominal | dict(values)
+        of: dict[str, dict[str, Array]] = {
+            t.name: {key: np.asarray(every[f"{t.name}.{key}"]) for key in ("L", "R0", TAPERED)} for t in self.tubes
+        }
+        return on_the_way(self.tubes, {t.name: of[t.name] | {"share": t.share * r[t.name]} for t in self.tubes})
 
     def ratios(self, X: Array) -> Mapping[str, Array]:
         """Of the shares of the flow to the estimates, by tube."""
@@ -192,9 +207,8 @@ class _Problem:
         unit = np.append(np.ones(len(self.spread)), T)  # of x: the lag in periods
         low, high = np.append(self.low, (late - error) / T), np.append(self.high, (late + error) / T)
 
-        about: dict[
-            bytes, Array
-        ] = {}  # the last point with its neighbours: one batch takes little longer than the point
+        # the last point with its neighbours: one batch takes little longer than the point
+        about = dict[bytes, Array]()
 
         def near(x: Array) -> Array:
             if x.tobytes() not in about:

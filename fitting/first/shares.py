@@ -5,8 +5,8 @@ Where a tube forks, the first branch takes the part
     f' = f e^u/(1 - f + f e^u)
 
 of the flow for an estimate f, and the others share the rest in the same ratio as before. A tube with r times the flow
-has √r times the radius and thickness, so that its impedance is 1/r of what it was, and its Windkessel has R1/r, R2/r
-and r C.
+has √r times the radius and thickness, so that its impedance is 1/r of what it was, and its Windkessel has R1/r, r C and
+1/r of the resistance.
 """
 
 from __future__ import annotations
@@ -16,13 +16,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .stretches import Stretch
-from .tubes import keyed
 
 Array = np.ndarray
 
 SPREAD, FARTHEST = 1.0, 3.0  # standard deviation and range of u: judgement; a half becomes 0.05 to 0.95
-_OF_WALLS, _OF_ENDS = keyed(R0=0.5, h=0.5), keyed(R1=-1.0, C=1.0, R2=-1.0)
-POWERS = _OF_WALLS | {f"outlet.{key}": power for key, power in _OF_ENDS.items()}  # of r, by key
 
 
 def forks(tubes: Sequence[Stretch]) -> list[tuple[Stretch, ...]]:

@@ -27,7 +27,8 @@ def spread(network: Network) -> Calibrated:
     """The unknowns of a first model: lengths, walls, tapers and Windkessels, independent of each other."""
     known = network.parameters()
     scales = {name: sd for name, x in known.items() if (sd := _SPREAD.get(name.rpartition(".")[2])) and x > 0.0}
-    shifts = {name: TAPER_ERROR for name in known if name.rpartition(".")[2] == TAPERED}
+    tapered = {s.name: s.L for s in network.segments if TAPERED in s.terms}
+    shifts = {f"{name}.{TAPERED}": TAPER_ERROR * L / max(tapered.values()) for name, L in tapered.items()}
     coordinates = [
         Coordinate(name, kind, ((name, 1.0),), -np.inf, np.inf)
         for kind, names in ((SCALE, scales), (SHIFT, shifts))

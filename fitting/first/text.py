@@ -120,8 +120,8 @@ def _segment(tube: Tube, factor: Mapping[str, float]) -> list[str]:
         E=(tube.E, "from c, R0 and h; the recording determines only E h"),
         phi0=(tube.phi0, "a typical fraction of E"),
     )
-    taper = f"{TAPERED} = {tube.taper:.3g}  # of R0 over the length, typical of arteries"
-    taper += f", × {fit[TAPERED]:.2g} by the fit" if TAPERED in fit else ""
+    by_fit = ", by the fit" if TAPERED in fit else ""
+    taper = f"{TAPERED} = {round(tube.taper, 4) + 0.0:g}  # of R0 over the length, typical of arteries{by_fit}"
     return ["", f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long", *numbers, taper]
 
 

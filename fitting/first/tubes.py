@@ -1,12 +1,12 @@
 """Walls of the stretches of a first model, and the Windkessels at their ends.
 
-Arteries narrow on their way: R0(x) = R0 (1 + s (x/L - 1/2)) with s = TAPER. With h and E constant, c ∝ R^(-1/2) and
-Z ∝ R^(-5/2) along a tube.
+Arteries narrow on their way: R0(x) = R0 (1 + s (x/L - 1/2)), with s = TAPER for the whole way to the farthest site.
+With h and E constant, c ∝ R^(-1/2) and Z ∝ R^(-5/2) along a tube.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,8 +21,8 @@ from .stretches import Stretch
 
 Array = np.ndarray
 
-# s, and its standard deviation: radii of the bundled aortas fall by 0.14 (sheep, AA to DD) to 0.75 (human, to its
-# bifurcation) of their mean, and a tube of a laboratory by nothing
+# s of a whole way, and its standard deviation: radii of the bundled aortas fall by 0.14 (sheep, AA to DD) to 0.75
+# (human, to its bifurcation) of their mean, and a tube of a laboratory by nothing
 TAPER, TAPER_ERROR = -0.4, 0.3
 TAPERED = Taper.at_ends["R0"]  # the key of s
 KEYS = tuple(Windkessel.__annotations__)[:3]  # of what windkessel() gives
@@ -47,7 +47,7 @@ class Tube:
     E: float
     phi0: float
     Z: float
-    taper: float = TAPER
+    taper: float
 
     @property
     def R_end(self) -> float:
@@ -60,15 +60,42 @@ class Tube:
         return self.Z * (self.R0 / self.R_end) ** 2.5
 
 
-def narrowed(s: Array | float, depth: int) -> Array:
-    """R0 of a tube with a taper s over the radius of the root, for all of the flow; depth : tubes before it.
+def narrowed(stretches: Sequence[Stretch], s: Array | float) -> dict[str, tuple[Array, Array]]:
+    """The taper of each tube and its R0 over the radius of the root, for all of the flow, if the way to the farthest
+    site narrows by s.
 
-    Impedances match at junctions, Z ∝ c/A: tubes begin with the area of the end of the one before them, in proportion
-    to the flow and to the wave speed there. With q = (1 + s/2)/(1 - s/2), the ratio of its radii, each multiplies R0
-    by q^(5/4).
+    A tube narrows by its part of the time of that way. Impedances match at junctions, Z ∝ c/A, so that a tube b behind
+    a tube a has R0_b/R0_a = ((1 + s_a/2)/(1 - s_b/2))^(5/4) with all of the flow.
     """
-    start, end = 1.0 - 0.5 * s, 1.0 + 0.5 * s
-    return np.asarray((end / start) ** (1.25 * depth) / start)
+    until = {"": 0.0}
+    for each in stretches:
+        until[each.name] = until[each.parent] + each.time
+    found: dict[str, tuple[Array, Array]] = {}
+    for each in stretches:
+        taper = np.asarray(s * each.time / max(until.values()))
+        start = 1.0 - 0.5 * taper
+        if each.parent:
+            before, R0 = found[each.parent]
+            found[each.name] = taper, R0 * ((1.0 + 0.5 * before) / start) ** 1.25
+        else:
+            found[each.name] = taper, 1.0 / start
+    return found
+
+
+def on_the_way(stretches: Sequence[Stretch], values: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
+    """The resistance of the way to the end of each tube for the flow there, by friction along it, with C_f = friction π
+    ν: in a tube ρ C_f L/A² at its middle times the mean of (R0/R)⁴, (1 + a²/3)/(1 - a²)³ for a = s/2. A way also
+    carries the flow of other tubes. values : L, R0 and taper of each tube, and the share of the flow.
+    """
+    fluid, found = Fluid(), dict[str, Array]()
+    for each in stretches:
+        L, R0, taper, share = (values[each.name][key] for key in ("L", "R0", TAPERED, "share"))
+        a2 = 0.25 * taper**2
+        own = fluid.rho * fluid.friction * np.pi * fluid.nu * L / (np.pi * R0**2) ** 2
+        own = own * (1.0 + a2 / 3.0) / (1.0 - a2) ** 3
+        before = found[each.parent] * values[each.parent]["share"] if each.parent else 0.0
+        found[each.name] = own + before / share
+    return found
 
 
 def mean_speed(start: float) -> float:
@@ -76,38 +103,33 @@ def mean_speed(start: float) -> float:
     return start * (1.0 - 0.5 * TAPER) ** 0.5
 
 
-def depths(stretches: Sequence[Stretch]) -> dict[str, int]:
-    """How many tubes are before each."""
-    found: dict[str, int] = {"": -1}
-    for each in stretches:
-        found[each.name] = found[each.parent] + 1
-    return found
-
-
 def made(stretches: Sequence[Stretch], c: float, area: float, usual: Typical) -> list[Tube]:
     """The tubes, with the wave speed c [m/s] at their middles and the area [m²] at the root, for all of the flow:
     Z = ρ c/(π R0²), and c² = E h/(2 ρ (1 - η²) R0)."""
-    rho, depth, found = Fluid().rho, depths(stretches), []
+    rho, found = Fluid().rho, list[Tube]()
+    shape = narrowed(stretches, TAPER)
     for each in stretches:
-        R0 = float(np.sqrt(area * each.share / np.pi) * narrowed(TAPER, depth[each.name]))
+        taper, factor = map(float, shape[each.name])
+        R0 = float(np.sqrt(area * each.share / np.pi)) * factor
         E = 2.0 * rho * c**2 * (1.0 - _ETA**2) / usual.h_R
         Z = rho * c / (np.pi * R0**2)
-        found.append(Tube(each, c * each.time, R0, usual.h_R * R0, E, usual.relaxation * E, Z))
+        found.append(Tube(each, c * each.time, R0, usual.h_R * R0, E, usual.relaxation * E, Z, taper))
     return found
 
 
 def windkessel(end: Tube, tubes: Sequence[Tube], R: float, C: float) -> tuple[float, float, float]:
     """R1 [Pa·s/m³], C [m³/Pa] and R2 at the end of a tube, for a network of resistance R with C at all ends together.
 
-    Including the friction along its path, ρ C_f L/A² of each tube with C_f = friction π ν, a share s has the resistance
-    R/s.
+    Including the friction on the way, a share s has the resistance R/s.
     """
-    fluid, share, by_name = Fluid(), end.stretch.share, {each.stretch.name: each for each in tubes}
-    way, at = 0.0, end.stretch.name
-    while at:
-        tube = by_name[at]
-        friction = fluid.rho * fluid.friction * np.pi * fluid.nu * tube.L / (np.pi * tube.R0**2) ** 2
-        way += friction * tube.stretch.share / share  # it also carries the flow of other tubes
-        at = tube.stretch.parent
+    share = end.stretch.share
+    values = {t.stretch.name: {**keyed(L=t.L, R0=t.R0, share=t.stretch.share), TAPERED: np.asarray(t.taper)}
+              for t in tubes}  # fmt: skip
+    way = float(on_the_way([t.stretch for t in tubes], values)[end.stretch.name])
     R1 = min(end.Z_end, _PROXIMAL * R / share)
-    return R1, C * share, float(max(R / share - R1 - way, _LEAST * R / share))
+    return R1, C * share, float(rest_of(R / share, R1, way))
+
+
+def rest_of(whole: Array | float, R1: Array | float, way: Array | float) -> Array:
+    """R2 of an end whose whole resistance includes R1 and that of the way."""
+    return np.maximum(whole - R1 - way, _LEAST * np.asarray(whole))
