@@ -133,6 +133,12 @@ def test_a_killed_run_goes_on(tmp_path: Path, made: list[int]) -> None:
     assert [x["index"] for x in bank.read(path)] == list(range(6))
 
 
+def test_a_run_may_begin_later(tmp_path: Path, made: list[int]) -> None:
+    """Records before ``first`` are left out, those up to ``limit`` judged."""
+    bank.Bank(tmp_path / "bench.jsonl", "bench", 11, "abc").run(6, 1, first=4)
+    assert made == [4, 5]
+
+
 def test_foreign_lines_are_refused(tmp_path: Path, made: list[int]) -> None:
     """Another seed is another bank; other sources are, too, unless that is wanted."""
     path = tmp_path / "bench.jsonl"
