@@ -83,6 +83,7 @@ def run(
     mixed: Annotated[bool, typer.Option("--mixed", help="Keep records that other sources have judged.")] = False,
     nulls: Annotated[bool, typer.Option("--nulls", help="Only records that hide nothing: cheap false alarms.")] = False,
     least: Annotated[float, typer.Option(min=0.0, help="Only records whose effects all have this d' or more.")] = 0.0,
+    first: Annotated[int, typer.Option(min=0, help="Index of the plan to begin at, after records seen before.")] = 0,
     scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that does it, tcp://…:8786.")] = None,
 ) -> None:
     """Diagnose the records of the plan that are not yet in the file."""
@@ -93,7 +94,7 @@ def run(
     try:
         path = out or _path(kind.value, group.value, seed)
         bank = Bank(path, kind.value, seed, sources_hash(), group.value)
-        bank.run(limit, jobs, mixed, nulls, scheduler=scheduler, least=least)
+        bank.run(limit, jobs, mixed, nulls, scheduler=scheduler, least=least, first=first)
     except ValueError as error:
         raise SystemExit(str(error)) from None
     except KeyboardInterrupt:

@@ -17,8 +17,10 @@ from benchmarks.hidden import report as page
 from benchmarks.hidden import words as w
 from benchmarks.hidden.calibration import brier, calibration_error, diagram, error_bounds, error_by_chance, named
 from benchmarks.hidden.counts import Share
+from benchmarks.hidden.failures import failures
 from benchmarks.hidden.row import row
 from benchmarks.hidden.targets import Targets, median_bounds
+from benchmarks.hidden.words import NOT_JUDGED, NOT_MADE
 from fitting.records.read.record import Record
 from solver import load
 from solver.laws.outlets import Reflection
@@ -129,6 +131,12 @@ def test_a_killed_run_goes_on(tmp_path: Path, made: list[int]) -> None:
     assert made == [3, 4, 5]
     assert path.read_bytes() == once.path.read_bytes()
     assert [x["index"] for x in bank.read(path)] == list(range(6))
+
+
+def test_a_run_may_begin_later(tmp_path: Path, made: list[int]) -> None:
+    """Records before ``first`` are left out, those up to ``limit`` judged."""
+    bank.Bank(tmp_path / "bench.jsonl", "bench", 11, "abc").run(6, 1, first=4)
+    assert made == [4, 5]
 
 
 def test_foreign_lines_are_refused(tmp_path: Path, made: list[int]) -> None:
@@ -541,6 +549,16 @@ def test_outside_the_catalogue_of_all_sizes(group: str, kind: str) -> None:
         f"{kind}, outside the catalogue: one name or two, and not that more remains | ≤ 5 % | 50.0 % (1/2; 1.3–98.7) | "
         "**no** |\n| – of these d′ ≥ 30 | ≤ 5 % | 0.0 % (0/1; 0.0–97.5) | open |"
     ) in text
+
+
+def test_failures_are_of_judged_records() -> None:
+    """A record below the required d' is no failure; a pair that could not be generated has no d', only its error."""
+    small = _line(0, ("taper",), d_prime=8.0) | {"verdict": NOT_JUDGED}
+    lost = _line(1, ("taper", "stenosis")) | {"verdict": NOT_MADE, "error": "generator: no periodic flow"}
+    for effect in lost["effects"]:
+        del effect["d_prime"]
+    text = failures([small, lost, _line(2, ("taper",), ("stenosis",), "unknown", d_prime=8.0)], load("sheep"))
+    assert "not in the class: 1\n" in text and "errors: 1\n" in text and "bench 0" not in text
 
 
 def test_every_group_has_targets() -> None:

@@ -57,14 +57,14 @@ class Bank:
 
     def run(
         self, limit: int | None, jobs: int, mixed: bool = False, nulls: bool = False, console: Console | None = None,
-        scheduler: str | None = None, least: float = 0.0,
+        scheduler: str | None = None, least: float = 0.0, first: int = 0,
     ) -> None:  # fmt: skip
         """Judge the first ``limit`` records of the plan that are not yet in the file; nulls : of those without a
         hidden effect only. scheduler : of a cluster that does it (:mod:`fitting.parallel.tasks`). least : of d', below
-        which a record is not judged."""
+        which a record is not judged. first : index of the plan to begin at."""
         judged = {x["index"] for x in self.lines(mixed)}
         cases = whole(self.kind, self.group, self.seed)[:limit]
-        wanted = [i for i, case in enumerate(cases) if not (nulls and case.effects)]
+        wanted = [i for i, case in enumerate(cases) if i >= first and not (nulls and case.effects)]
         todo = [i for i in wanted if i not in judged]
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("a", encoding="utf-8") as file, _bar(console) as bar:

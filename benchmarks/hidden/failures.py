@@ -15,22 +15,22 @@ Line = dict[str, Any]
 
 def failures(lines: Sequence[Line], network: Network) -> str:
     """The failures: false alarms, wrong single names, visible and separable effects without the right name, errors."""
-    parts = []
-    singles = w.of(lines, "single")
+    parts, made = [], w.judged(lines)
+    singles = w.of(made, "single")
     chosen = {
-        "false alarms": [x for x in w.of(lines, "null") if w.detected(x)],
+        "false alarms": [x for x in w.of(made, "null") if w.detected(x)],
         "single and wrong": [x for x in singles if w.wrong(x)],
-        "d′ ≥ 6, not in the class": [x for x in w.of(lines, "single", 6.0) if not w.in_class(x) and not w.wrong(x)],
+        "d′ ≥ 6, not in the class": [x for x in w.of(made, "single", 6.0) if not w.in_class(x) and not w.wrong(x)],
         "separable, not on top": [
-            x for x in w.of(lines, "single", 12.0)
+            x for x in w.of(made, "single", 12.0)
             if w.separation(x) >= SEPARABLE and w.in_class(x) and not w.named_right(x)],
         "separable, right but not single": [
-            x for x in w.of(lines, "single", 12.0)
+            x for x in w.of(made, "single", 12.0)
             if w.separation(x) >= SEPARABLE and w.named_right(x) and not w.single(x)],
         "right name, wrong place": [
-            x for x in w.of(lines, "single", 30.0) if w.named_right(x) and not w.adjacent_place(x, network)],
-        "outside, named": [x for x in w.of(lines, "outside", 6.0) if w.committed(x)],
-        "pairs not both": [x for x in w.of(lines, "pair", 30.0) if not w.both_named(x)],
+            x for x in w.of(made, "single", 30.0) if w.named_right(x) and not w.adjacent_place(x, network)],
+        "outside, named": [x for x in w.of(made, "outside", 6.0) if w.committed(x)],
+        "pairs not both": [x for x in w.of(made, "pair", 30.0) if not w.both_named(x)],
         "errors": [x for x in lines if x.get("error")],
     }  # fmt: skip
     for title, own in chosen.items():
