@@ -31,6 +31,8 @@ from .individual_walls import implausible
 from .law_starts import TYPICAL, Base, Begun, along, fewest, nearest
 from .scoring import Compared, exact, names_of, promised, there
 
+_Key = tuple[str, str, float | None]  # of a place
+
 _ROUNDS = 3  # at most, of moves from the best hypothesis, while they find a better one
 
 
@@ -162,7 +164,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         raise InputError("the model as given cannot be simulated with this record")
     result = Compared.of(problem, none, {}, terms)
     yield result
-    result, ruled_out = yield from _of_the_map(problem, found, none, terms, runs)
+    result, lawless = yield from _of_the_map(problem, found, none, terms, runs)
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := replace(result, columns=columns))
     if result.none.explains:
@@ -175,7 +177,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         if left and result.best.fit.terms:
             result = result.at_minimum(runs)
             yield (result := result.joined_by(_refined(result, runs)).polished(runs))
-        if ruled_out and not result.best.explains:
+        if lawless and not result.best.explains and lawless & _needed(result):
             break
         # if one place accounts for all that acts, a law that explains only a part of it is the wrong one
         more = left and not (found.explains and len(found.places) == 1 and not result.best.explains)
@@ -190,9 +192,9 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
 
 def _of_the_map(
     problem: NetworkProblem, found: SourceMap, none: Sequence[Fit], terms: tuple[Term, ...], runs: Runs
-) -> Generator[Compared, None, tuple[Compared, bool]]:
-    """The comparison after every stage with the laws that act at the places of the map. Returns the last one, and
-    whether it rules out that laws of the catalogue explain the record.
+) -> Generator[Compared, None, tuple[Compared, set[_Key]]]:
+    """The comparison after every stage with the laws that act at the places of the map. Returns the last one, and the
+    places that rule out that laws of the catalogue explain the record.
 
     A law is one course of the free source at its place, so the map bounds what laws can explain: if it leaves only
     noise, and needs a source at each of its places, two laws explain the record only if one of them explains it in the
@@ -200,6 +202,10 @@ def _of_the_map(
     the free source of the place where the other one acts. A place rules this out only if its laws leave more than noise
     even with the model error of the first fit: what is less may have more evidence as a law of another place, which has
     fewer numbers than a free source there. One place alone does not, as every other law is then cheaply compared.
+
+    The sources of the other places have the courses of the map. Where several of them imitate one strong law, neither
+    it nor a law at another place explains the record beside them. So a place counts only while the best hypothesis,
+    too, needs a source there (:func:`_needed`).
     """
     laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
     fits = [*none, *single(problem, found, laws, runs)]
@@ -210,16 +216,25 @@ def _of_the_map(
         yield (result := exact(problem, fits, {}, terms, runs))
     lawful = [i for i, some in enumerate(own) if _explains(some)]
     if result.best.explains or len(lawful) == len(laws):
-        return result, False
+        return result, set()
     everywhere = [t for t in result.sought if t.place == ALL_PLACES]
     fits += single(problem, found, [everywhere], runs)
     yield (result := exact(problem, fits, {}, terms, runs))
     if result.best.explains:
-        return result, False
+        return result, set()
     wide = [_beside(problem, found, [i], everywhere, runs) for i in lawful]
     fits += together(problem, found, [(own[i], some) for i, some in zip(lawful, wide, strict=True)], runs)
     yield (result := exact(problem, fits, {}, terms, runs))
-    return result, found.explains and not all(own) and not any(_explains(some) for some in wide)
+    if not found.explains or any(_explains(some) for some in wide):
+        return result, set()
+    return result, {place.key for place, some in zip(found.places, own, strict=False) if not some}
+
+
+def _needed(result: Compared) -> set[_Key]:
+    """The places where free sources beside the best hypothesis gain evidence."""
+    assert isinstance(result.problem, NetworkProblem)
+    beside = found_beside(result.problem, result.best.fit)
+    return {place.key for place in beside.places} if beside else set()
 
 
 def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) -> Compared:
