@@ -87,16 +87,16 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Te
 
 
 def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
-    """For every place, the laws that may explain the record beside the free sources of the other places, refitted with
-    these sources; lowest cost first."""
+    """For every place, the laws that may explain the record beside the sources of the other places (their courses are
+    those of the map), refitted; lowest cost first."""
     return [_beside(problem, found, _others(found, i), some, runs) for i, some in enumerate(laws)]
 
 
 def _beside(
     problem: NetworkProblem, found: SourceMap, others: Sequence[int], laws: Sequence[Term], runs: Runs
 ) -> list[Fit]:
-    """The laws that may explain the record beside the free sources of other places of the map, refitted with these
-    sources; lowest cost first."""
+    """The laws that may explain the record beside the sources of other places (their courses are those of the map),
+    refitted; lowest cost first."""
     beside, walls = found.forced(problem, others), found.standing_out(others)
     few = [[(b.term, b.x)] for b in fewest(nearest(beside, base(beside, walls), laws, runs))]
     fits = refitted(beside, walls, few, runs, explaining=True)
