@@ -193,8 +193,7 @@ def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap 
 
     The FMU with the effects must run. χ² of held-out beats must fall by more than chance over all recordings together
     and in each in which the effect has a d' of 12 (it then falls in 96 %), and rise by more than chance in none;
-    likewise over those held out whole: a gap of noise alone is then no reason against it. A partial effect must close
-    most of the gap. A verdict ``none`` becomes unknown
+    likewise over those held out whole. A partial effect must close most of the gap. A verdict ``none`` becomes unknown
     if the model explains the record only with implausible parameters. each : results per recording. before, after :
     over all fitted ones.
     """
@@ -210,8 +209,7 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         return _without(naming, "unknown", f"the model fits the record, but this cannot be judged: {failed}")
     if not naming.adds and naming.verdict != "unknown":
         return naming
-    why = "" if after is None else _unsupported(each)
-    if left <= at.NO_GAP and (after is None or why):
+    if left <= at.NO_GAP:
         found = f"{best} was found but not named" if after else "no effect was named"
         reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
         return _without(naming, "none", reason)
@@ -220,18 +218,13 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         return _without(naming, "unknown", f"{nearest}: {failed}")
     if after is None:
         return naming
+    why = not_fallen([r for r in each if r.fitted], len(each) > 1) or not_fallen([r for r in each if not r.fitted])
     if not why and naming.verdict == "partial" and after.total[1] > (1.0 - at.PART_CLOSED) * left:
         why = "most of it remains" + _closed_above(before, after)
     if why:
         nearest = f"{best} comes nearest, but with it the gap of the FMU to held-out beats {changed(before, after)}"
         return _without(naming, "unknown", f"{nearest}: {why}")
     return naming
-
-
-def _unsupported(each: Sequence[Recorded]) -> str:
-    """The reason why the fitted recordings, or those held out whole, do not support a name; "" if all do."""
-    fitted, unseen = ([r for r in each if r.fitted is kept] for kept in (True, False))
-    return not_fallen(fitted, len(each) > 1) or not_fallen(unseen)
 
 
 def _closed_above(before: Gap, after: Gap) -> str:
