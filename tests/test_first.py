@@ -334,7 +334,7 @@ def test_what_a_study_of_it_leaves_free() -> None:
     effects = {
         free: {t.effect for t in candidates(network, ("Ao.P",), free=free)} for free in (frozenset(), prior.free)
     }
-    assert effects[frozenset()] - effects[prior.free] == {"taper", "wall_viscosity"}
+    assert effects[frozenset()] - effects[prior.free] == {"taper", "wall_viscosity", "external_pressure"}
 
 
 def test_species() -> None:

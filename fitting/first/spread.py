@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver.laws.effects import ExternalPressure
 from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 
@@ -35,4 +36,6 @@ def spread(network: Network) -> Calibrated:
         for name in names
     ]
     found = along(coordinates, np.diag(np.array([*scales.values(), *shifts.values()]) ** 2), network)
-    return replace(found, free=found.single)
+    # R0 and E are those of the mean pressure, and how the walls stiffen about it is not known: nor is another pressure
+    outside = {f"{s.name}.{key}" for s in network.segments for key in ExternalPressure.terms}
+    return replace(found, free=found.single | outside)
