@@ -25,6 +25,7 @@ from solver.network.description import Fluid, Network
 from solver.network.files import loads
 from solver.quantities.units import INFLOW, MMHG
 
+from ..records import thresholds as limit
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
@@ -42,7 +43,6 @@ VENOUS = 5.0 * MMHG  # as in the bundled network human
 _MOST = 0.85  # of the compliance: upper limit of the tubes
 _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c
 _DISTANCE = 0.1  # the same of a length that is given
-_FORKED = 0.5  # of what one path leaves, as χ²: a fork that leaves more is not taken
 _USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
 _FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
 _SAMPLES = 200  # a beat, of the comparison
@@ -131,7 +131,7 @@ def first_model(
     (plain, fit), *forked = (
         of_layout(tubes) for tubes in layouts(beats, root, upstream, times, echo.value / 2.0, area, bool(paths))
     )
-    parts = next((other for other, its in forked if its.cost < _FORKED * fit.cost), plain)
+    parts = next((other for other, its in forked if its.cost < limit.FORKED * fit.cost), plain)
     return parts.model(beats)[1]
 
 
