@@ -111,8 +111,9 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     site = np.array([[s.name for s in network.segments].index(s.segment) for s in network.sites], int)
     position = np.array([s.position for s in network.sites])
     # flows are expressed in Pa, as Z_ref Q, so that all unknowns and equations have one scale
-    A = c.wall.area(c.P_0)
-    Z_ref = np.sqrt(c.wall.rho * c.wall.stiffness(A) / A)[:, :1, None]
+    with np.errstate(invalid="ignore"):  # an unstable wall is refused with the others
+        A = c.wall.area(c.P_0)
+        Z_ref = np.sqrt(c.wall.rho * c.wall.stiffness(A) / A)[:, :1, None]
     segment = np.concatenate([np.arange(n), np.arange(n), site])
     way = _way(network, c, segment, np.concatenate([np.zeros(n), np.ones(n), position]), omega, Z_ref)
     conditions = _conditions(network, c, nodes, np.broadcast_arrays(*map(np.atleast_2d, given)), omega, Z_ref)
@@ -236,9 +237,12 @@ def _way(network: Network, c: Coefficients, segment: Array, x: Array, omega: Arr
 
     times e^{-γL/2} with γ of the middle, so that nothing overflows however large γL is.
     """
-    pieces = _PIECES if np.any(_varying(c)) else 1
+    n, pieces = c.L.shape[1], _PIECES if np.any(_varying(c)) else 1
     each = (np.arange(pieces) + 0.5) / pieces
-    Z, Y = _line(network, c, np.repeat(segment, pieces), (0.5 + np.outer(x - 0.5, each)).ravel(), omega)
+    at = np.concatenate([(0.5 + np.outer(x - 0.5, each)).ravel(), np.full(n, 0.5)])
+    Z, Y = _line(network, c, np.concatenate([np.repeat(segment, pieces), np.arange(n)]), at, omega)
+    half = (np.sqrt(Z * Y)[..., -n:] * 0.5 * c.L[:, None])[..., segment]  # γL/2
+    Z, Y = Z[..., :-n], Y[..., :-n]
     d = (c.L[:, segment] * (x - 0.5) / pieces)[:, None]
     whole = np.zeros(1)
     found = np.array([[1.0, 0.0], [0.0, 1.0]])[..., None, None, None]
@@ -248,9 +252,7 @@ def _way(network: Network, c: Coefficients, segment: Array, x: Array, omega: Arr
         even, odd = _modes(gamma, d)
         whole = whole + gamma * np.abs(d)
         found = np.stack([even * found[0] - z * odd * found[1], even * found[1] - y * odd * found[0]])
-    n = c.L.shape[1]
-    Z, Y = _line(network, c, np.arange(n), np.full(n, 0.5), omega)
-    return np.asarray(found * np.exp(whole - (np.sqrt(Z * Y) * 0.5 * c.L[:, None])[..., segment]))
+    return np.asarray(found * np.exp(whole - half))
 
 
 def _compliance(wall: Wall, A: Array, omega: Array) -> Array:

@@ -237,14 +237,14 @@ def test_a_network_by_another_generator() -> None:
 
 
 def test_a_side_branch_that_no_path_states() -> None:
-    """Human, a carotid pressure: a fork leaves 0.52 and 0.77 mmHg rms, less than 0.55 of what one path to it does, and
+    """Human, a carotid pressure: a fork leaves 0.43 and 0.76 mmHg rms, 0.29 and 0.35 of what one path to it does, and
     is taken; with the path stated, that is."""
     sides = human(("AsA.P", "LC.P"))
     forked, path = first_model(sides), first_model(sides, paths=("AsA,LC",))
     assert [(j.inflow, j.outflow) for j in forked.network.junctions] == [(("AsA",), ("AsA_side", "LC"))]
     assert not path.network.junctions
     for one, other in zip(forked.shown, path.shown, strict=True):
-        assert one.rms < 0.55 * other.rms
+        assert one.rms < 0.4 * other.rms
     shares = [float(found) for found in re.findall(r"# (\d+)% of the flow", forked.text)]
     assert shares[0] == 100.0 and sum(shares[1:]) == pytest.approx(100.0, abs=1.0)
 

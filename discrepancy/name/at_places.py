@@ -31,14 +31,9 @@ from .individual_walls import implausible
 from .law_starts import TYPICAL, Base, Begun, along, fewest, nearest
 from .scoring import Compared, exact, names_of, promised, there
 
-_Key = tuple[str, str, float | None]  # of a place
-
 _ROUNDS = 3  # at most, of moves from the best hypothesis, while they find a better one
 
-
-def _others(found: SourceMap, i: int) -> list[int]:
-    """All places of the map except the i-th."""
-    return [j for j in range(len(found.signals)) if j != i]
+_Key = tuple[str, str, float | None]  # of a place
 
 
 def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
@@ -89,7 +84,8 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Te
 def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
     """For every place, the laws that may explain the record beside the sources of the other places (their courses are
     those of the map), refitted; lowest cost first."""
-    return [_beside(problem, found, _others(found, i), some, runs) for i, some in enumerate(laws)]
+    every = range(len(laws))
+    return [_beside(problem, found, [j for j in every if j != i], laws[i], runs) for i in every]
 
 
 def _beside(
@@ -185,8 +181,8 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := with_moves(result, runs, left, more, tried))
         if result.best.key == best:
             break
-        # from there on, beside the same laws, the same others promise the same
-        tried |= set() if left else {names_of(rest) for rest in rests}
+        if not left:  # from there on, beside the same laws, the same others promise the same
+            tried |= {names_of(rest) for rest in rests}
     yield result.at_minimum(runs)
 
 
