@@ -236,16 +236,17 @@ def test_a_network_by_another_generator() -> None:
     assert np.sqrt(np.mean((run["AsA.P"] - x) ** 2)) < 2.5 * MMHG
 
 
-def test_a_side_branch_that_no_path_states() -> None:
-    """Human, a carotid pressure: a fork leaves 0.43 and 0.76 mmHg rms, 0.29 and 0.35 of what one path to it does, and
-    is taken; with the path stated, that is."""
+def test_side_branches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Human, a carotid pressure: with a branch 0.33 and 0.56 mmHg rms are left, a quarter of what one path leaves."""
     sides = human(("AsA.P", "LC.P"))
-    forked, path = first_model(sides), first_model(sides, paths=("AsA,LC",))
-    assert [(j.inflow, j.outflow) for j in forked.network.junctions] == [(("AsA",), ("AsA_side", "LC"))]
+    branched = first_model(sides, paths=("AsA,LC",))
+    monkeypatch.setattr("fitting.first.model._BRANCHES", 0)
+    path = first_model(sides)
+    assert [(j.inflow, j.outflow) for j in branched.network.junctions] == [(("AsA",), ("LC", "AsA_side"))]
     assert not path.network.junctions
-    for one, other in zip(forked.shown, path.shown, strict=True):
-        assert one.rms < 0.4 * other.rms
-    shares = [float(found) for found in re.findall(r"# (\d+)% of the flow", forked.text)]
+    for one, other in zip(branched.shown, path.shown, strict=True):
+        assert one.rms < 0.3 * other.rms
+    shares = [float(found) for found in re.findall(r"# (\d+)% of the flow", branched.text)]
     assert shares[0] == 100.0 and sum(shares[1:]) == pytest.approx(100.0, abs=1.0)
 
 
@@ -296,13 +297,11 @@ def test_sites_behind_one_another_or_not() -> None:
     assert [(j.inflow, j.outflow) for j in row.network.junctions] == [(("CA",), ("FA",))]
     fork = first_model(beats(0.8, **channels), paths=("Ao,CA", "Ao,FA"))
     assert {o.segment for o in fork.network.outlets} == {"CA", "FA"}
-    areas = {s.name: s.R0**2 for s in fork.network.segments}
-    assert areas["CA"] / areas["Ao"] == pytest.approx(0.2, rel=1e-3)
-    assert areas["FA"] / areas["Ao"] == pytest.approx(0.8, rel=1e-3)
     side = first_model(beats(0.8, **channels))
     assert {o.segment for o in side.network.outlets} == {"FA", "Ao_side"}
-    flow = sum((row_.mean[1] for row_ in side.shown if row_.channel == "CA.Q"), 0.0)
-    assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=5e-4)
+    for model in (fork, side):
+        flow = next(each.mean[1] for each in model.shown if each.channel == "CA.Q")
+        assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=5e-4)
     for model in (row, fork, side):
         root = next(each for each in model.shown if each.channel == "Ao.P")
         assert root.mean[1] == pytest.approx(root.mean[0], rel=0.01)

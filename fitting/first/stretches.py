@@ -13,7 +13,7 @@ from solver.quantities.units import INFLOW
 from ..records.alignment.beats import Beats
 
 _SIDE = 0.05  # of the flow: a larger loss between two sites leaves through a side branch
-_HALF = 0.5  # of the flow, where nothing says how much goes to a site: a first estimate
+_ROOT = "root"  # name of the first tube of a record without a site at the root
 _TRUNK = 0.5  # of the first delay: the common part of vessels that fork at the root
 
 
@@ -63,39 +63,60 @@ def layouts(
     beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float,
     stated: bool,
 ) -> list[list[Stretch]]:  # fmt: skip
-    """Tubes that a record may have: as the paths say if they are stated; otherwise one path, or a fork at the end of a
-    trunk, with a branch for each site and, for one site, another."""
-    plain = stretches(beats, root, upstream, delays, alone, area)
-    own = dict.fromkeys(upstream, "")
-    if stated or not upstream or len(own) == 1 and not plain[-1].guessed:
-        return [plain]
-    return [plain, stretches(beats, root, own, delays, alone, area, forked=True)]
+    """Tubes that a record may have: as the paths say if they are stated; otherwise one path, or for several sites a
+    fork at the end of a trunk, with a branch for each."""
+    ways = [upstream] if stated or len(upstream) < 2 else [upstream, dict.fromkeys(upstream, "")]
+    return [stretches(beats, root, way, delays, alone, area) for way in ways]
+
+
+def branched(tubes: Sequence[Stretch], root: str) -> list[Stretch]:
+    """The tubes with another side branch on the longest way to a site, in the middle of its last tube, for half of the
+    flow there; none if a measurement says that flow. The end of a single tube without a site is ``<root>_end``."""
+    until = arrivals(tubes)
+    ends = [each for each in tubes if each.end and each.site] or tubes
+    last = max(ends, key=lambda each: until[each.name])
+    if last.site and not last.guessed:
+        return []
+    start = root or _ROOT
+    end = last.site or f"{start}_end"
+    if last.parent:
+        number = sum(each.name.startswith(f"to_{end}_") for each in tubes) // 2 + 1
+        start = f"to_{end}_{number}"
+    trunk = replace(last, name=start, site="", time=0.5 * last.time, end=False)
+    side = Stretch(f"{start}_side", start, "", 0.5 * last.time, 0.5 * last.share, guessed=True)
+    at = tubes.index(last)
+    return [*tubes[:at], trunk, replace(side, name=end, site=last.site), side, *tubes[at + 1 :]]
+
+
+def arrivals(tubes: Sequence[Stretch]) -> dict[str, float]:
+    """When a wave from the root is at the end of each tube [s]."""
+    found = {"": 0.0}
+    for each in tubes:
+        found[each.name] = found[each.parent] + each.time
+    return found
 
 
 def stretches(
     beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float,
-    forked: bool = False,
 ) -> list[Stretch]:  # fmt: skip
     """The tubes, each after the one upstream of it.
 
     upstream : as :func:`parents`. alone : time [s] through the one tube of a record without other sites. area : of a
-    tube with all of the flow [m²]. forked : whether part of the flow to a single site leaves on the way: a half.
+    tube with all of the flow [m²].
 
     Flow is shared as measured, or in proportion to the measured areas, or otherwise equally; flow lost on the way
     leaves through a side branch.
     """
     if not upstream:
-        return [Stretch(root or "root", "", "", alone, 1.0)]
+        return [Stretch(root or _ROOT, "", "", alone, 1.0)]
     first = [site for site, before in upstream.items() if not before]
     trunk = _TRUNK * min(delays[site] for site in first)
     shares = _shares(beats, upstream, area)
-    if forked and len(upstream) == 1:
-        shares = dict.fromkeys(upstream, _HALF)
     guessed = {site for site in upstream if f"{site}.Q" not in beats.values and f"{site}.R" not in beats.values}
     found: list[Stretch] = []
     lost = 1.0 - sum(shares[site] for site in first)
     if len(first) > 1 or lost > _SIDE:
-        found = [Stretch(root or "root", "", "", trunk, 1.0)]
+        found = [Stretch(root or _ROOT, "", "", trunk, 1.0)]
         found += _side(found[0], lost, guessed >= set(first))
     for site in sorted(upstream, key=lambda site: delays[site]):
         before = upstream[site]
