@@ -232,7 +232,8 @@ def sentence(
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
-        said = f"Nothing is missing: the model fits the record, with a gap to held-out beats of {left(before)}."
+        said = "Nothing is missing" + (" that held-out beats show" if naming.reason else "")
+        said += f": the model fits the record, with a gap to held-out beats of {left(before)}."
     elif naming.adds and after:
         said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}", kind)
         said += f" The simplest reading: {late}." if late else ""

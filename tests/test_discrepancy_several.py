@@ -28,6 +28,7 @@ from typer.testing import CliRunner
 
 import arterial_fmu.__main__
 from arterial_fmu.cli.tables.study import gap_text, recordings_table
+from discrepancy.assemble import sentence
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.recorded import rows as rows_of
@@ -267,8 +268,10 @@ def test_the_rule_of_several(each: Sequence[Recorded], words: str | None) -> Non
         assert found is naming
     else:
         assert found.verdict == "unknown" and words in (found.reason or "") and found.confidence <= 0.5
-    nothing = confirmed(naming, each, Gap((1.0, 0.9), {}), AFTER)
+    small = Gap((1.0, 0.9), {})
+    nothing = confirmed(naming, each, small, AFTER)
     assert nothing.verdict == "none" and "no more than noise" in (nothing.reason or "")
+    assert sentence(nothing, (), small, None).startswith("Nothing is missing that held-out beats show: ")
 
 
 def test_names_of_own_numbers_are_whole() -> None:
