@@ -1,9 +1,10 @@
-"""The stretch of artery to each site: one path in the order of the delays, or the given paths."""
+"""The stretches of artery to the sites: one path in the order of the delays, or the given paths, and side branches."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from solver.errors import InputError
 from solver.quantities.units import INFLOW
 
 from ..records.alignment.beats import Beats
+
+Array = np.ndarray
 
 _SIDE = 0.05  # of the flow: a larger loss between two sites leaves through a side branch
 _ROOT = "root"  # name of the first tube of a record without a site at the root
@@ -22,8 +25,8 @@ class Stretch:
     """One tube, named after the site at its end, or at the root.
 
     parent : name of the one upstream, "" at the root. site : at its end, "" if none. time : transit time of a wave [s].
-    share : fraction of the inflow that enters it. end : whether a Windkessel is at its end. guessed : whether nothing
-    measured says the share.
+    share : fraction of the inflow that enters it. end : whether a Windkessel is at its end. measured : whether a
+    measurement gives the share.
     """
 
     name: str
@@ -32,7 +35,7 @@ class Stretch:
     time: float
     share: float
     end: bool = True
-    guessed: bool = False
+    measured: bool = False
 
 
 def parents(paths: Sequence[str], root: str, delays: Mapping[str, float]) -> dict[str, str]:
@@ -70,22 +73,50 @@ def layouts(
 
 
 def branched(tubes: Sequence[Stretch], root: str) -> list[Stretch]:
-    """The tubes with another side branch on the longest way to a site, in the middle of its last tube, for half of the
-    flow there; none if a measurement says that flow. The end of a single tube without a site is ``<root>_end``."""
+    """The tubes with another side branch on the longest way to a site, in the middle of the last tube whose flow is not
+    measured, for half of what no measurement claims of it; none if all is claimed. The second half keeps the name, but
+    of a single tube without a site, whose end is ``<root>_end``."""
     until = arrivals(tubes)
     ends = [each for each in tubes if each.end and each.site] or tubes
     last = max(ends, key=lambda each: until[each.name])
-    if last.site and not last.guessed:
+    while last.measured and last.parent:
+        last = next(each for each in tubes if each.name == last.parent)
+    claimed = sum(each.share for each in tubes if each.measured and each.parent == last.name)
+    if last.measured or claimed > (1.0 - _SIDE) * last.share:
         return []
-    start = root or _ROOT
-    end = last.site or f"{start}_end"
-    if last.parent:
-        number = sum(each.name.startswith(f"to_{end}_") for each in tubes) // 2 + 1
-        start = f"to_{end}_{number}"
-    trunk = replace(last, name=start, site="", time=0.5 * last.time, end=False)
-    side = Stretch(f"{start}_side", start, "", 0.5 * last.time, 0.5 * last.share, guessed=True)
+    alone = last.end and not last.site
+    names = {each.name for each in tubes if each is not last or not alone}
+    start, end = root or _ROOT, f"{last.name}_end" if alone else last.name
+    if start in names:
+        start = next(name for i in count(1) if (name := f"to_{end}_{i}") not in names)
+    half = 0.5 * last.time
+    trunk = replace(last, name=start, site="", time=half, end=False)
+    side = Stretch(f"{start}_side", start, "", half, 0.5 * (last.share - claimed))
+    rest = replace(last, name=end, parent=start, time=half, share=last.share - side.share)
     at = tubes.index(last)
-    return [*tubes[:at], trunk, replace(side, name=end, site=last.site), side, *tubes[at + 1 :]]
+    return shared([*tubes[:at], trunk, rest, side, *tubes[at + 1 :]])
+
+
+def shared(tubes: Sequence[Stretch]) -> list[Stretch]:
+    """The tubes with the flow that they carry: that measured, and the others in proportion to their shares what is
+    left."""
+    flows = carried(tubes, {})
+    return [replace(each, share=float(flows[each.name])) for each in tubes]
+
+
+def carried(tubes: Sequence[Stretch], odds: Mapping[str, Array]) -> dict[str, Array]:
+    """The share of the inflow in each tube. odds : by which the shares of tubes whose flow is not measured are
+    multiplied before they divide what is left."""
+    found: dict[str, Array] = {"": np.ones(())}
+    for each in tubes:
+        siblings = [other for other in tubes if other.parent == each.parent]
+        whole = found[each.parent]
+        left = np.maximum(whole - sum(other.share for other in siblings if other.measured), _SIDE * whole)
+        weights = {o.name: o.share * odds.get(o.name, np.ones(())) for o in siblings if not o.measured}
+        found[each.name] = np.asarray(
+            each.share if each.measured else left * weights[each.name] / sum(weights.values())
+        )
+    return found
 
 
 def arrivals(tubes: Sequence[Stretch]) -> dict[str, float]:
@@ -112,28 +143,28 @@ def stretches(
     first = [site for site, before in upstream.items() if not before]
     trunk = _TRUNK * min(delays[site] for site in first)
     shares = _shares(beats, upstream, area)
-    guessed = {site for site in upstream if f"{site}.Q" not in beats.values and f"{site}.R" not in beats.values}
+    measured = {site for site in upstream if f"{site}.Q" in beats.values or f"{site}.R" in beats.values}
     found: list[Stretch] = []
     lost = 1.0 - sum(shares[site] for site in first)
     if len(first) > 1 or lost > _SIDE:
         found = [Stretch(root or _ROOT, "", "", trunk, 1.0)]
-        found += _side(found[0], lost, guessed >= set(first))
+        found += _side(found[0], lost)
     for site in sorted(upstream, key=lambda site: delays[site]):
         before = upstream[site]
         parent = next((s.name for s in found if s.site == before), "")
         time = delays[site] - (delays[before] if before else trunk if found and found[0].site == "" else 0.0)
         time = max(time, beats.T / beats.N)
-        found.append(Stretch(site, parent, site, time, shares[site], guessed=site in guessed))
+        found.append(Stretch(site, parent, site, time, shares[site], measured=site in measured))
         children = [other for other in upstream if upstream[other] == site]
         if children:
-            found += _side(found[-1], shares[site] - sum(shares[child] for child in children), guessed >= set(children))
+            found += _side(found[-1], shares[site] - sum(shares[child] for child in children))
     heads = {s.parent for s in found}
     return [replace(s, end=s.name not in heads) for s in found]
 
 
-def _side(of: Stretch, lost: float, guessed: bool) -> list[Stretch]:
+def _side(of: Stretch, lost: float) -> list[Stretch]:
     """The branch at the end of a stretch for the flow lost there."""
-    return [Stretch(f"{of.name}_side", of.name, "", of.time, lost, guessed=guessed)] if lost > _SIDE else []
+    return [Stretch(f"{of.name}_side", of.name, "", of.time, lost)] if lost > _SIDE else []
 
 
 def _shares(beats: Beats, upstream: Mapping[str, str], area: float) -> dict[str, float]:
