@@ -15,7 +15,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from arterial_fmu.cli.terminal.console import faults, put, ranges, right, say_written, sentences, show
+from arterial_fmu.cli.terminal.console import conclude, faults, ranges, right, sentences, show
 from arterial_fmu.cli.terminal.options import Json, Quiet, files_for, one_command
 from arterial_fmu.cli.terminal.progress import bar
 from fmu_src.importer.run import Array, FMUError, Input, check_inputs, drive_of, read_description, run_fmu
@@ -69,11 +69,8 @@ def main(
         _write_result(out, result, variables)
     columns = {name: values for name, values in result.items() if name != "time"}
     found = ranges(result["time"], columns, {name: variables[name].unit for name in columns})
-    if as_json:
-        put({"fmu": str(fmu), "variables": found, "written": [str(out)]})
-    elif not quiet:
-        show(ranges_table(fmu.name, found, end))
-        say_written(out)
+    document = {"fmu": str(fmu), "variables": found, "written": [str(out)]}
+    conclude(as_json, quiet, lambda: document, lambda: show(ranges_table(fmu.name, found, end)), written=[out])
 
 
 def ranges_table(name: str, found: Mapping[str, Mapping[str, Any]], end: float) -> Table:
