@@ -6,7 +6,6 @@ All outcomes here are synthetic: beats and numbers are made up, so that every pa
 from __future__ import annotations
 
 import base64
-import itertools
 import json
 import os
 import re
@@ -33,7 +32,7 @@ from discrepancy.findings.outcome import (
     Walls,
     verdict_json,
 )
-from discrepancy.report.figures import NAMES, figure
+from discrepancy.report.figures import NAMES
 from discrepancy.report.page import page
 from discrepancy.report.tables import Z, beats, estimate_text, number, spread_text, wall_rows
 from discrepancy.report.verdict_text import not_judged

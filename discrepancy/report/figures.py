@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.lines import Line2D
 
-from fitting.inference.fit import Array
 from fitting.inference.places import NUMBER, Place
 from fitting.pages.network_drawing import below, draw
 from fitting.pages.panels import DASHED, Curve, Drawing, drawing, loops, waveforms
