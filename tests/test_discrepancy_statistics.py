@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forked import NETWORK, clean, record
 from scipy.optimize import lsq_linear
 from scipy.stats import kstest, norm
 
 from discrepancy import thresholds
-from discrepancy.find.balances import benjamini_yekutieli, find, mass_balances, wall_balances
+from discrepancy.find.disagreement import find
 from discrepancy.findings.isolability import DETECTABLE, isolability, smallest
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.gauss_newton import bounded_step
@@ -75,31 +74,7 @@ def test_misfit_sees_a_bump_at_low_harmonics(signals: int) -> None:
     assert np.mean(np.array(found) > thresholds.MISFIT) >= 0.95
 
 
-# --- false discoveries and the z map ---------------------------------------------------------------------------------
-
-
-def test_benjamini_yekutieli_by_hand() -> None:
-    """n = 5 at 5 %: limits 0.05 i/(5 · 137/60) = 0.00438 i. p_(3) = 0.013 <= 0.01314 takes p_(2) = 0.0125 along."""
-    p = np.array([0.013, 0.9, 0.0125, 1e-4, 0.018])
-    assert benjamini_yekutieli(p, 0.05).tolist() == [True, False, True, True, False]
-    assert benjamini_yekutieli(p.reshape(5, 1), 0.05).shape == (5, 1)
-    assert not benjamini_yekutieli(np.full(5, 0.0045), 0.004).any()
-
-
-@pytest.mark.parametrize("correlation", [0.0, 0.9])
-def test_false_discovery_rate(correlation: float) -> None:
-    """10 of 100 p-values are real (3.5 standard deviations), equally correlated: E[false/found] <= 5 %, 1000 draws."""
-    rng = np.random.default_rng(4)
-    z = np.sqrt(1.0 - correlation) * rng.normal(size=(1000, 100)) + np.sqrt(correlation) * rng.normal(size=(1000, 1))
-    z[:, :10] += 3.5
-    p = 2.0 * norm.sf(np.abs(z))
-    false, power = [], []
-    for each in p:
-        found = benjamini_yekutieli(each, 0.05)
-        false.append(found[10:].sum() / max(found.sum(), 1))
-        power.append(found[:10].mean())
-    assert np.mean(false) <= 0.05
-    assert np.mean(power) >= 0.25
+# --- the z map ---------------------------------------------------------------------------------
 
 
 def noise_of(C: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -137,33 +112,6 @@ def test_a_loud_entry_is_located() -> None:
     assert (first.site, first.signal, first.harmonic) == ("B", "P", 3)
     assert first.z == pytest.approx(9.0) and first.phase == pytest.approx(60.0)
     assert found.p_value < 1e-6 and len(found.located) == 1 < thresholds.FEW
-
-
-def test_mass_balances() -> None:
-    """A flow sensor of B 5 % too high: junction A loses mass by that, in noise units; the inlet's balance stays."""
-    waves = clean()
-    honest = {b.where: b.z for b in mass_balances(record(waves, 15, 0.01), NETWORK)}
-    assert set(honest) == {"A", "junction A"}
-    # a site is at the middle of its segment: walls of the mean beat store nothing
-    assert max(abs(z) for z in honest.values()) <= 4.0
-    wrong = {b.where: b.z for b in mass_balances(record(waves | {"B.Q": 1.05 * waves["B.Q"]}, 15, 0.01), NETWORK)}
-    samples = 15 * len(waves["B.Q"])
-    sd = 0.01 * np.sqrt(sum(waves[f"{s}.Q"].var() for s in "ABC") / samples)
-    assert wrong["junction A"] == pytest.approx(honest["junction A"] - 0.05 * waves["B.Q"].mean() / sd, rel=0.3)
-    assert wrong["A"] == pytest.approx(honest["A"], abs=1.0)
-
-
-@pytest.mark.parametrize("name", ["B", "probe"])
-def test_wall_balance_of_a_site_with_a_name_of_its_own(name: str) -> None:
-    """The wall of B as its model has it, P and R measured at a site that is called as its segment or otherwise: noise
-    alone, to a sixth (the RMS of 41 numbers N(0, 1) is 1 ± 0.11), and the same to the last bit."""
-    waves = clean()
-    own = {f"{name}.{kind}": waves[f"B.{kind}"] for kind in "PR"}
-    sites = tuple(replace(s, name=name) if s.name == "B" else s for s in NETWORK.sites)
-    found = {b.where: b.z for b in wall_balances(record(own, 15, 0.01), replace(NETWORK, sites=sites))}
-    assert found.keys() == {name}
-    assert found[name] == wall_balances(record({f"B.{k}": waves[f"B.{k}"] for k in "PR"}, 15, 0.01), NETWORK)[0].z
-    assert found[name] == pytest.approx(1.0, abs=0.35)
 
 
 # --- angles between effects ------------------------------------------------------------------------------------------

@@ -73,19 +73,6 @@ class Located:
 
 
 @dataclass(frozen=True)
-class Balance:
-    """Residual of one equation over one part of the network, in noise units.
-
-    Mass: from measured flows alone. Momentum: pressure drops against the simulated ones. Wall law: from P and R of one
-    site.
-    """
-
-    equation: str  # "mass", "momentum", "wall law"
-    where: str
-    z: float
-
-
-@dataclass(frozen=True)
 class Absorbed:
     """A refitted nuisance parameter: its shift x in ``unit``, with prior and posterior standard deviations."""
 
@@ -216,7 +203,7 @@ class Outcome(Shown):
 
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable change per
-    "effect at place", for the verdict ``none``. sites : whitened RMS of each site, predicted from the others.
+    "effect at place", for the verdict ``none``.
     gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or
     "network". parity : largest difference between the rebuilt FMU and the direct solver under the network's own inflow,
     as a fraction of a channel's pulse; None if that causes no motion. agreement : of the last FMU with the inferred
@@ -246,7 +233,6 @@ class Outcome(Shown):
     walls: Walls | None = None
     separating_measurement: str | None = None
     located: tuple[Located, ...] = ()
-    balances: tuple[Balance, ...] = ()
     channels: tuple[ChannelBeats, ...] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     z_map: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -254,7 +240,6 @@ class Outcome(Shown):
     absorbed: tuple[Absorbed, ...] = ()
     isolability: Isolability | None = None
     smallest: Mapping[str, Detectable] = field(default_factory=dict)
-    sites: Mapping[str, float] = field(default_factory=dict)
     recordings: tuple[Recorded, ...] = ()  # of several; gaps then cover the fitted ones, figures the first
     gap_before: Pair | None = None
     gap_after: Pair | None = None
@@ -294,7 +279,7 @@ class Outcome(Shown):
         return f"<Outcome {self.verdict}: {self.sentence}>"
 
     def plot(self, figure: str | None = None) -> Any:
-        """A figure of the report: "map", "network", "z_map", "waveforms", "loops" or "isolability".
+        """A figure of the report: "map", "network", "waveforms", "loops" or "isolability".
 
         Default: the first one that this study has. Raises ValueError for a missing one.
         """
@@ -337,7 +322,6 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "reason": outcome.reason,
         "seconds": round(outcome.seconds, 1),
         "sentence": outcome.sentence,
-        "held_out_sites": outcome.sites,
         "smallest_detectable": outcome.smallest,
         "fmu_against_solver": outcome.parity,
         "fmu_against_inference": a and {"difference": a.difference, "channel": a.channel, "harmonic": a.harmonic,

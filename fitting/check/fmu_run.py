@@ -9,7 +9,6 @@ import json
 import os
 import subprocess
 import sys
-import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,10 +16,10 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import fmpy
 import numpy as np
 from fmpy.model_description import ScalarVariable
 
+from fmu_src.importer.run import FMUError, read_description, run_fmu
 from solver.errors import InputError
 from solver.io.exit_codes import ExitCode
 from solver.io.host_died import HostDied
@@ -31,7 +30,6 @@ from solver.simulate import change_of
 
 from ..parallel.threads import ENVIRONMENT
 from ..records.channels.spectral import resample, shift
-from .native_run import FMUFailed, stepped
 
 Array = np.ndarray
 
@@ -59,7 +57,6 @@ class FMU:
     path: str
     name: str
     guid: str
-    fmi: int
     tool: str
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
@@ -68,8 +65,8 @@ class FMU:
 
     @property
     def native(self) -> bool:
-        """True if it has the compiled engine, and this process can run it."""
-        return self.fmi == 2 and self.tool.endswith("compiled engine")
+        """True if it has the compiled engine, so that this process can run it."""
+        return self.tool.endswith("compiled engine")
 
     @property
     def dt(self) -> float:
@@ -92,12 +89,7 @@ class Answer:
 def read_fmu(path: str | os.PathLike[str]) -> FMU:
     """The description of an FMU of this project. Raises ValueError, one sentence, for any other file."""
     source = os.fspath(path)
-    try:
-        description = fmpy.read_model_description(source)
-    except OSError as error:
-        raise InputError(f"{source}: cannot be read ({error.strerror or 'not a file'}); check the path.") from None
-    except (zipfile.BadZipFile, KeyError):
-        raise InputError(f"{source}: not an FMU; build one with arterial-fmu build.") from None
+    description = read_description(path)
     variables = {variable.name: variable for variable in description.modelVariables}
     names = {
         kind: tuple(name for name, variable in variables.items() if variable.causality == kind)
@@ -111,7 +103,6 @@ def read_fmu(path: str | os.PathLike[str]) -> FMU:
         source,
         description.modelName,
         description.guid,
-        int(float(description.fmiVersion)),
         description.generationTool or "an unknown tool",
         names["input"],
         names["parameter"],
@@ -260,10 +251,10 @@ def _answer(table: Mapping[str, Array]) -> Answer:
 
 
 def takes(fmu: FMU, starts: Mapping[str, float | str]) -> bool:
-    """True if an FMU with the compiled engine can be initialised with these start values."""
+    """True if an FMU with the compiled engine runs with these start values, for a step without flow."""
     try:
-        stepped(fmu.path, starts, {INFLOW: 0.0}, INFLOW, [], 1.0, ())
-    except FMUFailed:
+        run_fmu(fmu.path, np.zeros_like, fmu.dt, step=fmu.dt, start_values=starts)
+    except FMUError:
         return False
     return True
 
@@ -286,20 +277,17 @@ def _run(
     values = np.append(values, values[0])
     if not fmu.native:
         return _run_apart(fmu, driver, values, h / parts, beats, n, starts)
-    first = {INFLOW: 0.0, driver: float(values[0])}
+    times = np.arange(len(values)) * (h / parts)
+
+    def driving(t: Array) -> Array:
+        return np.interp(t, times, values)
+
+    flow, further = (driving, {}) if driver == INFLOW else (np.zeros_like, {driver: driving})
     try:
-        table = stepped(
-            fmu.path,
-            {"inlet.interpolation": "linear", **starts},
-            first,
-            driver,
-            values[1::parts].tolist(),
-            h,
-            fmu.outputs,
-        )
-    except FMUFailed as error:
-        raise RunFailed(str(error)) from None
-    return {name: column[:-1].reshape(beats, n) for name, column in zip(fmu.outputs, table.T, strict=True)}
+        table = run_fmu(fmu.path, flow, beats * n * h, step=h, start_values=starts, inputs=further)
+    except FMUError as error:
+        raise RunFailed(str(error).replace(fmu.path, Path(fmu.path).name)) from None
+    return {name: table[name][:-1].reshape(beats, n) for name in fmu.outputs}
 
 
 def _run_apart(
