@@ -116,6 +116,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         absorbed=_absorbed(final),
         isolability=isolability(base, columns, terms),
         smallest=smallest(base, columns, terms) if none else {},
+        sites=naming.problem.left_out(final),
         gap_before=gaps[0].total,
         gap_after=gaps[1].total if gaps[1] else None,
         parity=shown.parity,

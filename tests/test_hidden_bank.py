@@ -253,13 +253,14 @@ def test_report_by_hand(tmp_path: Path) -> None:
 
 def test_sample_through_fmus_by_hand() -> None:
     """Three records: nothing added, 10 -> 1.1 and 4 -> 1.3 on held-out beats; medians are of those two."""
-    rest = {"kind": "network", "seed": 1, "parity": 1e-5}
+    rest = {"kind": "network", "seed": 1, "parity": 1e-5, "sites": {"CA": 1.0, "FA": 1.2}}
     sample = [
         {
             **rest,
             "index": 0,
             "before": [1.0, 1.0],
             "after": None,
+            "sites": {"CA": 9.0},
             "parity": None,
             "seconds": 20.0,
         },
@@ -268,7 +269,7 @@ def test_sample_through_fmus_by_hand() -> None:
     ]
     text = page.report(LINES, load("sheep"), sample)
     cells = (
-        "network: 3 | 2 | median 7, 90 % 9.4 | median 1.2, 90 % 1.28 |",
+        "network: 3 | 2 | median 7, 90 % 9.4 | median 1.2, 90 % 1.28 | median 1.1, 90 % 1.2 |",
         "| median 1e-05, largest 1e-05 | median 30, largest 40 |",
     )
     assert all(cell in text.partition("## Through the rebuilt FMUs")[2] for cell in cells)

@@ -49,16 +49,17 @@ def _through(kind: str, seed: int, index: int, case: Case) -> Line:
             "named": [effect.name for effect in outcome.effects],
             "before": outcome.gap_before,
             "after": outcome.gap_after,
+            "sites": dict(outcome.sites),
             "parity": outcome.parity,
             "seconds": time.perf_counter() - start,
         }
 
 
 def table(lines: Iterable[Line]) -> str:
-    """The sample in Markdown: gap on held-out beats before and after if it was 2 or more, difference
-    between FMU and solver, time."""
-    rows = ["| records | added | gap before | gap after | FMU against solver | seconds |",
-            "| --- | ---: | ---: | ---: | ---: | ---: |"]  # fmt: skip
+    """The sample in Markdown: gap on held-out beats before and after if it was 2 or more, whitened RMS of sites
+    predicted from the others, difference between FMU and solver, time."""
+    rows = ["| records | added | gap before | gap after | sites after | FMU against solver | seconds |",
+            "| --- | ---: | ---: | ---: | ---: | ---: | ---: |"]  # fmt: skip
     by_kind: dict[str, list[Line]] = {}
     for line in lines:
         by_kind.setdefault(line["kind"], []).append(line)
@@ -69,6 +70,7 @@ def table(lines: Iterable[Line]) -> str:
             f"{sum(bool(x['after']) for x in found)}",
             _middle(x["before"][1] for x in added),
             _middle(x["after"][1] for x in added),
+            _middle(rms for x in added for rms in x["sites"].values()),
             _middle((x["parity"] for x in added if x["parity"]), largest=True),
             _middle((x["seconds"] for x in found), largest=True),
         ]

@@ -203,7 +203,7 @@ class Outcome(Shown):
 
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable change per
-    "effect at place", for the verdict ``none``.
+    "effect at place", for the verdict ``none``. sites : whitened RMS of each site, predicted from the others.
     gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or
     "network". parity : largest difference between the rebuilt FMU and the direct solver under the network's own inflow,
     as a fraction of a channel's pulse; None if that causes no motion. agreement : of the last FMU with the inferred
@@ -240,6 +240,7 @@ class Outcome(Shown):
     absorbed: tuple[Absorbed, ...] = ()
     isolability: Isolability | None = None
     smallest: Mapping[str, Detectable] = field(default_factory=dict)
+    sites: Mapping[str, float] = field(default_factory=dict)
     recordings: tuple[Recorded, ...] = ()  # of several; gaps then cover the fitted ones, figures the first
     gap_before: Pair | None = None
     gap_after: Pair | None = None
@@ -322,6 +323,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "reason": outcome.reason,
         "seconds": round(outcome.seconds, 1),
         "sentence": outcome.sentence,
+        "held_out_sites": outcome.sites,
         "smallest_detectable": outcome.smallest,
         "fmu_against_solver": outcome.parity,
         "fmu_against_inference": a and {"difference": a.difference, "channel": a.channel, "harmonic": a.harmonic,

@@ -151,6 +151,10 @@ class Forward(Protocol):
     def without_each(self, fit: Fit) -> list[Rest]:
         """The linear problems of a fit, each without one part of the data: a site, or on a bench a harmonic."""
 
+    def left_out(self, fit: Fit) -> dict[str, float]:
+        """Whitened RMS of each site, predicted from the other sites; empty for a single site."""
+        return {}
+
 
 class Single(Forward, Protocol):
     """A single recording with the model for comparison, and the FMU that stands for the model.

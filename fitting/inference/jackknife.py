@@ -1,4 +1,7 @@
-"""The change of estimates without a part of the data: the effect of errors that are correlated over many data."""
+"""The change of estimates without a part of the data: the effect of errors that are correlated over many data.
+
+Also the prediction of a site from the others.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from scipy.linalg import solve_triangular
 from ..records.channels.noise import Target
 from .fit import Fit
 from .gauss_newton import linear_step
+from .unknown import precision
 
 Array = np.ndarray
 
@@ -53,14 +57,38 @@ def subset(whole: Target, keep: Array) -> Callable[[Array], Array]:
     return lambda columns: part.whiten(whole.unwhiten(columns)[:, keep])
 
 
+def _within(whole: Target, fit: Fit, chosen: Array) -> Rest:
+    """The linear problem of a fit in some channels, ``chosen`` : (m,) bool, whitened by their own covariance."""
+    white = subset(whole, np.flatnonzero(chosen))(np.column_stack([fit.J, fit.z]))
+    return white[:, :-1], white[:, -1]
+
+
 def without_each_site(whole: Target, fit: Fit) -> list[Rest]:
     """The linear problem of a fit without one site, each in turn; sites whose sensor is a term of the fit stay, because
     the others do not determine it."""
-    sites = np.array([name.rpartition(".")[0] for name in whole.names])
+    return [_within(whole, fit, ~there) for there in _sites(whole, fit).values()]
+
+
+def _sites(whole: Target, fit: Fit) -> dict[str, Array]:
+    """(m,) True for the channels at each site, without the sites that a sensor of the fit is at."""
+    names = np.array([name.rpartition(".")[0] for name in whole.names])
     faulty = {term.place.rpartition(".")[0] for term in fit.terms if term.is_sensor}
-    found = []
-    for site in dict.fromkeys(sites.tolist()):
-        if site not in faulty:
-            white = subset(whole, np.flatnonzero(sites != site))(np.column_stack([fit.J, fit.z]))
-            found.append((white[:, :-1], white[:, -1]))
+    return {site: names == site for site in dict.fromkeys(names.tolist()) if site not in faulty}
+
+
+def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
+    """Whitened RMS of each site, predicted from the others: the hypothesis refitted without it, linearised at its fit.
+
+    None for a single site; the measurement chain of a site cannot be predicted from others.
+    """
+    found = {}
+    for site, there in _sites(whole, fit).items():
+        if there.all() or not len(fit.x):
+            continue
+        (J, z), (there_J, there_z) = (_within(whole, fit, chosen) for chosen in (~there, there))
+        left = there_z + there_J @ linear_step(fit, J, z)
+        # the uncertainty of the unknowns, estimated from the others, adds to the covariance
+        spread = np.linalg.pinv(J.T @ J + np.diag(precision(fit.prior, fit.x)), hermitian=True)
+        V = np.eye(len(left)) + there_J @ spread @ there_J.T
+        found[site] = float(np.sqrt(left @ np.linalg.solve(V, left) / len(left)))
     return found

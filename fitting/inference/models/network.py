@@ -35,7 +35,7 @@ from ..fit import Fit, Member, begun, sizes_of, taken_over
 from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, continued, promised, search
 from ..hypothesis import EVERY, Term, about_common, refined, rewired
-from ..jackknife import Rest, without_each_site
+from ..jackknife import Rest, leave_one_site_out, without_each_site
 from ..model_discrepancy import sizes
 from ..prior import of_animal
 from ..runs import Runs
@@ -139,6 +139,9 @@ class NetworkProblem(Single):
 
     def without_each(self, fit: Fit) -> list[Rest]:
         return without_each_site(self.target, fit)
+
+    def left_out(self, fit: Fit) -> dict[str, float]:
+        return leave_one_site_out(self.target, fit)
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) [m³/s] the mean inflow, before the meter's filter."""
