@@ -21,11 +21,12 @@ from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
 from . import thresholds
+from .find.balances import mass_balances, momentum_balances, wall_balances
 from .find.disagreement import Found, find
 from .find.study import Study
 from .findings.isolability import isolability, smallest
 from .findings.map_marks import of_sensor, plain
-from .findings.outcome import Absorbed, Agreement, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
+from .findings.outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
 from .findings.recorded import pair_json
 from .findings.shown_map import SourceMapShown, gap_shares, shown_map
 from .name.individual_walls import implausible, odd_ones, walls_of
@@ -85,7 +86,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     before, after = shown.before, shown.after
     gaps = shown.gaps or (before.gap, after.gap if after else None)
     # the remaining misfit is judged by the noise alone, without the model discrepancy that weights a partial verdict
-    located = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
+    located, balances = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
     base, columns, terms = naming.base.fit, naming.columns, naming.terms
     final = naming.best.fit if after else base
     walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
@@ -109,6 +110,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         remains=naming.reason if partial else None,
         separating_measurement=" ".join(filter(None, (separating_measurement(naming), shown.second))) or None,
         located=located.located,
+        balances=balances,
         channels=tuple(_channel(study, n, before, after) for n in study.problem.signals),
         time=study.fitted.time,
         z_map=located.z,
@@ -206,12 +208,18 @@ def weighted(study: Study, naming: Naming) -> Study:
     return replace(study, problem=naming.problem.first)
 
 
-def disagreement(study: Study, before: Run) -> Found:
-    """Where the refitted model and the record disagree beyond the noise of sensors, drive and solver."""
-    beats, K = study.fitted, len(before.X) - 1
+def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]:
+    """Where the refitted model and the record disagree beyond the noise of sensors, drive and solver.
+
+    Also the balances of mass, momentum and wall law where the measured channels determine them.
+    """
+    beats, network, signals = study.fitted, study.network, study.problem.signals
+    K = len(before.X) - 1
     residual = study.problem.repeated(beats, beats, K) - before.X
     covariance = study.problem.covariance(beats)[: K + 1]
-    return find(study.problem.signals, residual, covariance)
+    momentum = momentum_balances(signals, residual, covariance, network)
+    balances = (*mass_balances(beats, network), *momentum, *wall_balances(beats, network))
+    return find(signals, residual, covariance), balances
 
 
 def sentence(

@@ -10,6 +10,7 @@ import numpy as np
 from discrepancy.findings.outcome import (
     ADDED,
     Absorbed,
+    Balance,
     Candidate,
     ChannelBeats,
     Detectable,
@@ -130,6 +131,7 @@ def synthetic(verdict: str, network: Network) -> Outcome:
         notes=("CA.E: 33 % above the file's.",) if verdict == "partial" else (),
         separating_measurement="Measure CA.R: its loop opens only for the wall." if verdict == "ambiguous" else None,
         located=() if verdict == "none" else (Located("CA", "Q", 7, 41.2, -35.0), Located("CA", "P", 1, 30.0)),
+        balances=(Balance("mass", "MD", 0.8), Balance("wall law", "CA", 12.0)),
         channels=tuple(synthetic_channel(i // 3, name, added) for i, name in enumerate(names)),
         time=np.arange(N) * T / N,
         z_map=z,

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forked import NETWORK, clean, record
 from scipy.optimize import lsq_linear
 from scipy.stats import kstest, norm
 
 from discrepancy import thresholds
+from discrepancy.find.balances import mass_balances, wall_balances
 from discrepancy.find.disagreement import find
 from discrepancy.findings.isolability import DETECTABLE, isolability, smallest
 from fitting.inference.fit import Fit, misfit, projected
@@ -112,6 +114,33 @@ def test_a_loud_entry_is_located() -> None:
     assert (first.site, first.signal, first.harmonic) == ("B", "P", 3)
     assert first.z == pytest.approx(9.0) and first.phase == pytest.approx(60.0)
     assert found.p_value < 1e-6 and len(found.located) == 1 < thresholds.FEW
+
+
+def test_mass_balances() -> None:
+    """A flow sensor of B 5 % too high: junction A loses mass by that, in noise units; the inlet's balance stays."""
+    waves = clean()
+    honest = {b.where: b.z for b in mass_balances(record(waves, 15, 0.01), NETWORK)}
+    assert set(honest) == {"A", "junction A"}
+    # a site is at the middle of its segment: walls of the mean beat store nothing
+    assert max(abs(z) for z in honest.values()) <= 4.0
+    wrong = {b.where: b.z for b in mass_balances(record(waves | {"B.Q": 1.05 * waves["B.Q"]}, 15, 0.01), NETWORK)}
+    samples = 15 * len(waves["B.Q"])
+    sd = 0.01 * np.sqrt(sum(waves[f"{s}.Q"].var() for s in "ABC") / samples)
+    assert wrong["junction A"] == pytest.approx(honest["junction A"] - 0.05 * waves["B.Q"].mean() / sd, rel=0.3)
+    assert wrong["A"] == pytest.approx(honest["A"], abs=1.0)
+
+
+@pytest.mark.parametrize("name", ["B", "probe"])
+def test_wall_balance_of_a_site_with_a_name_of_its_own(name: str) -> None:
+    """The wall of B as its model has it, P and R measured at a site that is called as its segment or otherwise: noise
+    alone, to a sixth (the RMS of 41 numbers N(0, 1) is 1 ± 0.11), and the same to the last bit."""
+    waves = clean()
+    own = {f"{name}.{kind}": waves[f"B.{kind}"] for kind in "PR"}
+    sites = tuple(replace(s, name=name) if s.name == "B" else s for s in NETWORK.sites)
+    found = {b.where: b.z for b in wall_balances(record(own, 15, 0.01), replace(NETWORK, sites=sites))}
+    assert found.keys() == {name}
+    assert found[name] == wall_balances(record({f"B.{k}": waves[f"B.{k}"] for k in "PR"}, 15, 0.01), NETWORK)[0].z
+    assert found[name] == pytest.approx(1.0, abs=0.35)
 
 
 # --- angles between effects ------------------------------------------------------------------------------------------

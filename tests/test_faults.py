@@ -16,6 +16,7 @@ from test_house import MODULES
 from truth.records import Case, make, write
 
 import arterial_fmu.__main__
+import discrepancy.find.balances
 import fitting.calibrate.multistart
 import fitting.cohort.fits
 from arterial_fmu.study.models import NetworkModel
@@ -112,6 +113,14 @@ def test_in_a_study(fault: type[Exception], breaks: Breaks, tmp_path: Path) -> N
         workflow.discover(tmp_path / "record.csv", tmp_path / "base.toml", tmp_path / "out")
     assert type(error.value) is fault
     assert [p.name for p in (tmp_path / "out").rglob("*")] == [".state"]
+
+
+def test_in_a_balance_of_a_study(fault: type[Exception], breaks: Breaks) -> None:
+    """A wall that no law carries has no balance; a fault is none of these."""
+    beats = record({f"B.{kind}": clean()[f"B.{kind}"] for kind in "PR"}, 15, 0.01)
+    breaks("discrepancy.find.balances.bench")
+    with pytest.raises(fault, match="broadcast"):
+        discrepancy.find.balances.wall_balances(beats, NETWORK)
 
 
 def test_in_a_batch(fault: type[Exception], breaks: Breaks) -> None:

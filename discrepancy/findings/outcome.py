@@ -73,6 +73,19 @@ class Located:
 
 
 @dataclass(frozen=True)
+class Balance:
+    """Residual of one equation over one part of the network, in noise units.
+
+    Mass: from measured flows alone. Momentum: pressure drops against the simulated ones. Wall law: from P and R of one
+    site.
+    """
+
+    equation: str  # "mass", "momentum", "wall law"
+    where: str
+    z: float
+
+
+@dataclass(frozen=True)
 class Absorbed:
     """A refitted nuisance parameter: its shift x in ``unit``, with prior and posterior standard deviations."""
 
@@ -233,6 +246,7 @@ class Outcome(Shown):
     walls: Walls | None = None
     separating_measurement: str | None = None
     located: tuple[Located, ...] = ()
+    balances: tuple[Balance, ...] = ()
     channels: tuple[ChannelBeats, ...] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     z_map: Array = field(default_factory=lambda: np.zeros((0, 0)))
