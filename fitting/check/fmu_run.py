@@ -57,6 +57,7 @@ class FMU:
     path: str
     name: str
     guid: str
+    fmi: int
     tool: str
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
@@ -65,8 +66,8 @@ class FMU:
 
     @property
     def native(self) -> bool:
-        """True if it has the compiled engine, so that this process can run it."""
-        return self.tool.endswith("compiled engine")
+        """True if it has the compiled engine, and this process can run it."""
+        return self.fmi == 2 and self.tool.endswith("compiled engine")
 
     @property
     def dt(self) -> float:
@@ -103,6 +104,7 @@ def read_fmu(path: str | os.PathLike[str]) -> FMU:
         source,
         description.modelName,
         description.guid,
+        int(float(description.fmiVersion)),
         description.generationTool or "an unknown tool",
         names["input"],
         names["parameter"],
