@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,10 +17,10 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import fmpy
 import numpy as np
 from fmpy.model_description import ScalarVariable
 
-from fmu_src.importer.run import FMUError, read_description, run_fmu
 from solver.errors import InputError
 from solver.io.exit_codes import ExitCode
 from solver.io.host_died import HostDied
@@ -30,6 +31,7 @@ from solver.simulate import change_of
 
 from ..parallel.threads import ENVIRONMENT
 from ..records.channels.spectral import resample, shift
+from .native_run import FMUFailed, stepped
 
 Array = np.ndarray
 
@@ -90,7 +92,12 @@ class Answer:
 def read_fmu(path: str | os.PathLike[str]) -> FMU:
     """The description of an FMU of this project. Raises ValueError, one sentence, for any other file."""
     source = os.fspath(path)
-    description = read_description(path)
+    try:
+        description = fmpy.read_model_description(source)
+    except OSError as error:
+        raise InputError(f"{source}: cannot be read ({error.strerror or 'not a file'}); check the path.") from None
+    except (zipfile.BadZipFile, KeyError):
+        raise InputError(f"{source}: not an FMU; build one with arterial-fmu build.") from None
     variables = {variable.name: variable for variable in description.modelVariables}
     names = {
         kind: tuple(name for name, variable in variables.items() if variable.causality == kind)
@@ -253,10 +260,10 @@ def _answer(table: Mapping[str, Array]) -> Answer:
 
 
 def takes(fmu: FMU, starts: Mapping[str, float | str]) -> bool:
-    """True if an FMU with the compiled engine runs with these start values, for a step without flow."""
+    """True if an FMU with the compiled engine can be initialised with these start values."""
     try:
-        run_fmu(fmu.path, np.zeros_like, fmu.dt, step=fmu.dt, start_values=starts)
-    except FMUError:
+        stepped(fmu.path, starts, {INFLOW: 0.0}, INFLOW, [], 1.0, ())
+    except FMUFailed:
         return False
     return True
 
@@ -279,17 +286,20 @@ def _run(
     values = np.append(values, values[0])
     if not fmu.native:
         return _run_apart(fmu, driver, values, h / parts, beats, n, starts)
-    times = np.arange(len(values)) * (h / parts)
-
-    def driving(t: Array) -> Array:
-        return np.interp(t, times, values)
-
-    flow, further = (driving, {}) if driver == INFLOW else (np.zeros_like, {driver: driving})
+    first = {INFLOW: 0.0, driver: float(values[0])}
     try:
-        table = run_fmu(fmu.path, flow, beats * n * h, step=h, start_values=starts, inputs=further)
-    except FMUError as error:
-        raise RunFailed(str(error).replace(fmu.path, Path(fmu.path).name)) from None
-    return {name: table[name][:-1].reshape(beats, n) for name in fmu.outputs}
+        table = stepped(
+            fmu.path,
+            {"inlet.interpolation": "linear", **starts},
+            first,
+            driver,
+            values[1::parts].tolist(),
+            h,
+            fmu.outputs,
+        )
+    except FMUFailed as error:
+        raise RunFailed(str(error)) from None
+    return {name: column[:-1].reshape(beats, n) for name, column in zip(fmu.outputs, table.T, strict=True)}
 
 
 def _run_apart(
