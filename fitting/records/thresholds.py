@@ -134,6 +134,6 @@ LEVELS = (1.0, 50.0, 99.0)  # percentiles: lowest, mean and highest, whatever si
 FASTEST_FLOW = 5.0  # [m/s], of a peak flow over the area at R0
 
 # --- a flow meter that is late or early ---
-# Simulated: of 150 forks whose model is a tube, with no delay, none is told (0 to 2.4 %; benchmarks/late_flow.py)
+# Simulated: of 150 forks recorded at the root, with no delay, none is told (0 to 2.4 %; benchmarks/late_flow.py)
 LATE_CLOSES = 0.7  # of what a model leaves of the pressure at the root: a delay that leaves more is not told
 LATE_MATTERS = 0.05  # of the pulsation: nor is one where less is left without it
