@@ -110,6 +110,28 @@ def test_clocks_zeros_and_units(
         assert re.match(words, note), note
 
 
+@pytest.mark.parametrize(("factor", "expected"), [(1.0, 0), (0.5, 1), (2.0, 1)])
+def test_a_flow_of_another_place(factor: float, expected: int) -> None:
+    """R of the wall that gives the impedance, and of half and twice the size, whose area is a quarter or fourfold."""
+    T, R = 0.8, PER_ML
+    Q, rho, r = ejection(T, 64.0 * ML), 1050.0, 0.012
+    Z = 0.05 * R
+    P, _ = line(Q, T, Z, 0.03, (0.05 * R, 0.95 * R), 1.2 / R)
+    c = Z * np.pi * r**2 / rho
+    radius = factor * (r + r / (2.0 * rho * c**2) * (P - P.mean()))
+    notes = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P, Ao_R=radius)).notes
+    assert sum("is not the flow through that place" in note for note in notes) == expected
+
+
+def test_a_site_that_is_low() -> None:
+    """15 mmHg below the root: a zero, a height or a narrowing."""
+    T, R = 0.8, PER_ML
+    Q = ejection(T, 64.0 * ML)
+    P, far = line(Q, T, 0.05 * R, 0.03, (0.05 * R, 0.95 * R), 1.2 / R)
+    notes = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P, FA_P=far - 15.0 * MMHG)).notes
+    assert any(note.startswith("the mean of FA.P is 15 mmHg below that of Ao.P") for note in notes)
+
+
 # --- numbers and pressures ----------------------------------------------------------------------------------------
 
 
@@ -357,7 +379,7 @@ def test_species() -> None:
         ({"Ao_P": P_HUMAN}, "needs the flow into the root, inlet.Q, beside a pressure there, and the record has Ao.P"),
         ({"Ao_P": P_HUMAN, "Ao_Q": Q_HUMAN}, r'--map "Ao.Q=inlet.Q"'),
         ({"inlet_Q": Q_HUMAN}, "needs a pressure at the root, such as Ao.P, beside inlet.Q"),
-        ({"inlet_Q": -Q_HUMAN, "Ao_P": P_HUMAN}, "check the sign of inlet.Q"),
+        ({"inlet_Q": -Q_HUMAN, "Ao_P": P_HUMAN}, r'check the sign of inlet.Q \(--map "TITLE=-inlet.Q" turns it\)'),
     ],
 )
 def test_what_is_needed(channels: dict[str, Array], sentence: str) -> None:

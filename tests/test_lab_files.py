@@ -149,8 +149,21 @@ def test_labchart_and_acqknowledge(tmp_path: Path) -> None:
     check(read(tmp_path, "\n".join([*chart, *lines]), names=NAMES))
     again = [line.replace("10:00:00", "10:00:02") for line in chart]  # a further block, whose times go on
     check(read(tmp_path, "\n".join([*chart, *lines[:400], *again, *lines[400:]]), names=NAMES))
+    dated = [row.replace("\t", "\t2/6/2024\t", 1) for row in lines]  # DateFormat= of the day, in a column of its own
+    check(read(tmp_path, "\n".join([*chart, *dated]), names=NAMES))
     biopac = ["sheep7.acq", "5 msec/sample", "2 channels", "P", "mmHg", "D", "mm", "sec\tCH1\tCH2\t", "\t1000\t1000\t"]
     check(read(tmp_path, "\n".join([*biopac, *(f"{row}\t" for row in rows("\t", "."))]), names=NAMES))
+
+
+@pytest.mark.parametrize("pause", [-1.5, 60.0], ids=["times that begin anew", "a long pause"])
+def test_the_longest_of_several_blocks(tmp_path: Path, pause: float) -> None:
+    """Of 300 samples and 700, the latter, with the line of its first."""
+    time = TIME + np.where(np.arange(len(TIME)) < 300, 0.0, pause)
+    lines = [f"{t:.3f},{p:.6f},{r:.6f}" for t, p, r in zip(time, P_MMHG, R_MM, strict=True)]
+    record = read(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines]))
+    assert record.time == pytest.approx(time[300:], abs=1e-9) and len(record.said) == 1
+    assert record.channels["AA.P"] == pytest.approx(P_MMHG[300:] * MMHG)
+    assert "holds 2 blocks" in record.said[0] and "the longest, of 3.495 s from line 302 on, was read" in record.said[0]
 
 
 def test_comments_units_below_and_savetxt(tmp_path: Path) -> None:
@@ -228,6 +241,13 @@ def test_what_stands_behind_the_samples(tmp_path: Path) -> None:
     lines = ["time [s],AA.P [mmHg],AA.R [mm]", *rows(",", ".")]
     check(read(tmp_path, "\n".join([*lines, "", "End of file", "Recorded by the lab"])))
     assert "2 fields where the header has 3" in refused(tmp_path, "\n".join([*lines, "5.0,80.0"]))
+
+
+def test_a_probe_that_is_turned(tmp_path: Path) -> None:
+    """-AA.Q is the flow with its sign turned, also without titles; its unit stays."""
+    content = "\n".join(f"{t:.3f},{p:.8f}" for t, p in zip(TIME, P_MMHG, strict=True))
+    record = read(tmp_path, content, names={"1": "time [s]", "2": "-AA.Q [mL/s]"})
+    assert record.channels["AA.Q"] == pytest.approx(-1e-6 * P_MMHG) and record.scales == {"AA.Q": pytest.approx(1e-6)}
 
 
 def test_two_columns_of_one_title(tmp_path: Path) -> None:

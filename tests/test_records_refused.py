@@ -128,12 +128,13 @@ def test_bad_files(tmp_path: Path, content: str | bytes, expected: str) -> None:
 
 
 def test_stamps_without_a_rate(tmp_path: Path) -> None:
-    """Steps drawn from an exponential, and 2000 lost samples of 3000: one sentence each, with what is allowed."""
+    """Steps drawn from an exponential, and 2000 lost samples of 3000, none of them beside a block: one sentence each,
+    with what is allowed."""
     rng = np.random.default_rng(1)
     said = refusal(tmp_path, text(bench(time=np.cumsum(rng.exponential(DT, N)))))
     assert "the sampling is not uniform: " in said and "such as " in said and "and 10% can be resampled" in said
-    said = refusal(tmp_path, text(bench(time=TIME + np.where(np.arange(N) < 500, 0.0, 2000 * DT))))
-    assert "line 502, column 'time [s]': 2000 samples are missing and 1000 are there" in said
+    said = refusal(tmp_path, text(bench(time=TIME + 500 * DT * np.minimum(np.arange(N) // 200, 4))))
+    assert "line 802, column 'time [s]': 2000 samples are missing and 1000 are there" in said
     assert "cut the file where it was paused" in said
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from solver.network.description import Fluid
 from solver.quantities.units import INFLOW, MMHG, of_signal
 
 from ..records.alignment.beats import Beats
@@ -15,19 +16,31 @@ from .waves import foot, later, smooth
 _TOGETHER = 0.1  # of the period: pressure and flow of one place rise within less of each other
 _DIASTOLE = (0.7, 0.9)  # of the beat from the foot of the flow on, where a valve is closed
 _BACKWARD = 0.05  # of the peak flow: more than that does not flow back into a heart
-_ABOVE = 1.005  # times the mean pressure at the root: larger means get a note
+_ABOVE, _BELOW = 1.005, 0.95  # times the mean pressure at the root: means beyond get a note; large arteries lose 1 %
+_SPEEDS = 2.0  # times another estimate of the wave speed, or half of it
 _MANY = 6.0  # times the usual resistance or a sixth of it: L/min read as mL/s is 17 times, a carotid 8 to 20 times
 _USUAL, _MASS = 1.1 * MMHG / 1e-6, 70.0  # [Pa s/m³] of a human of 70 kg: 95 mmHg over 5 L/min; as mass^(-3/4)
 
 
-def doubts(beats: Beats, root: str, R: Found, mass: float, sites: list[str]) -> Iterator[str]:
-    """Sentences. root : the channel of the pressure there. R : the total resistance. mass [kg] of the animal."""
+def doubts(beats: Beats, root: str, R: Found, Z: Found, mass: float, sites: list[str]) -> Iterator[str]:
+    """Sentences. root : the channel of the pressure there. R : the total resistance, Z : the impedance at the root.
+    mass [kg] of the animal."""
     yield from _clocks(beats, root)
+    yield from _flow_of_another_place(beats, root, Z)
     yield from _zero_of_flow(beats)
     yield from _size(R, mass)
     P = float(beats.mean(root).mean())
     for site in sites:
-        if f"{site}.P" in beats.values and (there := float(beats.mean(f"{site}.P").mean())) > _ABOVE * P:
+        if f"{site}.P" not in beats.values:
+            continue
+        there = float(beats.mean(f"{site}.P").mean())
+        if there < _BELOW * P:
+            yield (
+                f"the mean of {site}.P is {(P - there) / MMHG:.2g} mmHg below that of {root}, more than large arteries "
+                f"lose: the zero or the height of a sensor is off (calibrate --free {site}.P.zero), or the artery is "
+                "narrowed between them."
+            )
+        if there > _ABOVE * P:
             yield (
                 f"the mean of {site}.P is {(there - P) / MMHG:.2g} mmHg above that of {root}, against the flow: the "
                 f"zero or the height of a sensor is off; with several flows, calibrate --free {site}.P.zero finds it."
@@ -54,6 +67,23 @@ def _clocks(beats: Beats, root: str) -> Iterator[str]:
             f"{root} rises {1e3 * abs(late):.0f} ms {'after' if late > 0.0 else 'before'} {INFLOW}, and at one place "
             "both rise together: one of the two is of another clock or another place; shift the times of its file "
             '(--with "FILE=SHIFT").'
+        )
+
+
+def _flow_of_another_place(beats: Beats, root: str, Z: Found) -> Iterator[str]:
+    """By the radius at the root: waves run at c = Z A/ρ if all of the flow passes there, and at that of Bramwell and
+    Hill, c² = R/(2ρ) dP/dR, in any case. Source: Proc. R. Soc. B 93 (1922) 298."""
+    measured = root.removesuffix("P") + "R"
+    if measured not in beats.values:
+        return
+    P, R, rho = beats.mean(root), beats.mean(measured), Fluid().rho
+    by_flow = Z.value * np.pi * float(R.mean()) ** 2 / rho
+    by_wall = float(np.sqrt(max(R.mean() * np.polyfit(R, P, 1)[0] / (2.0 * rho), 0.0)))
+    if not 1.0 / _SPEEDS < by_flow / max(by_wall, np.finfo(float).tiny) < _SPEEDS:
+        yield (
+            f"by the impedance and the mean of {measured} waves run at {by_flow:.3g} m/s, by the slope of {root} "
+            f"against {measured} at {by_wall:.3g} m/s: {INFLOW} is not the flow through that place, or a unit or gain "
+            f"is wrong; if {measured} is of another place than {root}, give its site another name."
         )
 
 

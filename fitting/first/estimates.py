@@ -78,8 +78,8 @@ def resistance(beats: Beats, root: str, P_venous: float) -> Found:
         (unit_P, mmHg), (unit_Q, mL) = of_signal("P"), of_signal("Q")
         raise InputError(
             f"{beats.source}: its mean pressure is {mmHg * P:.4g} {unit_P} above P_venous and its mean inflow "
-            f"{mL * Q:.4g} {unit_Q}, and a resistance needs both positive; check the sign of {INFLOW} and the zero of "
-            f"{root}, or give --venous."
+            f"{mL * Q:.4g} {unit_Q}, and a resistance needs both positive; check the sign of {INFLOW} (--map "
+            f'"TITLE=-{INFLOW}" turns it) and the zero of {root}, or give --venous.'
         )
     how = f"mean of {root} minus P_venous ({P_venous / MMHG:.3g} mmHg), over mean of {INFLOW}"
     return Found("total resistance R", float(P / Q), "Pa.s/m^3", float(np.hypot(0.02, _VENOUS / P)), how)

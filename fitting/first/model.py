@@ -97,7 +97,7 @@ def first_model(
     echo = reflection_time(beats, channel, Z.value)
     times = {site: found.value for site, found in delays.items()}
     P = float(beats.mean(channel).mean())
-    notes = list(doubts(beats, channel, R, usual.mass, list(delays)))
+    notes = list(doubts(beats, channel, R, Z, usual.mass, list(delays)))
     if not _USUAL[0] <= c.value <= _USUAL[1]:
         notes.append(
             f"a wave speed of {c.value:.3g} m/s is not an artery's; check the unit of {INFLOW}, or give a distance "

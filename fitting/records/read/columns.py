@@ -30,8 +30,9 @@ class Reading:
     """How a file is to be read. decimal : comma or point, by default found.
 
     names : title of a column, or its number from 1 -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]";
-    "" leaves the column out. "row" -> "time [2 ms]": there is no time, and a sample every 2 ms. If any is given, all
-    columns that neither it nor the variables' names mention are left out. "Q.csv:2" is of the file of that name alone.
+    "" leaves the column out, "-AA.Q" turns its sign. "row" -> "time [2 ms]": there is no time, and a sample every 2 ms.
+    If any is given, all columns that neither it nor the variables' names mention are left out. "Q.csv:2" is of the file
+    of that name alone.
     beside : further files of the same recording. shifts : file -> seconds that are added to its times; None: it starts
     with the first file.
     """
@@ -88,17 +89,19 @@ class Reading:
 
 @dataclass(frozen=True)
 class Chosen:
-    """A column that is read: its name in the record (D as R), kind, and scale of its unit in SI. Time is "time"."""
+    """A column that is read: its name in the record (D as R), kind, scale of its unit in SI, and -1 of one that is
+    turned. Time is "time"."""
 
     column: Column
     name: str
     kind: Kind
     scale: float
+    sign: float = 1.0
 
     @property
     def factor(self) -> float:
         """By which the values are multiplied: a diameter becomes a radius."""
-        return self.scale / 2.0 if self.kind is KINDS["D"] else self.scale
+        return self.sign * (self.scale / 2.0 if self.kind is KINDS["D"] else self.scale)
 
 
 def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
@@ -198,7 +201,7 @@ def _targets(
             )
         for i in there:
             given[i] = variable
-    said = {name_and_unit(variable)[0] for variable in given.values()}
+    said = {name_and_unit(variable)[0].removeprefix("-") for variable in given.values()}
     return [_target(column, given.get(i), said, bool(reading.names)) for i, column in enumerate(columns)]
 
 
@@ -235,7 +238,8 @@ def _kind(name: str) -> Kind | None:
 
 
 def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], place: Place) -> Chosen:
-    (name, unit), title = target, column.title
+    (given, unit), title = target, column.title
+    name = given.removeprefix("-")
     kind = TIME if name == "time" else _kind(name)
     if kind is None:
         short = title if title else "column"
@@ -247,7 +251,7 @@ def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], plac
         refuse(place, None, title, f'{column.problem}; leave it out: --map "{title}=", or export it alike')
     scale = _factor(kind, name, unit, title, titles, place)
     site, _, letter = name.rpartition(".")
-    return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale)
+    return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale, 1.0 if given == name else -1.0)
 
 
 def _unknown(column: Column, target: tuple[str, str]) -> bool:

@@ -64,7 +64,7 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
     header = _header(rows, start, lines)
     untitled = [str(i + 1) for i in range(width or 0)]
     titles = untitled if header < 0 else _titles(lines[header], separator, source, header, width)
-    if chart := labchart(rows[:start]):
+    if chart := labchart(rows[:start], rows[start] if start < len(rows) else ()):
         header = next(i for i, row in enumerate(rows) if row and row[0].strip() == "ChannelTitle=")
         titles, units = chart
     else:
@@ -204,9 +204,9 @@ def _mark(rows: Sequence[Sequence[str]], separator: str, source: str, first: int
 # --- what LabChart (ADInstruments) and AcqKnowledge (Biopac) write above the columns ---------------------------------
 
 
-def labchart(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]] | None:
+def labchart(rows: Sequence[Sequence[str]], first: Sequence[str]) -> tuple[list[str], list[str]] | None:
     """Titles and units, time first, of lines ``ChannelTitle=``, ``Range=`` and ``UnitName=``, which stand for a header;
-    None if there are none."""
+    None if there are none. first : row of numbers, among which a date has no title."""
     lines = {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows if row}
     titles = lines.get("ChannelTitle=")
     if titles is None:
@@ -214,7 +214,12 @@ def labchart(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]] | Non
     units = lines.get("UnitName=") or [re.sub(r"^[\d.,\s]+", "", each) for each in lines.get("Range=", [])]
     units += [""] * (len(titles) - len(units))
     clock = lines.get("TimeFormat=", [""])[0]
-    return ["Time", *titles], ["s" if not clock or clock.startswith("StartOf") else "", *units[: len(titles)]]
+    titles, units = ["Time", *titles], ["s" if not clock or clock.startswith("StartOf") else "", *units[: len(titles)]]
+    for i, cell in enumerate(first):
+        if is_date(cell.strip()):
+            titles.insert(i, "")
+            units.insert(i, "")
+    return titles, units
 
 
 def biopac(lines: Sequence[str], titles: Sequence[str]) -> tuple[list[str], list[str]] | None:

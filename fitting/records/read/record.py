@@ -30,7 +30,7 @@ from .columns import Reading, choose
 from .kinds import read_table
 from .sensors import KINDS, TIME, UnusableRecord, check_numbers, check_plateaus, check_ranges, constant_value, may_rest
 from .table import Column, Place, Table
-from .time_axis import between, time_axis
+from .time_axis import between, longest_block, time_axis
 
 Array = np.ndarray
 
@@ -133,7 +133,9 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
     """The record in one file."""
     clock, chosen = choose(table, reading)
     place = table.place
-    axis = time_axis(clock.column.values, clock.factor, clock.column.title, place)
+    block, said = longest_block(clock.column.values, clock.factor, place)
+    place = replace(place, begins=block.start)
+    axis = time_axis(clock.column.values[block], clock.factor, clock.column.title, place)
     titles = {each.name: each.column.title for each in chosen}
     scales = {each.name: each.scale for each in chosen}
     channels: dict[str, Array] = {}
@@ -142,13 +144,13 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
     while chosen:
         each = chosen.pop(0)  # what is not needed is not kept: a record may be large
         with np.errstate(over="ignore"):
-            channels[each.name] = each.column.values * each.factor
+            channels[each.name] = each.column.values[block] * each.factor
         check_numbers(channels[each.name], each.column.title, place)
-    said = list(axis.said)
+    said += axis.said
     for name in channels:
         channels[name], codes = without_codes(channels[name], name, scales[name])
         channels[name], still = without_still(channels[name], name, axis.dt, place)
-        said += [*codes, *still]
+        said += codes + still
     check_ranges(channels, titles, place)
     for name, title in titles.items():
         constant = constant_value(channels[name])
@@ -164,9 +166,7 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
                 f'pulsate; check the sensor, or leave it out: --map "{title}=".'
             )
     channels = {name: axis.of(values) for name, values in channels.items()}
-    return Record(
-        place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, tuple(said)
-    )
+    return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, said)
 
 
 def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
