@@ -6,18 +6,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from solver.network.description import Fluid
 from solver.quantities.units import INFLOW, MMHG, of_signal
 
 from ..records.alignment.beats import Beats
-from .estimates import Found
+from .estimates import Found, radius_at, speeds
 from .waves import foot, later, smooth
 
 _TOGETHER = 0.1  # of the period: pressure and flow of one place rise within less of each other
 _DIASTOLE = (0.7, 0.9)  # of the beat from the foot of the flow on, where a valve is closed
 _BACKWARD = 0.05  # of the peak flow: more than that does not flow back into a heart
 _ABOVE, _BELOW = 1.005, 0.95  # times the mean pressure at the root: means beyond get a note; large arteries lose 1 %
-_SPEEDS = 2.0  # times another estimate of the wave speed, or half of it
 _MANY = 6.0  # times the usual resistance or a sixth of it: L/min read as mL/s is 17 times, a carotid 8 to 20 times
 _USUAL, _MASS = 1.1 * MMHG / 1e-6, 70.0  # [Pa s/m³] of a human of 70 kg: 95 mmHg over 5 L/min; as mass^(-3/4)
 
@@ -71,19 +69,14 @@ def _clocks(beats: Beats, root: str) -> Iterator[str]:
 
 
 def _flow_of_another_place(beats: Beats, root: str, Z: Found) -> Iterator[str]:
-    """By the radius at the root: waves run at c = Z A/ρ if all of the flow passes there, and at that of Bramwell and
-    Hill, c² = R/(2ρ) dP/dR, in any case. Source: Proc. R. Soc. B 93 (1922) 298."""
-    measured = root.removesuffix("P") + "R"
-    if measured not in beats.values:
-        return
-    P, R, rho = beats.mean(root), beats.mean(measured), Fluid().rho
-    by_flow = Z.value * np.pi * float(R.mean()) ** 2 / rho
-    by_wall = float(np.sqrt(max(R.mean() * np.polyfit(R, P, 1)[0] / (2.0 * rho), 0.0)))
-    if not 1.0 / _SPEEDS < by_flow / max(by_wall, np.finfo(float).tiny) < _SPEEDS:
+    found = speeds(beats, root, Z)
+    if found and not found.agree:
+        measured = radius_at(root)
         yield (
-            f"by the impedance and the mean of {measured} waves run at {by_flow:.3g} m/s, by the slope of {root} "
-            f"against {measured} at {by_wall:.3g} m/s: {INFLOW} is not the flow through that place, or a unit or gain "
-            f"is wrong; if {measured} is of another place than {root}, give its site another name."
+            f"by the impedance and the mean of {measured} waves run at {found.by_flow:.3g} m/s, by the slope of {root} "
+            f"against {measured} at {found.by_wall:.3g} m/s: {INFLOW} is not the flow through that place, or a unit or "
+            f"gain is wrong. The model does not use {measured}; if it is of another place than {root}, give its site "
+            "another name."
         )
 
 

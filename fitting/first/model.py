@@ -30,7 +30,18 @@ from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
 from .doubts import doubts, late_flow
-from .estimates import Found, compliances, delay, impedance, reflection_time, resistance, root_pressure, sites
+from .estimates import (
+    Found,
+    compliances,
+    delay,
+    impedance,
+    radius_at,
+    reflection_time,
+    resistance,
+    root_pressure,
+    sites,
+    speeds,
+)
 from .fitted import Fitted, fitted, of_owner
 from .species import Typical, typical
 from .stretches import Stretch, layouts, parents
@@ -93,7 +104,7 @@ def first_model(
     Z = impedance(beats, channel)
     delays = {site: delay(beats, channel, site) for site in sites(beats) if site != root}
     usual = typical(like, mass)
-    c, area, radius = _speed_and_area(beats, root, Z, usual, delays, distances or {})
+    c, area, radius = _speed_and_area(beats, channel, Z, usual, delays, distances or {})
     echo = reflection_time(beats, channel, Z.value)
     times = {site: found.value for site, found in delays.items()}
     P = float(beats.mean(channel).mean())
@@ -175,7 +186,7 @@ class _Parts:
 
 
 def _speed_and_area(
-    beats: Beats, root: str, Z: Found, usual: Typical, delays: Mapping[str, Found], distances: Mapping[str, float]
+    beats: Beats, channel: str, Z: Found, usual: Typical, delays: Mapping[str, Found], distances: Mapping[str, float]
 ) -> tuple[Found, float, Found]:
     """Mean wave speed c of a tube, area [m²] at the start of one with all of the flow, and the radius there, with
     Z_c = ρ c/A of the start.
@@ -188,7 +199,7 @@ def _speed_and_area(
         raise InputError(
             f"--distance: {unknown[0]} is no site beside the root; the record has {', '.join(delays) or 'none'}."
         )
-    rho, measured = Fluid().rho, f"{root}.R"
+    rho, measured, local = Fluid().rho, radius_at(channel), speeds(beats, channel, Z)
     if distances:
         site = max(distances, key=lambda name: distances[name])
         c = distances[site] / delays[site].value
@@ -196,10 +207,9 @@ def _speed_and_area(
         speed = Found("wave speed c", c, "m/s", error, f"the distance to {site} over the delay")
         at_root = c / mean_speed(1.0)
         how, R_error = "Z_c and c", float(np.hypot(error, Z.error)) / 2.0
-    elif measured in beats.values:
-        A = np.pi * float(beats.mean(measured).mean()) ** 2
+    elif local and local.agree:
         error = float(np.hypot(Z.error, 2.0 * _MEASURED))
-        at_root = float(Z.value * A / rho)
+        at_root = local.by_flow
         speed = Found("wave speed c", mean_speed(at_root), "m/s", error, f"Z_c and mean {measured}")
         how, R_error = f"mean of {measured}", _MEASURED
     else:
