@@ -125,6 +125,13 @@ def test_a_flow_of_another_place(factor: float, expected: int) -> None:
     assert (found == pytest.approx(radius.mean(), rel=1e-2)) == (not expected)
 
 
+def test_a_ventricle_is_no_artery() -> None:
+    """A pressure that falls to a tenth of its highest value in each beat."""
+    Q = ejection(0.8, 64.0 * ML)
+    P = MMHG * (10.0 + 90.0 * Q / Q.max())
+    assert any("as a ventricle's pressure does" in note for note in first_model(beats(0.8, 1, inlet_Q=Q, Ao_P=P)).notes)
+
+
 def test_a_site_that_is_low() -> None:
     """15 mmHg below the root: a zero, a height or a narrowing."""
     T, R = 0.8, PER_ML

@@ -193,6 +193,16 @@ def test_clipping_is_found_in_digitised_and_noisy_signals(tmp_path: Path, bits: 
     assert "the channel is clipped: it rests at its highest value, 106" in refusal(tmp_path, text(bench(P=P)))
 
 
+def test_a_sensor_that_is_saturated_for_a_while(tmp_path: Path) -> None:
+    """A flush of 0.2 s at 300 mmHg in 15 s: a gap with 0.3 s on either side, and said."""
+    time = np.arange(3000) * DT
+    P = np.interp(time % 4.5, TIME, P_MMHG)
+    P[1000:1040] = 300.0
+    record = read_record(save(tmp_path, text({"time [s]": time, "AA.P [mmHg]": P})))
+    assert np.flatnonzero(np.isnan(record.channels["AA.P"])).tolist() == list(range(940, 1100))
+    assert "was saturated for a while, it rests at its highest value, 300 mmHg" in record.said[0]
+
+
 @pytest.mark.parametrize("flow", [0.0, 2.5])
 def test_a_flow_that_does_not_pulsate_is_no_channel(tmp_path: Path, flow: float) -> None:
     """Q = 0 or 2.5 mL/s with a gap, as at a closed outlet: the record is read without it, its beats too."""

@@ -14,6 +14,7 @@ from .waves import foot, later, smooth
 
 _TOGETHER = 0.1  # of the period: pressure and flow of one place rise within less of each other
 _DIASTOLE = (0.7, 0.9)  # of the beat from the foot of the flow on, where a valve is closed
+_EMPTY = 0.25  # of the systolic pressure: no artery falls lower
 _BACKWARD = 0.05  # of the peak flow: more than that does not flow back into a heart
 _ABOVE, _BELOW = 1.005, 0.95  # times the mean pressure at the root: means beyond get a note; large arteries lose 1 %
 _MANY = 6.0  # times the usual resistance or a sixth of it: L/min read as mL/s is 17 times, a carotid 8 to 20 times
@@ -23,6 +24,7 @@ _USUAL, _MASS = 1.1 * MMHG / 1e-6, 70.0  # [Pa s/m³] of a human of 70 kg: 95 mm
 def doubts(beats: Beats, root: str, R: Found, Z: Found, mass: float, sites: list[str]) -> Iterator[str]:
     """Sentences. root : the channel of the pressure there. R : the total resistance, Z : the impedance at the root.
     mass [kg] of the animal."""
+    yield from _ventricle(beats, root)
     yield from _clocks(beats, root)
     yield from _flow_of_another_place(beats, root, Z)
     yield from _zero_of_flow(beats)
@@ -77,6 +79,15 @@ def _flow_of_another_place(beats: Beats, root: str, Z: Found) -> Iterator[str]:
             f"against {measured} at {found.by_wall:.3g} m/s: {INFLOW} is not the flow through that place, or a unit or "
             f"gain is wrong. The model does not use {measured}; if it is of another place than {root}, give its site "
             "another name."
+        )
+
+
+def _ventricle(beats: Beats, root: str) -> Iterator[str]:
+    low, high = (float(x) / MMHG for x in (beats.mean(root).min(), beats.mean(root).max()))
+    if low < _EMPTY * high:
+        yield (
+            f"{root} falls from {high:.3g} to {low:.3g} mmHg in each beat, as a ventricle's pressure does, or one that "
+            "is not told from that of the air; an artery keeps its pressure, and the resistance needs its level."
         )
 
 

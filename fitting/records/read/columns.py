@@ -17,7 +17,7 @@ from solver.quantities.units import INFLOW
 
 from .sensors import KINDS, TIME, Kind
 from .table import Column, Place, Table, refuse
-from .titles import factor, is_time, name_and_unit
+from .titles import factor, is_time, is_unit, name_and_unit
 
 _EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]", "FA.P [mmHg]")
 _START = "start"
@@ -289,7 +289,7 @@ def _letter(name: str, unit: str) -> str:
     """The kind that unit and title of a column suggest; "" of none."""
     units = [letter for letter, kind in KINDS.items() if unit and factor(unit, kind) is not None]
     words = [letter for letter, spelled in _WORDS.items() if spelled.search(name)]
-    if (unit and not units) or (not unit and _OTHER.search(name)):
+    if (unit and not units) or _OTHER.search(name):
         return ""
     return next((each for each in words if not unit or each in units), units[0] if units else "P")
 
@@ -307,7 +307,8 @@ def _advice(name: str, unit: str, title: str) -> str:
     """
     letter, drop = _letter(name, unit), f'leave it out with --map "{title}="'
     if not letter:
-        return f"{unit} is a unit of none of them; {drop}" if unit else f"if it is none of them, {drop}"
+        foreign = unit and not is_unit(unit)
+        return f"{unit} is a unit of none of them; {drop}" if foreign else f"if it is none of them, {drop}"
     words = any(spelled.search(name) for spelled in _WORDS.values())
     target = INFLOW if letter == "Q" else f"AA.{letter}"
     target = target if unit else f"{target} [{KINDS[letter].example}]"
@@ -325,7 +326,13 @@ _WORDS = {
         ("P", "press|druck|abp|cath|p(?![a-z])"),
     )
 }
-_OTHER = re.compile(r"(?<![a-z])(ecg|ekg|eeg|emg|resp|temp|trigger|marker|spo2|etco2|index|sample)", re.IGNORECASE)
+# no signal of a systemic artery: other signals, numbers that are derived of one, other places, and foreign units
+_OTHER = re.compile(
+    r"(?<![a-z])(ecg|ekg|eeg|emg|resp|temp|trigger|marker|spo2|etco2|index|sample|d[pqv]/?dt|output|stroke|mean|"
+    r"lvp|lvedp|rvp|cvp|pap|pcwp|icp|iap|paw|ventric|venous|vein|vena|cava|airway|wedge|pulmon|"
+    r"(lv|rv|hr|sv|co|map|sbp|dbp)(?![a-z]))|[\[(]([mµu]?v|bpm|%|°c|hz|[^()]*/s)[\])]$",
+    re.IGNORECASE,
+)
 
 
 def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str], place: Place) -> float:

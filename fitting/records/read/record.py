@@ -28,7 +28,16 @@ from .. import thresholds as limit
 from .artefacts import without_codes, without_still
 from .columns import Chosen, Reading, choose
 from .kinds import read_table
-from .sensors import KINDS, TIME, UnusableRecord, check_numbers, check_plateaus, check_ranges, constant_value, may_rest
+from .sensors import (
+    KINDS,
+    TIME,
+    UnusableRecord,
+    check_numbers,
+    check_ranges,
+    constant_value,
+    may_rest,
+    without_plateaus,
+)
 from .table import Column, Place, Table
 from .time_axis import between, longest_block, time_axis
 
@@ -196,7 +205,8 @@ def _one(
     for name, title in titles.items():
         constant = constant_value(channels[name])
         if constant is None:
-            check_plateaus(channels[name], name, title, place)
+            channels[name], clipped = without_plateaus(channels[name], name, title, place, axis.dt)
+            said += clipped
         elif may_rest(name) and len(channels) > 1:
             del channels[name]
             resting[name] = constant
