@@ -104,6 +104,15 @@ def test_collinear_columns_are_reported() -> None:
     assert any("nearly collinear" in text for text in fitted.warnings)
 
 
+@pytest.mark.parametrize(("part", "said"), [(0.1, None), (0.4, "39% below the modulus of the material")])
+def test_a_thick_wall_is_reported(part: float, said: str | None) -> None:
+    """h of a tenth and of four tenths of R0: (1 + x/2)/(1 + x)² of a thick wall's modulus, 0.612 at x = 0.4."""
+    wall = table_wall("AA")
+    texts = fit(recording(wall, 60.0, 1), "S", part * wall.R0).warnings
+    found = [text for text in texts if "no thin wall" in text]
+    assert len(found) == (said is not None) and all(str(said) in text for text in found)
+
+
 def test_invisible_parameter_and_few_beats_are_reported() -> None:
     """φ_NL of CA at 30 dB; three beats."""
     wall = table_wall("CA")
