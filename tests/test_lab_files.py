@@ -151,6 +151,8 @@ def test_labchart_and_acqknowledge(tmp_path: Path) -> None:
     check(read(tmp_path, "\n".join([*chart, *lines[:400], *again, *lines[400:]]), names=NAMES))
     dated = [row.replace("\t", "\t2/6/2024\t", 1) for row in lines]  # DateFormat= of the day, in a column of its own
     check(read(tmp_path, "\n".join([*chart, *dated]), names=NAMES))
+    timeless = [row.partition("\t")[2] for row in rows("\t", ".")]
+    check(read(tmp_path, "\n".join([*chart, *timeless]), names=NAMES | {"row": "time [5 ms]"}))
     biopac = ["sheep7.acq", "5 msec/sample", "2 channels", "P", "mmHg", "D", "mm", "sec\tCH1\tCH2\t", "\t1000\t1000\t"]
     check(read(tmp_path, "\n".join([*biopac, *(f"{row}\t" for row in rows("\t", "."))]), names=NAMES))
 
@@ -230,10 +232,20 @@ def test_a_column_of_remarks(tmp_path: Path, remark: str) -> None:
     assert f"line 302, column 'BT.P [mmHg]': '{remark.strip(chr(34))}' is not a number" in said
 
 
+def test_rows_of_events(tmp_path: Path) -> None:
+    """Words in place of a row, and beside the time of an event: no samples; beside a number, line and column."""
+    lines = rows(",", ".")
+    lines[300:300] = ["EVENT: 5 ug of noradrenaline", "1.4999,Marker,occlusion on"]
+    content = "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines])
+    check(read(tmp_path, content))
+    assert "line 303, column 'AA.P [mmHg]': 'Marker' is" in refused(tmp_path, content.replace("occlusion on", "9.0"))
+
+
 def test_lines_of_words_below_the_titles(tmp_path: Path) -> None:
-    """Titles, units and names of the converter's channels, in any order below the titles."""
+    """Titles, units and names of the converter's channels, in any order below the titles; units above them."""
     for below in (["s,mmHg,mm", "Ch 1,Ch 2,Ch 3"], ["Ch 1,Ch 2,Ch 3", "(s),(mmHg),(mm)"]):
         check(read(tmp_path, "\n".join(["Sheep 12", "Time,AA.P,AA.R", *below, *rows(",", ".")])))
+    check(read(tmp_path, "\n".join(["[s],[mmHg],[mm]", "Time,AA.P,AA.R", *rows(",", ".")])))  # or units above
 
 
 def test_what_stands_behind_the_samples(tmp_path: Path) -> None:
@@ -557,6 +569,9 @@ def test_columns_without_known_titles_are_asked_for_with_sites_of_their_own(tmp_
         ("Vessel radius", '--map "Vessel radius=AA.R [mm]"'),
         ("Aortic flow", '--map "Aortic flow=inlet.Q [mL/s]"'),
         ("Flow (L/min)", '--map "Flow (L/min)=inlet.Q"'),
+        ("Q [m3/s]", '--map "Q [m3/s]=inlet.Q"'),
+        ("AoF", '--map "AoF=inlet.Q [mL/s]"'),
+        ("AoP [V]", '--map "AoP [V]=AA.P [mmHg]"'),
         ("Left carotid pressure", '--map "Left carotid pressure=AA.P [mmHg]"'),
         ("channel 3", 'if it is a pressure, say so with --map "channel 3=AA.P [mmHg]"'),
     ],

@@ -114,7 +114,8 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         columns.append(Column(_ROW, np.arange(float(len(columns[0].values)))))
     if not (table.titled or reading.names):
         row = ", ".join(f"{column.values[0]:g}" for column in columns)
-        raise InputError(f"{place}: it has no header, and its first row is {row}; {which_is_which(len(columns))}")
+        asked = which_is_which(len(columns), _may_be_time(columns[0]))
+        raise InputError(f"{place}: it has no header, and its first row is {row}; {asked}")
     targets = _targets(columns, reading, place)
     wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
     times = [(column, target) for column, target in wanted if target[0] == "time"]
@@ -144,10 +145,11 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     return _chosen(*times[0], titles_, place), found
 
 
-def which_is_which(n: int) -> str:
-    """What to say of n columns without titles: options to copy, an example."""
-    maps = " ".join(f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[:n], start=1))
-    return f"say which column is which, such as {maps}."
+def which_is_which(n: int, timed: bool = True) -> str:
+    """What to say of n columns without titles: options to copy, an example. timed : whether the first may be a time."""
+    maps = [f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[not timed :][:n], start=1)]
+    maps += [] if timed else [f'--map "{_ROW}=time [1 ms]"']
+    return f"say which column is which, such as {' '.join(maps)}."
 
 
 def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
@@ -281,7 +283,7 @@ def _proposed(unknown: Sequence[Column]) -> list[str]:
         flows, pressures = flows + (letter == "Q"), pressures + (letter == "P")
         site = "Ao" if pressures < 2 else f"site{pressures}"
         target = INFLOW if letter == "Q" and flows == 1 else f"{site}.{letter}" if letter else ""
-        targets.append(target if unit or not letter else f"{target} [{KINDS[letter].example}]")
+        targets.append(target if is_unit(unit) or not letter else f"{target} [{KINDS[letter].example}]")
     return targets
 
 
@@ -289,9 +291,10 @@ def _letter(name: str, unit: str) -> str:
     """The kind that unit and title of a column suggest; "" of none."""
     units = [letter for letter, kind in KINDS.items() if unit and factor(unit, kind) is not None]
     words = [letter for letter, spelled in _WORDS.items() if spelled.search(name)]
-    if (unit and not units) or _OTHER.search(name):
+    volts = unit.strip() in ("V", "mV")  # the range of a converter, as LabChart prints it
+    if (unit and not units and not volts) or _OTHER.search(name):
         return ""
-    return next((each for each in words if not unit or each in units), units[0] if units else "P")
+    return next((each for each in words if not units or each in units), units[0] if units else "" if volts else "P")
 
 
 def _check_cells(column: Column, place: Place) -> None:
@@ -311,7 +314,7 @@ def _advice(name: str, unit: str, title: str) -> str:
         return f"{unit} is a unit of none of them; {drop}" if foreign else f"if it is none of them, {drop}"
     words = any(spelled.search(name) for spelled in _WORDS.values())
     target = INFLOW if letter == "Q" else f"AA.{letter}"
-    target = target if unit else f"{target} [{KINDS[letter].example}]"
+    target = target if is_unit(unit) else f"{target} [{KINDS[letter].example}]"
     noun = KINDS[letter].noun
     which = "say which it is with" if words else f"if it is a {noun}, say so with"
     return f'rename it, {which} --map "{title}={target}", or {drop}'
@@ -322,8 +325,8 @@ _WORDS = {
     for letter, spelled in (
         ("D", "diam|durchmesser|d(?![a-z])"),
         ("R", "radi|r(?![a-z])"),
-        ("Q", "flow|fluss|débit|debit|q(?![a-z])"),
-        ("P", "press|druck|abp|cath|p(?![a-z])"),
+        ("Q", "flow|fluss|débit|debit|q(?![a-z])|(?-i:[A-Z][a-z]+F(?![a-zA-Z]))"),
+        ("P", "press|druck|abp|cath|p(?![a-z])|(?-i:[A-Z][a-z]+P(?![a-zA-Z]))"),
     )
 }
 # no signal of a systemic artery: other signals, numbers that are derived of one, other places, and foreign units

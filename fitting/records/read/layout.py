@@ -68,7 +68,8 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
         header = next(i for i, row in enumerate(rows) if row and row[0].strip() == "ChannelTitle=")
         titles, units = chart
     else:
-        between = [row for row in rows[header + 1 : start] if any(cell.strip() for cell in row)]
+        beside = [*rows[max(header - 1, 0) : max(header, 0)], *rows[header + 1 : start]]
+        between = [row for row in beside if any(cell.strip() for cell in row)]
         units = next(([cell.strip(" []()") for cell in row] for row in between if _is_units(row)), [])
         titles, units = biopac(lines[:header], titles) or (titles, units or [""] * len(titles))
         if start == len(lines) or not (
@@ -214,7 +215,10 @@ def labchart(rows: Sequence[Sequence[str]], first: Sequence[str]) -> tuple[list[
     units = lines.get("UnitName=") or [re.sub(r"^[\d.,\s]+", "", each) for each in lines.get("Range=", [])]
     units += [""] * (len(titles) - len(units))
     clock = lines.get("TimeFormat=", [""])[0]
-    titles, units = ["Time", *titles], ["s" if not clock or clock.startswith("StartOf") else "", *units[: len(titles)]]
+    units = units[: len(titles)]
+    if len(first) != len(titles):  # else it was exported without times
+        titles = ["Time", *titles]
+        units = ["s" if not clock or clock.startswith("StartOf") else "", *units]
     for i, cell in enumerate(first):
         if is_date(cell.strip()):
             titles.insert(i, "")
