@@ -92,9 +92,10 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     bent, none, partial = _bent(walls, naming), naming.verdict == "none", naming.verdict == "partial"
     acting = _acting(study, naming)
     late = late_drive(shown.effects, study.problem.signals) if after and study.site is None else ""
+    table = isolability(base, columns, terms)
     return Outcome(
         verdict=naming.verdict,
-        sentence=sentence(naming, shown.effects, *gaps, acting, late, study.problem.kind),
+        sentence=sentence(naming, shown.effects, *gaps, acting, late, study.problem.kind, table.invisible),
         confidence=naming.confidence,
         complete=naming.complete,
         met=_met(naming),
@@ -115,7 +116,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         z_map=located.z,
         candidates=_candidates(study, naming),
         absorbed=_absorbed(final),
-        isolability=isolability(base, columns, terms),
+        isolability=table,
         smallest=smallest(base, columns, terms) if none else {},
         sites=naming.problem.left_out(final),
         gap_before=gaps[0].total,
@@ -223,16 +224,19 @@ def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]
 
 def sentence(
     naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None,
-    acting: SourceMapShown | None = None, late: str = "", kind: str = "network",
+    acting: SourceMapShown | None = None, late: str = "", kind: str = "network", invisible: tuple[str, ...] = (),
 ) -> str:  # fmt: skip
     """The verdict in one sentence, and a second one if the search was incomplete or no law explains everything.
 
     acting : the source map, which then describes what is missing. late : the reading as a delay of the drive, or "".
-    kind : of the study. An effect that leaves more than noise may itself stand for what the model lacks.
+    kind : of the study. An effect that leaves more than noise may itself stand for what the model lacks. invisible :
+    effects that would not show in the record.
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
-        said = f"Nothing is missing: the model fits the record, with a gap to held-out beats of {left(before)}."
+        what = "Nothing that this record would show" if invisible else "Nothing"
+        said = f"{what} is missing: the model fits the record, with a gap to held-out beats of {left(before)}."
+        said += f" Too small to show at typical size: {', '.join(map(plain, invisible))}." if invisible else ""
     elif naming.adds and after:
         said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}", kind)
         said += f" The simplest reading: {late}." if late else ""

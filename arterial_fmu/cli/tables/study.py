@@ -74,7 +74,8 @@ def gap_text(outcome: Outcome) -> str:
 def statements(outcome: Outcome) -> Iterator[str]:
     """The sentences below that table: confidence, gap, residual, class, walls, next measurement."""
     if outcome.verdict == "none" and outcome.confidence is not None:  # of a name, the table says it
-        yield f"probability that nothing is missing: {percent(outcome.confidence)}"
+        what = "nothing visible" if outcome.invisible else "nothing"
+        yield f"probability that {what} is missing: {percent(outcome.confidence)}"
     yield gap_text(outcome)
     remains = outcome.remains or (outcome.reason if outcome.verdict == "unknown" and not outcome.met else None)
     if remains:
