@@ -232,6 +232,34 @@ def test_a_column_of_remarks(tmp_path: Path, remark: str) -> None:
     assert f"line 302, column 'BT.P [mmHg]': '{remark.strip(chr(34))}' is not a number" in said
 
 
+@pytest.mark.parametrize(
+    ("title", "unit", "time"),
+    [
+        ("Elapsed time", "seconds", lambda t: f"{t:.3f}"),
+        ("Elapsed time", "hh:mm:ss.mmm", lambda t: f"'0:{t:06.3f}'"),
+        ("Time and date", "hh:mm:ss.mmm dd/mm/yyyy", lambda t: f"'[{clock(3600.0, t, '.')} 01/05/2014]'"),
+    ],
+)
+def test_physionet(tmp_path: Path, title: str, unit: str, time: Callable[[float], str]) -> None:
+    """What rdsamp of WFDB writes, which is proposed for its records: single quotes, units below, clocks."""
+    lines = [f"{time(t)},{p:.8f},{r:.8f}" for t, p, r in zip(TIME, P_MMHG, R_MM, strict=True)]
+    check(read(tmp_path, "\n".join([f"'{title}','P','D'", f"'{unit}','mmHg','mm'", *lines]), names=NAMES))
+
+
+@pytest.mark.parametrize("nothing", ["", ",,", "  "])
+def test_rows_of_nothing(tmp_path: Path, nothing: str) -> None:
+    """Blank lines and separators alone are no samples."""
+    lines = rows(",", ".")
+    lines[300:300] = [nothing]
+    check(read(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines])))
+
+
+def test_a_column_that_counts_is_no_pressure(tmp_path: Path) -> None:
+    """As pandas writes its index, without a title: to leave it out is proposed."""
+    columns = {"": np.arange(len(TIME)), "time [s]": TIME, "Pao": P_MMHG, "Qao": R_MM}
+    assert '--map "column 1=" --map "Pao=Ao.P [mmHg]"' in refused(tmp_path, text(columns))
+
+
 def test_rows_of_events(tmp_path: Path) -> None:
     """Words in place of a row, and beside the time of an event: no samples; beside a number, line and column."""
     lines = rows(",", ".")

@@ -279,7 +279,7 @@ def _proposed(unknown: Sequence[Column]) -> list[str]:
     for column in unknown:
         name, unit = name_and_unit(column.title)
         unit = unit or column.unit
-        letter = _letter(name, unit)
+        letter = "" if _counts(column) else _letter(name, unit)
         flows, pressures = flows + (letter == "Q"), pressures + (letter == "P")
         site = "Ao" if pressures < 2 else f"site{pressures}"
         target = INFLOW if letter == "Q" and flows == 1 else f"{site}.{letter}" if letter else ""
@@ -369,11 +369,16 @@ def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
             f'--map "TITLE=time [s]", or give the time between samples: --map "{_ROW}=time [1 ms]".'
         )
     title, unit = likely.title, name_and_unit(likely.title)[1] or likely.unit
-    if not unit and bool((np.diff(likely.values) == 1.0).all()):
+    if not unit and _counts(likely):
         why = "no column is named time; if this one counts the samples, give the time between them"
         refuse(place, None, title, f'{why}: --map "{title}=time [1 ms]"')
     asked = "time" if unit else "time [s]"
     refuse(place, None, title, f'no column is named time; if it is this one, say so: --map "{title}={asked}"')
+
+
+def _counts(column: Column) -> bool:
+    """Whether a column counts the rows."""
+    return len(column.values) > 1 and bool((np.diff(column.values) == 1.0).all())
 
 
 def _may_be_time(column: Column) -> bool:

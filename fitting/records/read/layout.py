@@ -24,6 +24,7 @@ _MARKS = {"comma": ",", "point": "."}
 _NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?|nan|[+-]?inf|", re.IGNORECASE)
 # a word with what stands in brackets behind it, as titles are, or the latter alone
 _WORD = re.compile(r"[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?|\[[^\]]*\]|\([^)]*\)")
+_CLOCK = re.compile(r"hh?:mm:ss\S*.*", re.IGNORECASE)  # how a clock is written, below its title
 _GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:\{}\d{{3}})+"  # may be thousands
 
 
@@ -167,7 +168,7 @@ def _titles(line: str, separator: str, source: str, at: int, width: int | None) 
 def _is_units(row: Sequence[str]) -> bool:
     """Whether a line below the titles holds their units."""
     cells = [cell.strip(" []()") for cell in row]
-    return any(cells) and all(not cell or is_unit(cell) for cell in cells)
+    return any(cells) and all(not cell or is_unit(cell) or _CLOCK.fullmatch(cell) for cell in cells)
 
 
 def _beside(row: Sequence[str], line: str) -> bool:

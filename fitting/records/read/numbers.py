@@ -43,6 +43,8 @@ def quickly(data: Path | bytes, skip: int, width: int, separator: str, mark: str
     whole = (frame.height + skip) * (width - 1)
     if frame.height == 0 or (frame[:, -1].null_count() and _count(data, separator.encode()) != whole):
         return None
+    if frame.select(pl.all_horizontal(pl.all().is_null()).any()).item():  # a row of separators alone is no sample
+        return None
     return [frame[name].fill_null(np.nan).rechunk().to_numpy() for name in frame.columns]
 
 
@@ -68,7 +70,7 @@ def slowly(
     rows = csv.reader(_samples(lines, start, separator, len(titles), at), strict=True, delimiter=separator)
     try:
         for row in rows:
-            if _is_remark(row, mark, grouped):
+            if not any(map(str.strip, row)) or _is_remark(row, mark, grouped):
                 continue
             if len(row) != len(titles):
                 raise InputError(

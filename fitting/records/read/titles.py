@@ -13,6 +13,7 @@ from solver.quantities.units import base_units
 from .sensors import KINDS, TIME, Kind
 
 _TIMES = {"t", "time", "zeit", "temps", "tiempo", "tempo", "tijd", "tid", "elapsed time", "relative time"}
+_TIMES |= {"timestamp", "timestamps", "time stamp", "time and date"}
 _PLAIN = {
     **dict.fromkeys(("sec", "secs", "second", "seconds", "sek", "sekunden"), "s"),
     **dict.fromkeys(("msec", "msecs", "millisecond", "milliseconds"), "ms"),
