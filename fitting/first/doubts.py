@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from solver.quantities.units import INFLOW, MMHG, of_signal
 
+from ..records import thresholds as limit
 from ..records.alignment.beats import Beats
 from .estimates import Found, radius_at, speeds
 from .waves import foot, later, smooth
@@ -45,6 +47,28 @@ def doubts(beats: Beats, root: str, R: Found, Z: Found, mass: float, sites: list
                 f"the mean of {site}.P is {(there - P) / MMHG:.2g} mmHg above that of {root}, against the flow: the "
                 f"zero or the height of a sensor is off; with several flows, calibrate --free {site}.P.zero finds it."
             )
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A channel of the record compared with the model: means, pulses and the rms of the difference [SI]."""
+
+    channel: str
+    mean: tuple[float, float]
+    pulse: tuple[float, float]
+    rms: float
+
+
+def means_apart(row: Shown) -> str:
+    """A sentence if the model misses the mean of a channel by more than half its pulse; "" if not."""
+    unit, shown = of_signal(row.channel)
+    if abs(row.mean[1] - row.mean[0]) <= limit.BEYOND * row.pulse[0]:
+        return ""
+    measured, model = (f"{shown * mean:.3g} {unit}" for mean in row.mean)
+    return (
+        f"the mean of {row.channel} is {measured}, and {model} in the model, more than half a pulse apart: the model "
+        "does not hold there; correct the network, or leave the channel out."
+    )
 
 
 def late_flow(late: float, feet: float, rms: tuple[float, float], root: str) -> str:

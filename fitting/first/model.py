@@ -29,7 +29,7 @@ from ..records import thresholds as limit
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
-from .doubts import doubts, late_flow
+from .doubts import Shown, doubts, late_flow, means_apart
 from .estimates import (
     Found,
     compliances,
@@ -57,16 +57,6 @@ _DISTANCE = 0.1  # the same of a length that is given
 _USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
 _FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
 _SAMPLES = 200  # a beat, of the comparison
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A channel of the record compared with the model: means, pulses and the rms of the difference [SI]."""
-
-    channel: str
-    mean: tuple[float, float]
-    pulse: tuple[float, float]
-    rms: float
 
 
 @dataclass(frozen=True)
@@ -182,7 +172,9 @@ class _Parts:
             self.source, self.found, self.tubes, self.windkessels, self.notes, self.factor, self.late
         )
         network = loads(file, f"first model of {beats.source}")
-        return self, FirstModel(network, file, self.found, _shown(beats, network), tuple(self.notes))
+        shown = _shown(beats, network)
+        notes = *self.notes, *filter(None, map(means_apart, shown))
+        return self, FirstModel(network, file, self.found, shown, notes)
 
 
 def _speed_and_area(
