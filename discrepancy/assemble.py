@@ -234,8 +234,9 @@ def sentence(
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
-        what = "Nothing that this record would show" if invisible else "Nothing"
-        said = f"{what} is missing: the model fits the record, with a gap to held-out beats of {left(before)}."
+        what = "Nothing that this record would show is missing" if invisible else "Nothing is missing"
+        what = "Nothing is missing that held-out beats show" if naming.reason else what
+        said = f"{what}: the model fits the record, with a gap to held-out beats of {left(before)}."
         said += f" Too small to show at typical size: {', '.join(map(plain, invisible))}." if invisible else ""
     elif naming.adds and after:
         said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}", kind)

@@ -36,8 +36,9 @@ from .name.joint_selection import name_together
 from .name.scoring import seen_by, weighed
 from .name.verdict import Naming
 from .options import COMMON, Asked
-from .show.fmu_validation import Gap, Run, confirmed, fall, gap, held_out
+from .show.fmu_validation import Gap, Run, confirmed, fall, held_out, of_coefficients
 
+_FILE = "the file as it is"
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
 Key = TypeVar("Key")
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
@@ -119,14 +120,14 @@ class Recordings:
 
         base : fit without the added effects. before, after : run the FMU without and with the added effects. given :
         runs of the file as it is, under each fitted recording. The walls of a fit without effect may have absorbed so
-        much that the FMU does not run with them, though record and file are sound: the gaps are then those of the file,
-        and no name stands.
+        much that the FMU does not run with them, though record and file are sound: the periodic solution of the fit
+        stands in for its run, and without one the run of the file, with which no name stands.
         """
         found, unjudged = self.each(naming, base, before, after, given)
         unjudged += [
-            f"{r.source}: {r.failed} The gap is that of the file as it is; do not use these walls."
+            f"{r.source}: {r.failed} The gap is that of {first.stands_in}; do not use these walls."
             for r, first, _ in found
-            if first.of_file
+            if first.stands_in
         ]
         fitted = [(first.gap, last and last.gap) for each, first, last in found if each.fitted]
         ran = naming.adds and all(last for _, last in fitted)
@@ -178,7 +179,7 @@ class Recordings:
             study = replace(study, problem=whole.parts[i] if whole else naming.problem.first)
         without, best = there(base), there(naming.best.fit) if naming.adds else None
         found = self._through(i, record, study, without, best, before, after, given)
-        if best is None or not (whole and fitted) or found[0].failed:
+        if best is None or not (whole and fitted) or found[2] is None:
             return found
         seen = seen_by(naming.best.fit, best.terms)[whole.rows[i]]
         return replace(found[0], d=float(np.linalg.norm(seen))), *found[1:]
@@ -218,11 +219,13 @@ class Recordings:
         try:
             first = before(f"before{stage}", without, drive, moved(study.network, without), study)
         except RunFailed as error:
-            if i >= len(given):
-                raise
-            # under the weights of this study, which are not those of the file's own run
-            first = replace(given[i], gap=gap(study, given[i].X), of_file=True)
             failed = f"without effect, the FMU does not run with the walls that were fitted: {error}"
+            if (X := study.problem.answer(drive, without)) is not None:
+                first = of_coefficients(study, X, "the periodic solution")
+            elif i < len(given):  # under the weights of this study, which are not those of the file's own run
+                first = of_coefficients(study, given[i].X, _FILE)
+            else:
+                raise
         if not fitted:
             check_waves(study, first.beats)
         own, own_before = ({} if self.alone else _own(self.whole, study, fit) for fit in (best or without, without))
@@ -231,7 +234,7 @@ class Recordings:
             study.fitted.T, fitted, first.gap.total, held_out(first.gap.rms), own=own, own_before=own_before,
             failed=failed,
         )  # fmt: skip
-        if best is None or failed:
+        if best is None or first.stands_in == _FILE:
             return recorded, first, None
         # the FMU with the effects has the values of the first recording
         try:

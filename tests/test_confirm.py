@@ -112,7 +112,7 @@ def test_a_model_that_does_not_run_before_any_effect_was_compared() -> None:
     found = fmu_validation.confirmed(naming, each, run.gap, None)
     assert found.reason == "no effect can be judged: the FMU does not run."
     wave = s.problem.measured_wave(s.fitted)
-    assert agreement(s, NOTHING, wave, replace(run, of_file=True)) is None
+    assert agreement(s, NOTHING, wave, replace(run, stands_in="the file as it is")) is None
     assert agreement(s, NOTHING, wave, run) is not None
 
 

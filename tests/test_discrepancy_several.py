@@ -28,6 +28,7 @@ from typer.testing import CliRunner
 
 import arterial_fmu.__main__
 from arterial_fmu.cli.tables.study import gap_text, recordings_table
+from discrepancy.assemble import sentence
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.recorded import rows as rows_of
@@ -267,8 +268,10 @@ def test_the_rule_of_several(each: Sequence[Recorded], words: str | None) -> Non
         assert found is naming
     else:
         assert found.verdict == "unknown" and words in (found.reason or "") and found.confidence <= 0.5
-    nothing = confirmed(naming, each, Gap((1.0, 0.9), {}), AFTER)
+    small = Gap((1.0, 0.9), {})
+    nothing = confirmed(naming, each, small, AFTER)
     assert nothing.verdict == "none" and "no more than noise" in (nothing.reason or "")
+    assert sentence(nothing, (), small, None).startswith("Nothing is missing that held-out beats show: ")
 
 
 def test_names_of_own_numbers_are_whole() -> None:
@@ -295,7 +298,10 @@ def test_own_numbers_are_of_the_model_that_stands() -> None:
 def test_an_fmu_that_does_not_run_bears_no_name_out() -> None:
     """The record is as good as it was: the name is withdrawn with the FMU's sentence, and the numbers of the model
     without it stay. Of two recordings, one that fails is enough."""
-    ran, failed = one("A", 100.0, 20.0), replace(one("B", 0.0, 0.0), failed="its FMU does not run: supercritical.")
+    ran, failed = (
+        one("A", 100.0, 20.0),
+        replace(one("B", 0.0, 0.0), gap_after=None, failed="its FMU does not run: supercritical."),
+    )
     runs = [Run(np.zeros((1, 1)), {}, gap) for gap in (BEFORE, AFTER)]
     base: Any = object()
 
@@ -308,13 +314,16 @@ def test_an_fmu_that_does_not_run_bears_no_name_out() -> None:
         assert found.naming.verdict == "unknown" and found.naming.confidence <= 0.5
         assert found.before is runs[0] and found.after is None and found.gaps[1] is None and not found.warnings
         assert "cannot be judged: its FMU does not run: supercritical." in (found.naming.reason or "")
-    (said,) = judged([(failed, replace(runs[0], of_file=True), None)]).warnings  # it stands in for that without effect
+    (said,) = judged(
+        [(failed, replace(runs[0], stands_in="the file as it is"), None)]
+    ).warnings  # it stands in for that without effect
     assert "supercritical. The gap is that of the file as it is" in said
 
 
-def test_walls_with_which_no_fmu_runs() -> None:
-    """The fit without effect has walls with which the FMU breaks down: the run of the file takes its place where there
-    is one, and nothing of an effect is run; an effect whose FMU breaks down leaves the run without it."""
+def test_walls_with_which_no_fmu_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fit without effect has walls with which the FMU breaks down: its periodic solution takes the place of the
+    run, and the effect is judged against it. Without a solution the run of the file does, and nothing of an effect is
+    run; an effect whose FMU breaks down leaves the run without it."""
     (study, *_), (naming, *_), _ = named(RELAXATION, 1)
     own = Recordings((Record("a.csv", "ab", np.zeros(1), {}, {}),), (study,))
     X = study.problem.repeated(study.fitted, study.fitted, study.problem.K)
@@ -326,9 +335,19 @@ def test_walls_with_which_no_fmu_runs() -> None:
     def through(before: Any, after: Any, given: Sequence[Run]) -> tuple[Recorded, Run, Run | None]:
         return own._through(0, own.records[0], study, fit, naming.best.fit, before, after, given)
 
-    recorded, first, last = through(breaks, pytest.fail, [run])
-    assert first.of_file and first.X is X and last is None
+    recorded, first, last = through(breaks, pytest.fail, [run])  # a bench has no such solution
+    assert first.stands_in == "the file as it is" and np.array_equal(first.X, X) and last is None
+    monkeypatch.setattr(type(study.problem), "answer", lambda *_: 0.5 * X)
+    recorded, first, last = through(breaks, lambda *_: run, [])
+    assert (
+        np.array_equal(first.X, 0.5 * X)
+        and first.stands_in == "the periodic solution"
+        and last is run
+        and recorded.gap_after == run.gap.total
+    )
     assert "with the walls that were fitted: x.fmu" in recorded.failed
+    assert confirmed(naming, [recorded], first.gap, run.gap) is naming
+    monkeypatch.undo()
     with pytest.raises(RunFailed):
         through(breaks, pytest.fail, [])
     recorded, first, last = through(lambda *_: run, breaks, [])

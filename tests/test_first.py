@@ -20,8 +20,10 @@ from arterial_fmu.cli.discover import app as discrepancy_app
 from arterial_fmu.cli.fit import app
 from discrepancy.find.model_source import first_of
 from fitting.first.model import FirstModel, first_model
+from fitting.first.shares import forks, ratios
 from fitting.first.species import NAMES, typical
 from fitting.first.spread import spread
+from fitting.first.stretches import Stretch, branched
 from fitting.inference.hypothesis import candidates
 from fitting.records.alignment.beats import Beats
 from fitting.records.read.record import read_record, write_record
@@ -267,17 +269,53 @@ def test_a_network_by_another_generator() -> None:
     assert np.sqrt(np.mean((run["AsA.P"] - x) ** 2)) < 2.5 * MMHG
 
 
-def test_a_side_branch_that_no_path_states() -> None:
-    """Human, a carotid pressure: a fork leaves 0.43 and 0.76 mmHg rms, 0.29 and 0.35 of what one path to it does, and
-    is taken; with the path stated, that is."""
+def test_side_branches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Human, a carotid pressure: with a branch 0.33 and 0.56 mmHg rms are left, a quarter of what one path leaves."""
     sides = human(("AsA.P", "LC.P"))
-    forked, path = first_model(sides), first_model(sides, paths=("AsA,LC",))
-    assert [(j.inflow, j.outflow) for j in forked.network.junctions] == [(("AsA",), ("AsA_side", "LC"))]
+    branched = first_model(sides, paths=("AsA,LC",))
+    monkeypatch.setattr("fitting.first.model._BRANCHES", 0)
+    path = first_model(sides)
+    assert [(j.inflow, j.outflow) for j in branched.network.junctions] == [(("AsA",), ("LC", "AsA_side"))]
     assert not path.network.junctions
-    for one, other in zip(forked.shown, path.shown, strict=True):
-        assert one.rms < 0.4 * other.rms
-    shares = [float(found) for found in re.findall(r"# (\d+)% of the flow", forked.text)]
+    for one, other in zip(branched.shown, path.shown, strict=True):
+        assert one.rms < 0.3 * other.rms
+    shares = [float(found) for found in re.findall(r"# (\d+)% of the flow", branched.text)]
     assert shares[0] == 100.0 and sum(shares[1:]) == pytest.approx(100.0, abs=1.0)
+
+
+def test_where_side_branches_go() -> None:
+    """In the middle of the last tube whose flow is not measured, for half of what is not claimed; measured flows stay
+    for all odds, and what enters a fork leaves it."""
+    tube = [Stretch("Fem", "", "Fem", 0.06, 1.0)]
+    fork = branched(tube, "Ao")
+    assert [(s.name, s.parent, s.site, s.time, s.share, s.end) for s in fork] == [
+        ("Ao", "", "", 0.03, 1.0, False),
+        ("Fem", "Ao", "Fem", 0.03, 0.5, True),
+        ("Ao_side", "Ao", "", 0.03, 0.5, True),
+    ]
+    assert [s.name for s in branched(fork, "Ao")] == ["Ao", "to_Fem_1", "Fem", "to_Fem_1_side", "Ao_side"]
+    assert [s.name for s in branched([Stretch("root", "", "", 0.06, 1.0)], "")] == ["root", "root_end", "root_side"]
+    known = [
+        Stretch("Ao", "", "", 0.03, 1.0, False),
+        Stretch("Fem", "Ao", "Fem", 0.03, 0.1, measured=True),
+        Stretch("Ao_side", "Ao", "", 0.03, 0.9),
+    ]
+    more = branched(known, "Ao")
+    assert [(s.name, s.parent, s.share) for s in more] == [
+        ("to_Ao_1", "", 1.0),
+        ("Ao", "to_Ao_1", pytest.approx(0.55)),
+        ("to_Ao_1_side", "to_Ao_1", pytest.approx(0.45)),
+        ("Fem", "Ao", 0.1),
+        ("Ao_side", "Ao", pytest.approx(0.45)),
+    ]
+    (branches,) = forks(more)
+    r = ratios(more, np.array([[-1.0], [0.0], [2.0]]))
+    flow = {s.name: s.share * r[s.name] for s in more}
+    np.testing.assert_allclose(flow["Fem"], 0.1, rtol=1e-15)
+    np.testing.assert_allclose(flow["Ao"] + flow["to_Ao_1_side"], 1.0, rtol=1e-14)
+    np.testing.assert_allclose(flow["Ao_side"] + 0.1, flow["Ao"], rtol=1e-14)
+    assert [s.name for s in branches] == ["Ao", "to_Ao_1_side"] and np.all(np.diff(flow["Ao"]) > 0.0)
+    assert branched([Stretch("Fem", "", "Fem", 0.06, 1.0, measured=True)], "Ao") == []
 
 
 # --- the network --------------------------------------------------------------------------------------------------
@@ -327,13 +365,11 @@ def test_sites_behind_one_another_or_not() -> None:
     assert [(j.inflow, j.outflow) for j in row.network.junctions] == [(("CA",), ("FA",))]
     fork = first_model(beats(0.8, **channels), paths=("Ao,CA", "Ao,FA"))
     assert {o.segment for o in fork.network.outlets} == {"CA", "FA"}
-    areas = {s.name: s.R0**2 for s in fork.network.segments}
-    assert areas["CA"] / areas["Ao"] == pytest.approx(0.2, rel=1e-3)
-    assert areas["FA"] / areas["Ao"] == pytest.approx(0.8, rel=1e-3)
     side = first_model(beats(0.8, **channels))
     assert {o.segment for o in side.network.outlets} == {"FA", "Ao_side"}
-    flow = sum((row_.mean[1] for row_ in side.shown if row_.channel == "CA.Q"), 0.0)
-    assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=5e-4)
+    for model in (fork, side):
+        flow = next(each.mean[1] for each in model.shown if each.channel == "CA.Q")
+        assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=5e-4)
     for model in (row, fork, side):
         root = next(each for each in model.shown if each.channel == "Ao.P")
         assert root.mean[1] == pytest.approx(root.mean[0], rel=0.01)

@@ -48,6 +48,12 @@ def more_time(outcome: Outcome) -> str:
     return f"Run the study again with a longer --time-limit{had}: {not_compared(outcome)}."
 
 
+def of_nothing(outcome: Outcome) -> str:
+    """The confidence of the verdict ``none``. With a reason, held-out beats overrule a name: fitted beats alone then
+    give the probability."""
+    return "probability that nothing is missing" + (", from the fitted beats alone" if outcome.reason else "")
+
+
 def of_fit(outcome: Outcome) -> str:
     """The data over which the RMS of the residual is taken; a gap is taken over other data."""
     return " (over all fitted data; 1 is noise)" if "RMS" in (outcome.remains or outcome.reason or "") else ""

@@ -54,13 +54,13 @@ class Gap:
 
 @dataclass(frozen=True)
 class Run:
-    """A free run. X : (K+1, m) coefficients of the channels after their sensors, beats : (N,) each. of_file : it is of
-    the file as it is and stands in for one with fitted walls."""
+    """A free run. X : (K+1, m) coefficients of the channels after their sensors, beats : (N,) each. stands_in : its
+    origin, if it is not that of an FMU with the walls of the fit."""
 
     X: Array
     beats: Mapping[str, Array]
     gap: Gap
-    of_file: bool = False
+    stands_in: str = ""
 
 
 def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str, float]) -> Run:
@@ -86,10 +86,15 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
 def compared(study: Study, fit: Fit, X: Array) -> Run:
     """The run with coefficients X : (n, m) as the FMU gives them."""
     names, T = study.problem.signals, study.fitted.T
-    X = X[: min(study.problem.K, len(X) - 1) + 1]
-    X = sense(fit.member, names, as_shown(study.problem.network, names, T, X), T)  # after sensors and known filters
-    beats = {name: np.fft.irfft(x, study.fitted.N, norm="forward") for name, x in zip(names, X.T, strict=True)}
-    return Run(X, beats, gap(study, X))
+    X = X[: study.problem.K + 1]
+    return of_coefficients(study, sense(fit.member, names, as_shown(study.problem.network, names, T, X), T))
+
+
+def of_coefficients(study: Study, X: Array, stands_in: str = "") -> Run:
+    """The run with coefficients X : (n, m) of the channels after their sensors and known filters."""
+    X = X[: study.problem.K + 1]
+    beats = np.fft.irfft(X, study.fitted.N, axis=0, norm="forward").T
+    return Run(X, dict(zip(study.problem.signals, beats, strict=True)), gap(study, X), stands_in)
 
 
 def gap(study: Study, X: Array) -> Gap:
@@ -204,8 +209,11 @@ def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap 
 
 def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
     best, left = label_text(naming.best.label), before.total[1]
-    failed = next((r.failed for r in each if r.failed), "") if left > at.NO_GAP else ""
-    if failed and naming.verdict == "none":
+    none = naming.verdict == "none"
+    failed = (
+        next((r.failed for r in each if r.failed and (none or r.gap_after is None)), "") if left > at.NO_GAP else ""
+    )
+    if failed and none:
         return _without(naming, "unknown", f"the model fits the record, but this cannot be judged: {failed}")
     if not naming.adds and naming.verdict != "unknown":
         return naming
@@ -315,10 +323,9 @@ def held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
 def agreement(study: Study, fit: Fit, wave: Array, run: Run) -> Agreement | None:
     """An FMU's run against the inferred solution of the same hypothesis under the same wave; None if there is none.
 
-    Both solve the same equations, by time steps and by harmonic balance. The run of the file as it is, which may stand
-    in for that of the fit, is not compared with the fit.
+    Both solve the same equations, by time steps and by harmonic balance. What stands in for a run is not compared.
     """
-    X = None if run.of_file else study.problem.answer(wave, fit)
+    X = None if run.stands_in else study.problem.answer(wave, fit)
     if X is None:
         return None
     X = X[: len(run.X)]

@@ -12,6 +12,7 @@ from solver.quantities.units import INFLOW, MMHG, of_signal
 from ..records import thresholds as limit
 from ..records.alignment.beats import Beats
 from .estimates import Found, radius_at, speeds
+from .fitted import Delay
 from .waves import foot, later, smooth
 
 _TOGETHER = 0.1  # of the period: pressure and flow of one place rise within less of each other
@@ -71,10 +72,10 @@ def means_apart(row: Shown) -> str:
     )
 
 
-def late_flow(late: float, feet: float, rms: tuple[float, float], root: str) -> str:
-    """A sentence if the inflow is late by a time [s], from foot to foot by ``feet``: the difference at the root falls
-    from rms[0] to rms[1] with it."""
-    before, after = (f"{x / MMHG:.2g}" for x in rms)
+def late_flow(delay: Delay, root: str) -> str:
+    """A sentence if the inflow is late."""
+    late, feet = delay.late, delay.feet
+    before, after = (f"{x / MMHG:.2g}" for x in (delay.before, delay.after))
     side, other = ("late", "A meter with a low-pass") if late > 0.0 else ("early", "A damped catheter")
     return (
         f"{INFLOW} seems {1e3 * abs(late):.3g} ms {side} against {root} ({1e3 * abs(feet):.3g} ms from foot to foot): "

@@ -21,16 +21,14 @@ from scipy.optimize import least_squares
 
 from solver.linear import waveforms
 from solver.network.description import Network
-from solver.quantities.units import INFLOW
 
 from ..records import thresholds as limit
-from ..records.alignment.beats import Beats
-from ..records.channels.spectral import coefficients, resample
 from . import shares
+from .data import Data, rms
 from .shares import forks
 from .stretches import Stretch
 from .tubes import KEYS, TAPER, TAPER_ERROR, TAPERED, keyed, narrowed, on_the_way, rest_of
-from .waves import FEET, heard, late
+from .waves import FEET, late
 
 Array = np.ndarray
 
@@ -46,46 +44,65 @@ _PRIORS = keyed(
 )
 _TAPER = (TAPER_ERROR, -TAPER_ERROR, -TAPER)  # the same of the shift of a taper
 _SHORTEST, _LONGEST = 5e-3, 0.6  # of a tube [m]
-# where searches may start, as factors of the estimates: the best of all combinations do
+# where a search may start, as factors of the estimates: at the best of all combinations
 _GRID = keyed(E=(0.6, 1.0, 1.7), phi0=(0.15, 1.0), C=(0.6, 1.0, 2.0))
 _LENGTHS = (0.2, 0.5, 1.0, 2.0)  # the same of all lengths
-_FORK, _ODDS = "fork", (0.3, 3.0)  # the same of e^u
-_SEARCHES = 3  # that are begun
-_HARMONICS = 16  # at most: they hold the pulse
-_ERROR = 0.005  # of the pulsation: an error of the model in each harmonic
+_FORK, _ODDS = "fork", (0.1, 0.5, 2.0, 10.0)
+_SEARCHES = 3  # that are begun, without a simpler model
 _STEP = 1e-4  # of the finite differences
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """factor : by parameter of the network; share : of that of the flow, by tube. late : of inlet.Q [s], 0 where no lag
-    helps; feet : the same from foot to foot. rms : of the residual of the channel at the root [SI] without and with
-    that lag. cost : the minimum."""
+    """factor : by parameter of the network; share : of that of the flow, by tube. rms : of the residual of the channel
+    at the root [SI]. price : -2 ln of the probability of the record with such tubes. x : the unknowns, by name."""
 
     factor: Mapping[str, float]
     share: Mapping[str, float]
+    rms: float
+    price: float
+    x: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Delay:
+    """late : of inlet.Q [s] by the fit; feet : the same from foot to foot. before, after : rms of the residual of the
+    channel at the root [SI] without and with it."""
+
     late: float
     feet: float
-    rms: tuple[float, float]
-    cost: float
+    before: float
+    after: float
 
 
-def fitted(network: Network, beats: Beats, root: str, known: bool, tubes: Sequence[Stretch]) -> Fitted:
-    """Fit lengths, walls, shares and Windkessels. root : the channel of the pressure at the root. known : whether a
-    distance gives the lengths, which then stay."""
-    problem = _Problem(network, beats, root, known, tubes)
-    plain = problem.search(0.0, 0.0)
-    before, feet = problem.rms(plain, root), late(beats, root)
-    if before > limit.LATE_MATTERS * problem.size(root) and feet:
-        moved = problem.search(feet, FEET * beats.T)
-        if (after := problem.rms(moved, root)) < limit.LATE_CLOSES * before:
-            return problem.fitted(moved, float(moved[-1]), feet, (before, after))
-    return problem.fitted(plain, 0.0, feet, (before, before))
+def fitted(
+    data: Data, network: Network, known: bool, tubes: Sequence[Stretch], simpler: Fitted | None = None
+) -> Fitted | None:
+    """Fit lengths, walls, shares and Windkessels. known : whether a distance gives the lengths, which then stay.
+    simpler : of the same tubes with one branch less, where the search starts; None if even a perfect fit would have a
+    higher price."""
+    problem = _Problem(data, network, known, tubes, {} if simpler is None else simpler.x)
+    if simpler is not None and problem.price(0.0) >= simpler.price:
+        return None
+    return problem.fitted(problem.search(0.0, 0.0))
+
+
+def delayed(
+    data: Data, network: Network, known: bool, tubes: Sequence[Stretch], plain: Fitted
+) -> tuple[Fitted, Delay | None]:
+    """The same with a delay of inlet.Q, if one is needed. plain : without it."""
+    feet = late(data.beats, data.root)
+    if plain.rms > limit.LATE_MATTERS * data.size(data.root) and feet:
+        problem = _Problem(data, network, known, tubes, {})
+        x = problem.search(feet, FEET * data.beats.T)
+        if (moved := problem.fitted(x)).rms < limit.LATE_CLOSES * plain.rms:
+            return moved, Delay(float(x[-1]), feet, plain.rms, moved.rms)
+    return plain, None
 
 
 def of_owner(factor: Mapping[str, float], owner: str) -> dict[str, float]:
     """The factors of one segment or outlet, by key."""
-    return {name.rpartition(".")[2]: x for name, x in factor.items() if name.rpartition(".")[0] == owner}
+    return {_kind(name): x for name, x in factor.items() if name.rpartition(".")[0] == owner}
 
 
 def _prior(kind: str, value: float) -> tuple[float, float, float]:
@@ -99,48 +116,34 @@ def _prior(kind: str, value: float) -> tuple[float, float, float]:
 
 
 class _Problem:
-    """groups : the parameters that have a factor or a shift in common. x : (p,) logarithms of the factors, the shift,
-    u of each fork (:mod:`~fitting.first.shares`), and the lag [s]. root : the channel whose mean counts. known :
-    whether lengths stay."""
+    """groups : the parameters that have a factor or a shift in common: E, φ0 and the narrowing of all tubes, R2 of ends
+    with measured flows; lengths and Windkessels have their own. x : (p,) logarithms of the factors, the shift,
+    u of each fork (:mod:`~fitting.first.shares`), and the lag [s]; unknowns : their names but for the lag. found : some
+    of them, by a fit before, where a second search starts. known : whether lengths stay."""
 
-    def __init__(self, network: Network, beats: Beats, root: str, known: bool, tubes: Sequence[Stretch]) -> None:
+    def __init__(
+        self, data: Data, network: Network, known: bool, tubes: Sequence[Stretch], found: Mapping[str, float]
+    ) -> None:
         nominal = network.parameters()
-        kinds = {name: name.rpartition(".")[2] for name in nominal}
-        own = [[name] for name, kind in kinds.items() if kind == "L" and not known]
-        common = [[n for n, k in kinds.items() if k == kind] for kind in (*_PRIORS, TAPERED) if kind != "L"]
-        self.groups = [group for group in own + common if group]
-        self.network, self.nominal, self.beats = network, nominal, beats
+        kinds = {name: _kind(name) for name in nominal}
+        guessed = {f"{tube.name}.outlet.{KEYS[2]}" for branches in forks(tubes) for tube in branches}
+        own = [name for name, kind in kinds.items() if kind in ("L", *KEYS[:2]) or name in guessed]
+        common = [[n for n, k in kinds.items() if k == kind and n not in own] for kind in (*_PRIORS, TAPERED)]
+        groups = [[name] for name in own if not (known and kinds[name] == "L")] + common
+        self.groups = [group for group in groups if group]
+        self.data, self.network, self.nominal = data, network, nominal
+        self.begins = [{}, found] if found else [{}]
         self.known, self.tubes, self.shape = known, tubes, list(narrowed(tubes, TAPER).values())
         self.tapers = [name for name, kind in kinds.items() if kind == TAPERED]
         self.forks = len(forks(tubes))
+        self.unknowns = [group[0] if group[0] in own else kinds[group[0]] for group in self.groups]
+        self.unknowns += [f"{branches[0].parent}.{_FORK}" for branches in forks(tubes)]
         way = self.way({}, {tube.name: np.ones(()) for tube in tubes})
         ends = [tube.name for tube in tubes if tube.end]
         self.whole = {end: way[end] + sum(nominal[f"{end}.outlet.{key}"] for key in (KEYS[0], KEYS[2])) for end in ends}
         priors = [_prior(kinds[group[0]], nominal[group[0]]) for group in self.groups]
         priors += [(shares.SPREAD, -shares.FARTHEST, shares.FARTHEST)] * self.forks
         self.spread, self.low, self.high = np.array(priors).T
-        most = min(_HARMONICS, max(int(heard(beats, name).max(initial=1)) for name in beats.values))
-        self.Q = resample(beats.mean(INFLOW), 2 * most + 2)
-        self.k = np.arange(most + 1)
-        there = waveforms(network, self.Q, beats.T)
-        self.names = [name for name in beats.values if name in there and name[-2:] in (".P", ".Q")]
-        self.X = {name: coefficients(beats.mean(name))[: most + 1] for name in self.names}
-        self.sigma = {name: self._sigma(name) for name in self.names}
-        for name in self.names:
-            if name != root:  # the zero of a sensor elsewhere may be off
-                self.sigma[name][0] = np.inf
-
-    def _sigma(self, name: str) -> Array:
-        noise = np.zeros(len(self.k))
-        if self.beats.n_beats > 1:
-            noise = np.sqrt(self.beats.covariance((name,))[: len(self.k), 0, 0].real)
-        noise[0] = 0.0  # breathing moves the mean of single beats
-        size = self.size(name)
-        return np.asarray(np.hypot(noise, _ERROR * size) + 1e-12 * size)
-
-    def size(self, name: str) -> float:
-        """rms of the pulsation of a channel."""
-        return float(np.sqrt(2.0 * np.sum(np.abs(self.X[name][1:]) ** 2)))
 
     def values(self, X: Array) -> dict[str, Array]:
         """The parameters at points X : (…, p). With another taper the radius of the root and the wave speed at the
@@ -175,35 +178,40 @@ class _Problem:
         first = len(self.groups)
         return shares.ratios(self.tubes, X[..., first : first + self.forks])
 
-    def fitted(self, x: Array, late: float, feet: float, rms: tuple[float, float]) -> Fitted:
+    def fitted(self, x: Array) -> Fitted:
         """The result at a point."""
-        share = {tube: float(r) for tube, r in self.ratios(x).items()}
-        return Fitted(self.factors(x), share, late, feet, rms, float(np.sum(self.residual(x[None]) ** 2)))
+        root, share = self.data.root, {tube: float(r) for tube, r in self.ratios(x).items()}
+        price = self.price(float(np.sum(self.residual(x[None]) ** 2)))
+        unknowns = dict(zip(self.unknowns, map(float, x[:-1]), strict=True))
+        return Fitted(self.factors(x), share, rms(self.model(x[None])[root][0] - self.data.X[root]), price, unknowns)
+
+    def price(self, cost: float) -> float:
+        """-2 ln of the probability of the record, but for a constant, for a minimum: n ln(max(χ²/n, 1)) + min(χ², n) +
+        k ln n for n data and k unknowns (G. Schwarz, Ann. Stat. 6, 1978, 461). What χ² counts beyond the noise are
+        errors of the model, whose size is not known."""
+        n, k = self.data.n, len(self.spread)
+        return float(n * np.log(max(cost, n) / n) + min(cost, n) + k * np.log(n))
 
     def factors(self, x: Array) -> dict[str, float]:
         return {name: float(value / self.nominal[name]) for name, value in self.values(x).items()}
 
     def model(self, X: Array) -> dict[str, Array]:
         """Harmonics (B, K+1) of every channel for a batch of points X : (B, p)."""
-        wave = waveforms(self.network, self.Q, self.beats.T, self.values(X))
-        turn = np.exp(1j * self.beats.omega * self.k * X[:, -1:])
-        return {name: np.fft.rfft(wave[name], norm="forward")[:, : len(self.k)] * turn for name in self.names}
+        data = self.data
+        wave = waveforms(self.network, data.Q, data.beats.T, self.values(X))
+        turn = np.exp(1j * data.beats.omega * data.k * X[:, -1:])
+        return {name: np.fft.rfft(wave[name], norm="forward")[:, : len(data.k)] * turn for name in data.names}
 
     def residual(self, X: Array) -> Array:
         """(B, n) weighted residuals, priors included."""
-        Y = self.model(X)
-        z = [np.sqrt(2.0) * (Y[name] - self.X[name]) / self.sigma[name] for name in self.names]
+        Y, data = self.model(X), self.data
+        z = [np.sqrt(2.0) * (Y[name] - data.X[name]) / data.sigma[name] for name in data.names]
         parts = [np.concatenate([each.real, each.imag], axis=1) for each in z]
         return np.concatenate([*parts, X[:, :-1] / self.spread], axis=1)
 
-    def rms(self, x: Array, name: str) -> float:
-        """Of the pulsation of a channel."""
-        difference = (self.model(x[None])[name][0] - self.X[name])[1:]
-        return float(np.sqrt(2.0 * np.sum(np.abs(difference) ** 2)))
-
     def search(self, late: float, error: float) -> Array:
         """The best point : (p,), from points about the estimates, with a lag [s] of ``late`` to an error."""
-        T = self.beats.T
+        T = self.data.beats.T
         unit = np.append(np.ones(len(self.spread)), T)  # of x: the lag in periods
         low, high = np.append(self.low, (late - error) / T), np.append(self.high, (late + error) / T)
 
@@ -223,16 +231,24 @@ class _Problem:
             z = near(x)
             return np.asarray((z[1:] - z[0]).T / _STEP)
 
-        starts = np.clip(np.pad(self._starts(), ((0, 0), (0, 1)), constant_values=late / T), low, high)
-        order = np.argsort(np.sum(self.residual(starts * unit) ** 2, axis=1))[:_SEARCHES]
+        starts = list[Array]()
+        for grid in map(self._starts, self.begins):
+            points = np.clip(np.pad(grid, ((0, 0), (0, 1)), constant_values=late / T), low, high)
+            order = np.argsort(np.sum(self.residual(points * unit) ** 2, axis=1))
+            starts += list(points[order[: _SEARCHES if len(self.begins) == 1 else 1]])
         accuracy = {"ftol": 1e-4, "xtol": 1e-4, "max_nfev": 40, "bounds": (low - 1e-9, high + 1e-9)}
-        found = [least_squares(at, start, slopes, **accuracy) for start in starts[order]]
+        found = [least_squares(at, start, slopes, **accuracy) for start in starts]
         return np.asarray(min(found, key=lambda each: each.cost).x * unit)
 
-    def _starts(self) -> Array:
-        """(n, p) points: all combinations of a few factors."""
+    def _starts(self, begin: Mapping[str, float]) -> Array:
+        """(n, p) points: all combinations of a few factors, of the unknowns that no fit before has found."""
         odds = _ODDS if self.forks else (1.0,)
-        grid = product(odds, (1.0,) if self.known else _LENGTHS, *_GRID.values())
-        kinds = (_FORK, "L", *_GRID)
-        of = [group[0].rpartition(".")[2] for group in self.groups] + [_FORK] * self.forks
-        return np.array([[np.log(dict(zip(kinds, each, strict=True)).get(kind, 1.0)) for kind in of] for each in grid])
+        coarse = {} if begin else _GRID
+        grid = product(odds, (1.0,) if self.known else _LENGTHS, *coarse.values())
+        each = [dict(zip((_FORK, "L", *coarse), np.log(factors), strict=True)) for factors in grid]
+        return np.array([[begin.get(x, at.get(_kind(x), 0.0)) for x in self.unknowns] for at in each])
+
+
+def _kind(name: str) -> str:
+    """ "L" of "Ao.L"."""
+    return name.rpartition(".")[2]

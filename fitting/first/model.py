@@ -25,10 +25,10 @@ from solver.network.description import Fluid, Network
 from solver.network.files import loads
 from solver.quantities.units import INFLOW, MMHG
 
-from ..records import thresholds as limit
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
+from .data import Data
 from .doubts import Shown, doubts, late_flow, means_apart
 from .estimates import (
     Found,
@@ -42,9 +42,9 @@ from .estimates import (
     sites,
     speeds,
 )
-from .fitted import Fitted, fitted, of_owner
+from .fitted import Delay, Fitted, delayed, fitted, of_owner
 from .species import Typical, typical
-from .stretches import Stretch, layouts, parents
+from .stretches import Stretch, branched, layouts, parents
 from .tubes import KEYS, Tube, made, mean_speed, windkessel
 from .waves import heard
 
@@ -56,6 +56,7 @@ _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of
 _DISTANCE = 0.1  # the same of a length that is given
 _USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
 _FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
+_BRANCHES = 2  # side branches on the longest way, at most, because each doubles the time: judgement
 _SAMPLES = 200  # a beat, of the comparison
 
 
@@ -122,18 +123,33 @@ def first_model(
         ends = {wall.stretch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.stretch.end}
         return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, said)
 
-    def of_layout(tubes: Sequence[Stretch]) -> tuple[_Parts, Fitted]:
+    def of_layout(tubes: Sequence[Stretch], before: Fitted | None = None) -> _Layout | None:
         models = [with_compliance(C, tubes).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
         parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
-        fit = fitted(model.network, beats, channel, bool(distances), tubes)
-        return parts.adjusted(fit, channel), fit
+        fit = fitted(data, model.network, bool(distances), tubes, before)
+        return None if fit is None else _Layout(tubes, model.network, parts, fit)
 
-    upstream = parents(paths, root, times)
-    (plain, fit), *forked = (
-        of_layout(tubes) for tubes in layouts(beats, root, upstream, times, echo.value / 2.0, area, bool(paths))
-    )
-    parts = next((other for other, its in forked if its.cost < limit.FORKED * fit.cost), plain)
-    return parts.model(beats)[1]
+    data, upstream = Data(beats, channel), parents(paths, root, times)
+    plain = layouts(beats, root, upstream, times, echo.value / 2.0, area, bool(paths))
+    best = min(filter(None, map(of_layout, plain)), key=lambda each: each.fit.price)
+    for _ in range(_BRANCHES):
+        tubes = branched(best.tubes, root)
+        other = of_layout(tubes, best.fit) if tubes else None
+        if other is None or other.fit.price >= best.fit.price:
+            break
+        best = other
+    fit, lag = delayed(data, best.network, bool(distances), best.tubes, best.fit)
+    return best.parts.adjusted(fit, lag, channel).model(beats)[1]
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Tubes, their network as estimated, the contents of its file, and the fit."""
+
+    tubes: Sequence[Stretch]
+    network: Network
+    parts: _Parts
+    fit: Fitted
 
 
 @dataclass(frozen=True)
@@ -148,7 +164,7 @@ class _Parts:
     factor: Mapping[str, float] = field(default_factory=dict)
     late: float = 0.0
 
-    def adjusted(self, fit: Fitted, root: str) -> _Parts:
+    def adjusted(self, fit: Fitted, delay: Delay | None, root: str) -> _Parts:
         """The same with the fitted values, and a note if inlet.Q is late."""
         f = fit.factor
         tubes = [
@@ -163,8 +179,8 @@ class _Parts:
             name: tuple(x * of_owner(f, f"{name}.outlet").get(key, 1.0) for key, x in zip(KEYS, values, strict=True))
             for name, values in self.windkessels.items()
         }
-        notes = [*self.notes, *([late_flow(fit.late, fit.feet, fit.rms, root)] if fit.late else [])]
-        return replace(self, tubes=tubes, windkessels=ends, notes=notes, factor=f, late=fit.late)
+        notes = [*self.notes, *([late_flow(delay, root)] if delay else [])]
+        return replace(self, tubes=tubes, windkessels=ends, notes=notes, factor=f, late=delay.late if delay else 0.0)
 
     def model(self, beats: Beats) -> tuple[_Parts, FirstModel]:
         """The model of the file."""

@@ -1,9 +1,10 @@
-"""The stretch of artery to each site: one path in the order of the delays, or the given paths."""
+"""The stretches of artery to the sites: one path in the order of the delays, or the given paths, and side branches."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 
@@ -12,8 +13,10 @@ from solver.quantities.units import INFLOW
 
 from ..records.alignment.beats import Beats
 
+Array = np.ndarray
+
 _SIDE = 0.05  # of the flow: a larger loss between two sites leaves through a side branch
-_HALF = 0.5  # of the flow, where nothing says how much goes to a site: a first estimate
+_ROOT = "root"  # name of the first tube of a record without a site at the root
 _TRUNK = 0.5  # of the first delay: the common part of vessels that fork at the root
 
 
@@ -22,8 +25,8 @@ class Stretch:
     """One tube, named after the site at its end, or at the root.
 
     parent : name of the one upstream, "" at the root. site : at its end, "" if none. time : transit time of a wave [s].
-    share : fraction of the inflow that enters it. end : whether a Windkessel is at its end. guessed : whether nothing
-    measured says the share.
+    share : fraction of the inflow that enters it. end : whether a Windkessel is at its end. measured : whether a
+    measurement gives the share.
     """
 
     name: str
@@ -32,7 +35,7 @@ class Stretch:
     time: float
     share: float
     end: bool = True
-    guessed: bool = False
+    measured: bool = False
 
 
 def parents(paths: Sequence[str], root: str, delays: Mapping[str, float]) -> dict[str, str]:
@@ -63,56 +66,105 @@ def layouts(
     beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float,
     stated: bool,
 ) -> list[list[Stretch]]:  # fmt: skip
-    """Tubes that a record may have: as the paths say if they are stated; otherwise one path, or a fork at the end of a
-    trunk, with a branch for each site and, for one site, another."""
-    plain = stretches(beats, root, upstream, delays, alone, area)
-    own = dict.fromkeys(upstream, "")
-    if stated or not upstream or len(own) == 1 and not plain[-1].guessed:
-        return [plain]
-    return [plain, stretches(beats, root, own, delays, alone, area, forked=True)]
+    """Tubes that a record may have: as the paths say if they are stated; otherwise one path, or for several sites a
+    fork at the end of a trunk, with a branch for each."""
+    ways = [upstream] if stated or len(upstream) < 2 else [upstream, dict.fromkeys(upstream, "")]
+    return [stretches(beats, root, way, delays, alone, area) for way in ways]
+
+
+def branched(tubes: Sequence[Stretch], root: str) -> list[Stretch]:
+    """The tubes with another side branch on the longest way to a site, in the middle of the last tube whose flow is not
+    measured, for half of what no measurement claims of it; none if all is claimed. The second half keeps the name, but
+    of a single tube without a site, whose end is ``<root>_end``."""
+    until = arrivals(tubes)
+    ends = [each for each in tubes if each.end and each.site] or tubes
+    last = max(ends, key=lambda each: until[each.name])
+    while last.measured and last.parent:
+        last = next(each for each in tubes if each.name == last.parent)
+    claimed = sum(each.share for each in tubes if each.measured and each.parent == last.name)
+    if last.measured or claimed > (1.0 - _SIDE) * last.share:
+        return []
+    alone = last.end and not last.site
+    names = {each.name for each in tubes if each is not last or not alone}
+    start, end = root or _ROOT, f"{last.name}_end" if alone else last.name
+    if start in names:
+        start = next(name for i in count(1) if (name := f"to_{end}_{i}") not in names)
+    half = 0.5 * last.time
+    trunk = replace(last, name=start, site="", time=half, end=False)
+    side = Stretch(f"{start}_side", start, "", half, 0.5 * (last.share - claimed))
+    rest = replace(last, name=end, parent=start, time=half, share=last.share - side.share)
+    at = tubes.index(last)
+    return shared([*tubes[:at], trunk, rest, side, *tubes[at + 1 :]])
+
+
+def shared(tubes: Sequence[Stretch]) -> list[Stretch]:
+    """The tubes with the flow that they carry: that measured, and the others in proportion to their shares what is
+    left."""
+    flows = carried(tubes, {})
+    return [replace(each, share=float(flows[each.name])) for each in tubes]
+
+
+def carried(tubes: Sequence[Stretch], odds: Mapping[str, Array]) -> dict[str, Array]:
+    """The share of the inflow in each tube. odds : by which the shares of tubes whose flow is not measured are
+    multiplied before they divide what is left."""
+    found: dict[str, Array] = {"": np.ones(())}
+    for each in tubes:
+        siblings = [other for other in tubes if other.parent == each.parent]
+        whole = found[each.parent]
+        left = np.maximum(whole - sum(other.share for other in siblings if other.measured), _SIDE * whole)
+        weights = {o.name: o.share * odds.get(o.name, np.ones(())) for o in siblings if not o.measured}
+        found[each.name] = np.asarray(
+            each.share if each.measured else left * weights[each.name] / sum(weights.values())
+        )
+    return found
+
+
+def arrivals(tubes: Sequence[Stretch]) -> dict[str, float]:
+    """When a wave from the root is at the end of each tube [s]."""
+    found = {"": 0.0}
+    for each in tubes:
+        found[each.name] = found[each.parent] + each.time
+    return found
 
 
 def stretches(
     beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float,
-    forked: bool = False,
 ) -> list[Stretch]:  # fmt: skip
     """The tubes, each after the one upstream of it.
 
     upstream : as :func:`parents`. alone : time [s] through the one tube of a record without other sites. area : of a
-    tube with all of the flow [m²]. forked : whether part of the flow to a single site leaves on the way: a half.
+    tube with all of the flow [m²].
 
     Flow is shared as measured, or in proportion to the measured areas, or otherwise equally; flow lost on the way
     leaves through a side branch.
     """
     if not upstream:
-        return [Stretch(root or "root", "", "", alone, 1.0)]
+        return [Stretch(root or _ROOT, "", "", alone, 1.0)]
     first = [site for site, before in upstream.items() if not before]
     trunk = _TRUNK * min(delays[site] for site in first)
     shares = _shares(beats, upstream, area)
-    if forked and len(upstream) == 1:
-        shares = dict.fromkeys(upstream, _HALF)
-    guessed = {site for site in upstream if f"{site}.Q" not in beats.values and f"{site}.R" not in beats.values}
+    measured = {site for site in upstream if f"{site}.Q" in beats.values or f"{site}.R" in beats.values}
     found: list[Stretch] = []
     lost = 1.0 - sum(shares[site] for site in first)
     if len(first) > 1 or lost > _SIDE:
-        found = [Stretch(root or "root", "", "", trunk, 1.0)]
-        found += _side(found[0], lost, guessed >= set(first))
+        found = [Stretch(root or _ROOT, "", "", trunk, 1.0)]
+        found += _side(found[0], lost)
     for site in sorted(upstream, key=lambda site: delays[site]):
         before = upstream[site]
         parent = next((s.name for s in found if s.site == before), "")
         time = delays[site] - (delays[before] if before else trunk if found and found[0].site == "" else 0.0)
         time = max(time, beats.T / beats.N)
-        found.append(Stretch(site, parent, site, time, shares[site], guessed=site in guessed))
+        found.append(Stretch(site, parent, site, time, shares[site], measured=site in measured))
         children = [other for other in upstream if upstream[other] == site]
         if children:
-            found += _side(found[-1], shares[site] - sum(shares[child] for child in children), guessed >= set(children))
+            found += _side(found[-1], shares[site] - sum(shares[child] for child in children))
     heads = {s.parent for s in found}
     return [replace(s, end=s.name not in heads) for s in found]
 
 
-def _side(of: Stretch, lost: float, guessed: bool) -> list[Stretch]:
+def _side(of: Stretch, lost: float) -> list[Stretch]:
     """The branch at the end of a stretch for the flow lost there."""
-    return [Stretch(f"{of.name}_side", of.name, "", of.time, lost, guessed=guessed)] if lost > _SIDE else []
+    return [Stretch(f"{of.name}_side", of.name, "", of.time, lost)] if lost > _SIDE else []
 
 
 def _shares(beats: Beats, upstream: Mapping[str, str], area: float) -> dict[str, float]:

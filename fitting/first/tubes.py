@@ -17,7 +17,7 @@ from solver.laws.outlets import Windkessel
 from solver.network.description import Fluid
 
 from .species import Typical
-from .stretches import Stretch
+from .stretches import Stretch, arrivals
 
 Array = np.ndarray
 
@@ -67,9 +67,7 @@ def narrowed(stretches: Sequence[Stretch], s: Array | float) -> dict[str, tuple[
     A tube narrows by its part of the time of that way. Impedances match at junctions, Z ∝ c/A, so that a tube b behind
     a tube a has R0_b/R0_a = ((1 + s_a/2)/(1 - s_b/2))^(5/4) with all of the flow.
     """
-    until = {"": 0.0}
-    for each in stretches:
-        until[each.name] = until[each.parent] + each.time
+    until = arrivals(stretches)
     found: dict[str, tuple[Array, Array]] = {}
     for each in stretches:
         taper = np.asarray(s * each.time / max(until.values()))

@@ -133,10 +133,6 @@ STEEP = 6.0  # ratio of dP/dR to the model's: below the factor of the units, abo
 LEVELS = (1.0, 50.0, 99.0)  # percentiles: lowest, mean and highest, whatever single samples are
 FASTEST_FLOW = 5.0  # [m/s], of a peak flow over the area at R0
 
-# --- the layout of a first model ---
-# Simulated: of 37 tubes without a branch none is taken for a fork (0 to 9 %), which leaves 0.76 to 1.12 of that
-FORKED = 0.5  # of what one path leaves, as chi2: a fork that leaves more is not taken
-
 # --- a flow meter that is late or early ---
 # Simulated: of 150 forks whose model is a tube, with no delay, none is told (0 to 2.4 %; benchmarks/late_flow.py)
 LATE_CLOSES = 0.7  # of what a model leaves of the pressure at the root: a delay that leaves more is not told

@@ -15,7 +15,7 @@ from discrepancy.findings.recorded import TITLES, rows
 from discrepancy.plan.sensor_plan import Gain, SensorPlan
 from discrepancy.report.tables import class_texts, estimate_text, gap_unit, percent, spread_text
 from discrepancy.report.tables import gap_text as gap_pair
-from discrepancy.report.verdict_text import of_fit, why_walls
+from discrepancy.report.verdict_text import of_fit, of_nothing, why_walls
 from fitting.records.channels.amounts import changes, sizes
 from solver.quantities.legible import DASH, number
 
@@ -74,8 +74,7 @@ def gap_text(outcome: Outcome) -> str:
 def statements(outcome: Outcome) -> Iterator[str]:
     """The sentences below that table: confidence, gap, residual, class, walls, next measurement."""
     if outcome.verdict == "none" and outcome.confidence is not None:  # of a name, the table says it
-        what = "nothing visible" if outcome.invisible else "nothing"
-        yield f"probability that {what} is missing: {percent(outcome.confidence)}"
+        yield f"{of_nothing(outcome)}: {percent(outcome.confidence)}"
     yield gap_text(outcome)
     remains = outcome.remains or (outcome.reason if outcome.verdict == "unknown" and not outcome.met else None)
     if remains:
