@@ -22,7 +22,7 @@ from solver.quantities.units import INFLOW
 
 from . import thresholds
 from .find.balances import Found, find, mass_balances, momentum_balances, wall_balances
-from .find.study import Study
+from .find.study import Study, Unusable
 from .findings.isolability import isolability, smallest
 from .findings.map_marks import of_sensor, plain
 from .findings.outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
@@ -64,18 +64,21 @@ class Shown:
 
 
 def unusable(
-    reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | UnusableRecord
+    error: UnusableRecord,
+    record: str | os.PathLike[str],
+    model: str | os.PathLike[str],
+    measured: Record | UnusableRecord,
 ) -> Outcome:
     """The outcome for an unusable record."""
     channels = measured.channels if isinstance(measured, Record) else ()
     of_one_site = bool(channels) and INFLOW not in channels and len({n.rpartition(".")[0] for n in channels}) == 1
     return Outcome(
         verdict="unusable",
-        sentence="This record cannot be used with this model.",
+        sentence=getattr(error, "sentence", Unusable.sentence),
         record=os.fspath(record),
         model=os.fspath(model),
         kind="bench" if of_one_site else "network",
-        reason=reason,
+        reason=str(error),
         provenance={"software": software()},
     )
 
