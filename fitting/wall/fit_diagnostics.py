@@ -106,7 +106,8 @@ def _misfit(fitted: WallFit) -> str:
     return (
         f"the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "
         f"{fitted.chi2 / fitted.dof:.1f}); intervals are widened to match, but may miss a systematic error"
-        + ("." if "R0" in fitted.model.free else "; check R0, which was given.")
+        + ("" if "R0" in fitted.model.free else "; check R0, which was given")
+        + ("; a channel that is late changes phi0: see --lag." if np.isnan(fitted.lag[1]) else ".")
     )
 
 
