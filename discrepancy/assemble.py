@@ -21,7 +21,8 @@ from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
 from . import thresholds
-from .find.balances import Found, find, mass_balances, momentum_balances, wall_balances
+from .find.balances import mass_balances, momentum_balances, wall_balances
+from .find.disagreement import Found, find
 from .find.study import Study, Unusable
 from .findings.isolability import isolability, smallest
 from .findings.map_marks import of_sensor, plain

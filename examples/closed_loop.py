@@ -33,7 +33,7 @@ from fmu_src.contents.system import start_values
 from fmu_src.cosimulation.ports import INLET_PORTS
 from fmu_src.importer.unpacking import unpacking_folder
 from solver import Settings, load
-from solver.network.files import write_whole
+from solver.io.writing import check_destinations, write_whole
 from solver.quantities.units import MMHG
 
 Array = np.ndarray
@@ -284,14 +284,6 @@ def _label(axes: Axes, title: str, x: str, y: str) -> None:
 # --- the example --------------------------------------------------------------------------------------------------
 
 
-def _make(out: Path) -> None:
-    """Create the directory before a minute of work, not after it."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{out}: no directory can be made here ({error.strerror}); choose another one.") from None
-
-
 def main(
     out: Annotated[Path, typer.Option(help="Directory of the figure.")] = Path("dist"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
@@ -300,7 +292,7 @@ def main(
     console, began = Console(), time.perf_counter()
     picture = out / "closed_loop.png"
     with sentences(ValueError), TemporaryDirectory(prefix="loop_") as folder:
-        _make(out)
+        check_destinations(picture, folders=True)  # before a minute of work, not after it
         fmus = build(Path(folder))
         n = round(load("human").inlet.T / STEP)
         with bar(quiet) as progress:

@@ -12,7 +12,6 @@ import io
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -21,10 +20,10 @@ import typer
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.progress import Progress, TaskID
 from rich.table import Table
 
 from arterial_fmu.cli.terminal.console import sentences
+from arterial_fmu.cli.terminal.progress import bar
 from build_fmu import build
 from fmu_src.importer.run import FMUError, run_fmu
 from solver import Network, load
@@ -77,10 +76,6 @@ def run(
         raise ValueError(f"{fmu}: beat {BEATS} still differs by {change:.1g} from the one before; run more beats.")
     beat = {name: values[-n - 1 :] for name, values in result.items() if name != "time"}
     return Run(result["time"][-1], time.perf_counter() - began, np.arange(n + 1) * STEP, beat, change)
-
-
-def _advance(bars: Progress, bar: TaskID, part: float) -> None:
-    bars.update(bar, completed=part)
 
 
 def _change(beat: Array, before: Array) -> float:
@@ -163,25 +158,23 @@ def damping_table(elastic: Run, viscoelastic: Run) -> Table:
 # --- the demo -----------------------------------------------------------------------------------------------------
 
 
+@sentences(ValueError, FMUError, OSError)
 def main(out: Annotated[Path, typer.Option(help="Directory of the FMU and the figures.")] = Path("dist")) -> None:
     """Build sheep.fmu, run it with elastic and with viscoelastic walls, and show the difference."""
-    with sentences(ValueError, FMUError, OSError):
-        demo(out, Console())
-
-
-def demo(out: Path, console: Console) -> None:
-    """The whole demo, with files in ``out`` and text on ``console``."""
-    began = time.perf_counter()
+    console, began = Console(), time.perf_counter()
     network = load("sheep")
     fmu = build(network, out)
 
     # the FMU starts with Table 1 of the paper; without wall viscosity the walls are elastic
     cases = {"elastic": {f"{segment.name}.phi0": 0.0 for segment in network.segments}, "viscoelastic": {}}
     runs = {}
-    with Progress(console=Console(stderr=True), transient=True) as bars:
+    with bar(False) as progress:
         for walls, start_values in cases.items():
-            bar = bars.add_task(f"{walls} walls", total=1.0)
-            runs[walls] = run(fmu, network, start_values, partial(_advance, bars, bar))
+
+            def tell(part: float, label: str = f"{walls} walls") -> None:
+                progress(part, label)
+
+            runs[walls] = run(fmu, network, start_values, tell)
 
     pictures = [out / f"sheep.{suffix}" for suffix in ("png", "svg")]
     figure = draw(runs)

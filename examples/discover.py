@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -19,9 +18,10 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import Progress
 
 from arterial_fmu.cli.tables.study import effects_table, gap_text
+from arterial_fmu.cli.terminal.console import sentences
+from arterial_fmu.cli.terminal.progress import bar
 from discrepancy import discover
 from fitting.records.read.record import write_record
 from fitting.records.virtual import measured
@@ -40,6 +40,7 @@ SEED = 1
 FINE = Settings(dt=0.5e-3, element_length=0.025)  # finer than the workflow's settings
 
 
+@sentences(ValueError, OSError)
 def main(
     out: Annotated[Path, typer.Option(file_okay=False, help="Directory for everything that is written.")] = Path(
         "dist"
@@ -92,14 +93,8 @@ def write(path: Path, X: dict[str, Array]) -> None:
 
 def study(name: str, truth: str, model: Path, folder: Path) -> None:
     """Run the workflow on one record and print what it found."""
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(name, total=1.0)
-        outcome = discover(
-            folder / f"virtual_{name}.csv",
-            model,
-            folder / name,
-            progress=lambda fraction, what: bar.update(task, completed=fraction, description=what),
-        )
+    with bar(False, name) as progress:
+        outcome = discover(folder / f"virtual_{name}.csv", model, folder / name, progress=progress)
     Console(soft_wrap=True).rule(f"virtual_{name}.csv", align="left")
     print(truth)
     print(f"verdict: {outcome.verdict}. {outcome.sentence}")
@@ -113,8 +108,4 @@ def study(name: str, truth: str, model: Path, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        typer.run(main)
-    except (ValueError, OSError) as error:
-        print(f"Error: {error}", file=sys.stderr)
-        sys.exit(2)
+    typer.run(main)

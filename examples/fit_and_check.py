@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -19,9 +18,10 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
+from arterial_fmu.cli.terminal.console import sentences
+from arterial_fmu.cli.terminal.progress import bar
 from build_fmu import build
 from fitting.check.fmu_check import CheckReport, check
 from fitting.cohort.fits import fit_cohort, read_cohort
@@ -36,6 +36,7 @@ BEATS = 4  # of the synthetic network record
 CHANNELS = ("P", "Q", "R")
 
 
+@sentences(ValueError, OSError)
 def main(
     out: Annotated[Path, typer.Option(file_okay=False, help="Directory for everything that is written.")] = Path(
         "dist"
@@ -43,12 +44,7 @@ def main(
 ) -> None:
     """Fit, build, run, compare."""
     out.mkdir(parents=True, exist_ok=True)
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("virtual animals", total=1.0)
-
-        def tell(fraction: float, what: str) -> None:
-            bar.update(task, completed=fraction, description=what)
-
+    with bar(False, "virtual animals") as tell:
         cohort_file = write_cohort(virtual_cohort(SEED, exact_means=True), out / "virtual_cohort")
         cohort = fit_cohort(read_cohort(cohort_file), models=("monotone",), progress=tell)
         means = cohort.mean_set()
@@ -89,8 +85,4 @@ def show(report: CheckReport) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        typer.run(main)
-    except (ValueError, OSError) as error:
-        print(f"Error: {error}", file=sys.stderr)
-        sys.exit(2)
+    typer.run(main)

@@ -7,13 +7,13 @@ The arteries are in ``own_network.toml``: the human aortic bifurcation with Wind
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
+from arterial_fmu.cli.terminal.console import sentences
 from build_fmu import build
 from fmu_src.importer.run import run_fmu
 from solver import read_network, sampled_inflow, simulate_periodic
@@ -25,6 +25,7 @@ TIME = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6
 FLOW = np.array([0.0, 12.0, 42.0, 58.0, 48.0, 26.0, 8.0, -6.0, -12.0, -10.0, -4.0, 1.0, 2.0, 2.0, 1.0, 0.0])
 
 
+@sentences(ValueError, OSError)
 def main(out: Annotated[Path, typer.Option(file_okay=False, help="Directory of the FMU.")] = Path("dist")) -> None:
     """Simulate the network, build its FMU in ``out`` and run that too."""
     network = read_network(Path(__file__).with_name("own_network.toml"))
@@ -44,8 +45,4 @@ def main(out: Annotated[Path, typer.Option(file_okay=False, help="Directory of t
 
 
 if __name__ == "__main__":
-    try:
-        typer.run(main)
-    except (ValueError, OSError) as error:
-        print(f"Error: {error}", file=sys.stderr)
-        sys.exit(2)
+    typer.run(main)

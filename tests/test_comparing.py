@@ -18,7 +18,7 @@ from discrepancy.name.scoring import Compared, Named, choice, ranked, shares
 from discrepancy.name.verdict import Naming, _held_loosely, _partial, _said, decided
 from discrepancy.show.fmu_validation import Gap
 from fitting.inference.fit import Fit
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import EVERY, Term
 from fitting.results.estimate import Estimate
 from solver import load
 from solver.network.description import Site
@@ -146,6 +146,23 @@ def test_names_that_look_alike_share_their_probability(effects: tuple[tuple[str,
     assert naming.verdict == expected
     mine = (1.0 if expected == "none" else math.exp(-0.25)) / (1.0 + len(effects) * math.exp(-0.25))
     assert naming.confidence == pytest.approx(mine, rel=1e-12)
+
+
+def test_a_name_is_one_whatever_its_sizes() -> None:
+    """Stiffer walls of one size, and with a size for each wall, are one name: it has the probability of both, and is
+    alone in the class; the fit of the better one stays."""
+    problem: Any = Lawless()
+    one, each = (
+        replace(named, fit=replace(named.fit, terms=tuple(replace(t, where=("all",)) for t in named.fit.terms)))
+        for named in (
+            replace(pair((WALL[0], place)), misfit=1.0, score=score) for place, score in (("all", 90.0), (EVERY, 91.0))
+        )
+    )
+    none = replace(pair(), misfit=1.0, score=95.0)
+    naming = decided(Compared(problem, none, ranked([each, one]), {}, ()), (), lambda n: None)
+    weights = [math.exp(-0.5 * score) for score in (90.0, 91.0, 95.0)]
+    assert naming.verdict == "effect" and naming.best.key == one.key and len(naming.members) == 1
+    assert naming.confidence == pytest.approx(sum(weights[:2]) / sum(weights), rel=1e-12)
 
 
 def test_both_of_a_pair_are_weighed_alone() -> None:

@@ -13,7 +13,8 @@ from scipy.optimize import lsq_linear
 from scipy.stats import kstest, norm
 
 from discrepancy import thresholds
-from discrepancy.find.balances import benjamini_yekutieli, find, mass_balances, wall_balances
+from discrepancy.find.balances import mass_balances, wall_balances
+from discrepancy.find.disagreement import find
 from discrepancy.findings.isolability import DETECTABLE, isolability, smallest
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.gauss_newton import bounded_step
@@ -75,31 +76,7 @@ def test_misfit_sees_a_bump_at_low_harmonics(signals: int) -> None:
     assert np.mean(np.array(found) > thresholds.MISFIT) >= 0.95
 
 
-# --- false discoveries and the z map ---------------------------------------------------------------------------------
-
-
-def test_benjamini_yekutieli_by_hand() -> None:
-    """n = 5 at 5 %: limits 0.05 i/(5 · 137/60) = 0.00438 i. p_(3) = 0.013 <= 0.01314 takes p_(2) = 0.0125 along."""
-    p = np.array([0.013, 0.9, 0.0125, 1e-4, 0.018])
-    assert benjamini_yekutieli(p, 0.05).tolist() == [True, False, True, True, False]
-    assert benjamini_yekutieli(p.reshape(5, 1), 0.05).shape == (5, 1)
-    assert not benjamini_yekutieli(np.full(5, 0.0045), 0.004).any()
-
-
-@pytest.mark.parametrize("correlation", [0.0, 0.9])
-def test_false_discovery_rate(correlation: float) -> None:
-    """10 of 100 p-values are real (3.5 standard deviations), equally correlated: E[false/found] <= 5 %, 1000 draws."""
-    rng = np.random.default_rng(4)
-    z = np.sqrt(1.0 - correlation) * rng.normal(size=(1000, 100)) + np.sqrt(correlation) * rng.normal(size=(1000, 1))
-    z[:, :10] += 3.5
-    p = 2.0 * norm.sf(np.abs(z))
-    false, power = [], []
-    for each in p:
-        found = benjamini_yekutieli(each, 0.05)
-        false.append(found[10:].sum() / max(found.sum(), 1))
-        power.append(found[:10].mean())
-    assert np.mean(false) <= 0.05
-    assert np.mean(power) >= 0.25
+# --- the z map ---------------------------------------------------------------------------------
 
 
 def noise_of(C: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -294,7 +294,9 @@ def test_where_side_branches_go() -> None:
         ("Ao_side", "Ao", "", 0.03, 0.5, True),
     ]
     assert [s.name for s in branched(fork, "Ao")] == ["Ao", "to_Fem_1", "Fem", "to_Fem_1_side", "Ao_side"]
-    assert [s.name for s in branched([Stretch("root", "", "", 0.06, 1.0)], "")] == ["root", "root_end", "root_side"]
+    lone = branched([Stretch("root", "", "", 0.06, 1.0)], "")
+    assert [s.name for s in lone] == ["root", "root_end", "root_side"]
+    assert [s.name for s in branched(lone, "")][1:4] == ["to_root_end_1", "root_end", "to_root_end_1_side"]
     known = [
         Stretch("Ao", "", "", 0.03, 1.0, False),
         Stretch("Fem", "Ao", "Fem", 0.03, 0.1, measured=True),

@@ -131,10 +131,11 @@ def test_measured_loss_ignores_what_is_noise() -> None:
     Its stated standard deviation is that of the seeds to 15 % (2 standard errors of 100; 4 % measured).
     """
     wall = table_wall("CA")
-    truth = measured_loss(recording(wall), "S")[0]
-    found = np.array([measured_loss(recording(wall, 30.0, seed), "S") for seed in range(100)])
-    assert np.abs(found[:, 0] / truth - 1.0).max() <= 0.018
-    assert np.std(found[:, 0], ddof=1) == pytest.approx(found[:, 1].mean(), rel=0.15)
+    truth = measured_loss(recording(wall), "S").value
+    found = [measured_loss(recording(wall, 30.0, seed), "S") for seed in range(100)]
+    losses, sds = np.array([(each.value, np.ptp(each.ci95) / 3.92) for each in found]).T
+    assert np.abs(losses / truth - 1.0).max() <= 0.018
+    assert np.std(losses, ddof=1) == pytest.approx(sds.mean(), rel=0.15)
 
 
 def test_shown() -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from arterial_fmu.cli.terminal.console import put, say_notes, say_written, sentences, show
+from arterial_fmu.cli.terminal.console import conclude, sentences, show
 from arterial_fmu.cli.terminal.options import Json, NetworkName, Quiet
 from arterial_fmu.cli.terminal.progress import PACE, bar
 from fitting.records.channels.filters import with_filters
@@ -114,17 +114,15 @@ def calibrate_command(
         written = _parameter_sets(result, extra, indices, complete=start is not None)
         if sets:
             write_all({path: set_content(own, path) for path, own in zip(sets, written, strict=True)})
-    if as_json:
-        put(set_json(written[0]))
-    elif not quiet:
+
+    def shown() -> None:
         if result.values:  # none if every parameter varies between recordings
             show(calibration_table(result))
         if len(paths) == 1:
             show(network_indices_table(result.network, indices[0]))
         show(recordings_table(result, held_out))
-    if not quiet:
-        say_notes([*result.report, *unjudged], aside=as_json)
-        say_written(*sets, aside=as_json)
+
+    conclude(as_json, quiet, lambda: set_json(written[0]), shown, [*result.report, *unjudged], sets)
 
 
 def _sets(out: Path | None, labels: Sequence[str]) -> list[Path]:

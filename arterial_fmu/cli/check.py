@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from arterial_fmu.cli.terminal.console import put, say, say_notes, say_written, sentences
+from arterial_fmu.cli.terminal.console import conclude, say, sentences
 from arterial_fmu.cli.terminal.options import Json, Quiet, networks_for
 from arterial_fmu.cli.terminal.progress import PACE, bar
 from fitting.results.parameter_set import read_set
@@ -62,10 +62,4 @@ def check_command(
             backend=backend, progress=lambda what: progress(0.0, what),
         )  # fmt: skip
         page = write_check(report, out)
-    if as_json:
-        put(report.to_json())
-    elif not quiet:
-        say(report.title)
-    if not quiet:
-        say_notes(report.warnings, aside=as_json)
-        say_written(page, aside=as_json)
+    conclude(as_json, quiet, report.to_json, lambda: say(report.title), report.warnings, [page])

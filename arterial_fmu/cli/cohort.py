@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from arterial_fmu.cli.terminal.console import put, say, say_written, sentences, show
+from arterial_fmu.cli.terminal.console import conclude, put, say, say_written, sentences, show
 from arterial_fmu.cli.terminal.options import Json, Quiet
 from arterial_fmu.cli.terminal.progress import PACE, bar
 from fitting.cohort.file import read_cohort
@@ -75,9 +75,4 @@ def cohort_command(
             progress=progress,
         )  # fmt: skip
         written = report.write(found, out)
-    if as_json:
-        put(report.to_json(found))
-    elif not quiet:
-        show(*tables(found))
-    if not quiet:
-        say_written(*written, aside=as_json)
+    conclude(as_json, quiet, lambda: report.to_json(found), lambda: show(*tables(found)), written=written)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import discrepancy
-from arterial_fmu.cli.terminal.console import complain, faults, put, say, say_notes, say_written, sentences, show
+from arterial_fmu.cli.terminal.console import complain, conclude, faults, say, sentences, show
 from arterial_fmu.cli.terminal.options import DefaultGroup, Json, Quiet, networks_for
 from arterial_fmu.cli.terminal.progress import bar
 from discrepancy.options import Asked
@@ -103,15 +103,9 @@ def discover_command(
     with sentences(*_ERRORS, interrupted=kept), bar(quiet, pace=_PACE) as progress:
         progress(0.0, "reading")
         outcome = discover(record, model, out, reading=how, as_measured=as_measured, progress=progress, **vars(asked))
-    if as_json:
-        put(json_text(verdict_json(outcome)))
-    elif not quiet:
-        _show(outcome)
-    if not quiet:
-        say_notes((*outcome.notes, *outcome.warnings), aside=as_json)
-        files = (out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu", *FILES))
-        if outcome.written:
-            say_written(*files, aside=as_json)
+    files = [out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu", *FILES)]
+    notes, written = (*outcome.notes, *outcome.warnings), files if outcome.written else []
+    conclude(as_json, quiet, lambda: json_text(verdict_json(outcome)), lambda: _show(outcome), notes, written)
     if outcome.verdict == "unusable":
         if quiet or as_json:
             complain(f"Unusable: {outcome.reason}")
@@ -147,12 +141,7 @@ def isolability_command(
         text = json_text(plan_json(plan))
         if out is not None:
             write_whole(out, text)
-    if as_json:
-        put(text)
-    elif not quiet:
-        _show_plan(plan)
-    if not quiet:
-        say_written(out, aside=as_json)
+    conclude(as_json, quiet, lambda: text, lambda: _show_plan(plan), written=[out])
 
 
 # --- output -------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from arterial_fmu.cli.terminal.console import put, right, say_notes, say_written, sentences, show
+from arterial_fmu.cli.terminal.console import conclude, right, sentences, show
 from arterial_fmu.cli.terminal.options import Force, Json, Quiet
 from arterial_fmu.cli.terminal.progress import bar
 from fitting.first.species import NAMES, typical
@@ -68,13 +68,8 @@ def first_command(
         if out is not None:
             check_new({out: found.text}, force)
             write_whole(out, found.text)
-    if as_json:
-        put(plain(found))
-    elif not quiet:
-        show(*tables(found))
-    if not quiet:
-        say_notes([*found.notes, *beats.warnings], aside=as_json)
-        say_written(out, aside=as_json)
+    notes = [*found.notes, *beats.warnings]
+    conclude(as_json, quiet, lambda: plain(found), lambda: show(*tables(found)), notes, [out])
 
 
 def plain(model: FirstModel) -> dict[str, Any]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import RenderableType
 
-from arterial_fmu.cli.terminal.console import faults, put, say_notes, say_written, sentences, show
+from arterial_fmu.cli.terminal.console import conclude, faults, sentences, show
 from arterial_fmu.cli.terminal.options import Force, Json, Quiet
 from arterial_fmu.cli.terminal.progress import PACE, bar
 from fitting.results.parameter_set import set_content, set_format, set_json
@@ -100,13 +100,9 @@ def fit_command(
         }
         check_new({bench: files[bench]} if bench else {}, force)
         write_all({path: content for path, content in files.items() if path is not None})
-    if as_json:
-        put(set_json(parameters))
-    elif not quiet:
-        show(*_tables(fits, kept, found, checked))
-    if not quiet:
-        say_notes(notes, aside=as_json)
-        say_written(out, figure, bench, aside=as_json)
+    written = (out, figure, bench)
+    shown = partial(_show, fits, kept, found, checked)
+    conclude(as_json, quiet, lambda: set_json(parameters), shown, notes, written)
 
 
 for command in (virtual_command, cohort_command, first_command, calibrate_command, check_command):
@@ -130,18 +126,13 @@ def _drawn(fits: list[WallFit], beats: Beats) -> bytes:
     return png(loop_figure(fits, beats))
 
 
-def _tables(
+def _show(
     fits: list[WallFit], kept: WallFit, found: dict[str, Estimate], checked: dict[str, tuple[float, float]]
-) -> list[RenderableType]:
+) -> None:
     from .tables.fits import fits_table, headline, indices_table, sensitivity_table
 
-    columns = [*fits, *kept.others]
-    return [
-        headline(kept, found["E_inc"]),
-        fits_table(columns, kept),
-        sensitivity_table(kept, checked),
-        indices_table(kept.site, found),
-    ]
+    show(headline(kept, found["E_inc"]), fits_table([*fits, *kept.others], kept))
+    show(sensitivity_table(kept, checked), indices_table(kept.site, found))
 
 
 def _notes(kept: WallFit) -> list[str]:

@@ -15,9 +15,10 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from arterial_fmu.cli.terminal.console import faults, put, ranges, right, say_written, sentences, show
+from arterial_fmu.cli.terminal.console import conclude, faults, ranges, right, sentences, show
 from arterial_fmu.cli.terminal.options import Json, Quiet, files_for, one_command
 from arterial_fmu.cli.terminal.progress import bar
+from fitting.results.parameter_set import read_set
 from fmu_src.importer.run import Array, FMUError, Input, check_inputs, drive_of, read_description, run_fmu
 from solver.errors import InputError
 from solver.io.writing import check_destinations, write_whole
@@ -35,7 +36,8 @@ def main(
         Path | None, typer.Option(help='CSV: "time [s]", then inputs such as "inlet.Q [mL/s]", interpolated linearly.')
     ] = None,
     start_values: Annotated[
-        Path | None, typer.Option(help="Parameter set of fit or calibrate (.json), or a JSON object of numbers in SI.")
+        Path | None,
+        typer.Option(help="Parameter set (.json, .ssv) of fit or calibrate, or JSON object of numbers in SI."),
     ] = None,
     set_: Annotated[
         list[str] | None,
@@ -53,7 +55,7 @@ def main(
         variables = {variable.name: variable for variable in read_description(fmu).modelVariables}
         drive = drive_of(variables, fmu)
         end = parse_quantity(stop_time, "s", "--stop-time")
-        starts = _read_start_values(start_values, variables) if start_values else {}
+        starts = _read_start_values(start_values) if start_values else {}
         starts |= assignments(set_ or [], _units(variables))
         known = _read_inputs(inputs, variables, fmu, end) if inputs else {}
         with bar(quiet, f"running {fmu.name}") as progress:
@@ -69,11 +71,8 @@ def main(
         _write_result(out, result, variables)
     columns = {name: values for name, values in result.items() if name != "time"}
     found = ranges(result["time"], columns, {name: variables[name].unit for name in columns})
-    if as_json:
-        put({"fmu": str(fmu), "variables": found, "written": [str(out)]})
-    elif not quiet:
-        show(ranges_table(fmu.name, found, end))
-        say_written(out)
+    document = {"fmu": str(fmu), "variables": found, "written": [str(out)]}
+    conclude(as_json, quiet, lambda: document, lambda: show(ranges_table(fmu.name, found, end)), written=[out])
 
 
 def ranges_table(name: str, found: Mapping[str, Mapping[str, Any]], end: float) -> Table:
@@ -129,34 +128,21 @@ def _units(variables: Mapping[str, Any]) -> dict[str, tuple[str, str | None]]:
     return {name: (v.unit or "1", v.displayUnit) for name, v in variables.items() if v.type == "Real"}
 
 
-def _read_start_values(path: Path, variables: Mapping[str, Any]) -> dict[str, float | str]:
+def _read_start_values(path: Path) -> dict[str, float | str]:
     """Start values of a parameter set, or of a JSON object. Raises ValueError."""
     if path.suffix.lower() == ".ssv":
-        raise InputError(f"{path}: SSV is for simulators that import it; give the parameter set as .json.")
+        return read_set(path).start_values()
     try:
         values = json.loads(read_text(path))
     except (json.JSONDecodeError, RecursionError) as error:
         raise InputError(f"{path}: not valid JSON ({error}); correct it.") from None
     if isinstance(values, dict) and isinstance(values.get("values"), dict):
-        values = _of_set(values, path, _units(variables))
+        return read_set(path).start_values()
     if not isinstance(values, dict) or not all(
         isinstance(value, str | float | int) and not isinstance(value, bool) for value in values.values()
     ):
         raise InputError(f'{path}: must be a JSON object of numbers and texts, such as {{"CA.phi0": 0}}.')
     return values
-
-
-def _of_set(
-    parameters: Mapping[str, Any], path: Path, units: Mapping[str, tuple[str, str | None]]
-) -> dict[str, float | str]:
-    """The values of a parameter set in SI, and its laws. Raises ValueError for one without number or unit."""
-    found: dict[str, float | str] = dict(parameters.get("texts", {}))
-    for name, entry in parameters["values"].items():
-        if not isinstance(entry, dict) or not {"value", "unit"} <= entry.keys():
-            raise InputError(f"{path}: {name}: must have a value and a unit; correct it.")
-        unit = units.get(name, (entry["unit"], None))[0]  # a name that the FMU has not is refused with the others
-        found[name] = parse_quantity(f"{entry['value']} {'' if entry['unit'] == '1' else entry['unit']}", unit, name)
-    return found
 
 
 def _write_result(path: Path, result: Mapping[str, Array], variables: Mapping[str, Any]) -> None:

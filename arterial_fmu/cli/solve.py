@@ -24,7 +24,7 @@ from solver.schemes import AnySettings
 from solver.simulate import NotPeriodic, Waveforms, simulate, simulate_periodic
 
 from . import networks
-from .terminal.console import faults, put, ranges, right, say_notes, say_written, sentences, show
+from .terminal.console import conclude, faults, ranges, right, sentences, show
 from .terminal.options import Json, NetworkName, Quiet, one_command
 from .terminal.progress import bar
 
@@ -75,12 +75,7 @@ def main(
         result = _run(model, scheme, settings, duration, start, tolerance, max_beats, backend, quiet)
         if out is not None:
             result.to_csv(out)
-    if as_json:
-        put(_plain(model, result, out))
-    elif not quiet:
-        _show(model, result)
-        say_notes(result.notes)
-        say_written(out)
+    conclude(as_json, quiet, lambda: _plain(model, result, out), lambda: _show(model, result), result.notes, [out])
 
 
 def _settings(

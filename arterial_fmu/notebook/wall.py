@@ -14,7 +14,7 @@ from fitting.wall.indices import E_inc
 from fitting.wall.wall_fit import WallFit
 from fitting.wall.wall_model import PARAMETERS, UNITS
 from solver.network.description import Segment
-from solver.quantities.legible import interval, number, rounded
+from solver.quantities.legible import number, with_interval
 from solver.quantities.quantity import quantities
 from solver.quantities.units import printed
 
@@ -25,8 +25,7 @@ def html(fitted: WallFit) -> str:
     """Every parameter in its display unit, measures of the quality of the fit, and its warnings."""
     rows = [_row(fitted, name) for name in PARAMETERS if name in fitted.model.free or fitted.values[name]]
     stiffness = E_inc(fitted)
-    low, high = (1e-6 * end for end in stiffness.ci95)
-    rows.insert(0, ("E_inc, MPa", rounded(1e-6 * stiffness.value, 0.5 * (high - low)), interval(low, high)))
+    rows.insert(0, ("E_inc, MPa", *with_interval(stiffness.value, stiffness.ci95, 1e-6)))
     given = quantities(Segment)["h"]
     rows.append((f"h, {given.display}", number(1e3 * fitted.h, 4), "given"))
     quality = (
@@ -60,8 +59,6 @@ def figure(fitted: WallFit, beats: Beats | None = None) -> Picture:
 
 def _row(fitted: WallFit, name: str) -> tuple[str, str, str]:
     label, factor = SHOWN[name]
-    value = factor * fitted.values[name]
     if name not in fitted.model.free:
-        return label, number(value, 5), "given"
-    low, high = (factor * end for end in fitted.ci95(name))
-    return label, rounded(value, 0.5 * (high - low)), interval(low, high)
+        return label, number(factor * fitted.values[name], 5), "given"
+    return label, *with_interval(fitted.values[name], fitted.ci95(name), factor)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from arterial_fmu.cli.terminal.console import put, right, say, say_notes, say_written, sentences, show
+from arterial_fmu.cli.terminal.console import conclude, right, sentences, show
 from arterial_fmu.cli.terminal.options import Json, Quiet, networks_for
 from arterial_fmu.cli.terminal.progress import PACE, bar
 from fitting.results.result_files import plain
@@ -47,9 +47,9 @@ def main(
     sites: Annotated[str | None, typer.Option(help="Sites of the results: MD,CA. Default: all sites.")] = None,
     inflow: Annotated[
         str | None,
-        typer.Option(help="Source of the inflow: a network, or a record (CSV) with inlet.Q. An FMU needs it."),
+        typer.Option(help="Source of the inflow: a network, or a record (CSV) with inlet.Q."),
     ] = None,
-    dt: Annotated[str, typer.Option(help="Time step; an FMU has its own.")] = "2.5 ms",
+    dt: Annotated[str, typer.Option(help="Time step.")] = "2.5 ms",
     element_length: Annotated[str, typer.Option(help="Maximum element length.")] = "5 cm",
     tolerance: Annotated[
         float, typer.Option(help="Maximum relative change between beats of a periodic solution.")
@@ -80,14 +80,8 @@ def main(
             progress(1.0, "indices and figures")
             study = Study.of(store)
             paths = write(study, out)
-    if as_json:
-        put(plain(summary(study)))
-    elif not quiet:
-        show(_table(study))
-    if not quiet:
-        say(_size(plan, samples), aside=as_json)
-        say_notes(study.notes, aside=as_json)
-        say_written(*paths, aside=as_json)
+    notes = (_size(plan, samples), *study.notes)
+    conclude(as_json, quiet, lambda: plain(summary(study)), lambda: show(_table(study)), notes, paths)
 
 
 def _imported() -> None:
@@ -99,7 +93,7 @@ def _imported() -> None:
 
 def _size(plan: Plan, samples: int) -> str:
     D = len(plan.varied)
-    return f"{plan.size} parameter sets of the {samples} allowed: N (D + 2) with N = {plan.base} and D = {D}"
+    return f"{plan.size} parameter sets of the {samples} allowed: N (D + 2) with N = {plan.base} and D = {D}."
 
 
 def _table(study: Study) -> Table:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fitting.inference.unknown_text import named_parameters
 from solver.errors import InputError
 from solver.network.files import parse_quantity
 from solver.quantities.quantity import Quantity
-from solver.quantities.text import did_you_mean, typed_unit
+from solver.quantities.text import typed_unit
 
 Array = np.ndarray
 
@@ -19,7 +20,6 @@ OPTION = "--vary"
 _RANGE = re.compile(r"(.+?)\.\.(.+)")
 _BARE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?")
 _FACTOR = re.compile(rf"({_BARE.pattern})\s*x?\s*\.\.\s*({_BARE.pattern})\s*x")
-_NOT_ALL = ("fluid", "network", "solver", "inlet")  # "all" are segments, outlets and junctions
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ def parse_varied(
 ) -> tuple[Varied, ...]:
     """The varied parameters from texts NAME=LOW..HIGH with a unit, or with x for factors of the model's own values.
 
-    NAME : a parameter, several joined by "+" ("CA+FA.outlet.R_t"), or "all.E", of every segment, outlet or junction
-    that has it. known, nominal : the parameters of the model, their quantities and values [SI].
+    NAME : as in :func:`fitting.inference.unknown_text.named_parameters`.
+    known, nominal : the parameters of the model, their quantities and values [SI].
     Raises ValueError, one sentence that begins with the option, for an unknown name or an invalid range.
     """
     found = tuple(_parse(text, known, nominal, model) for text in texts)
@@ -72,7 +72,7 @@ def _parse(text: str, known: Mapping[str, Quantity], nominal: Mapping[str, float
             f'{OPTION} {text}: must look like NAME=LOW..HIGH, for example "CA.phi0=10..120kPa*s" or "all.E=0.8..1.2x".'
         )
     option = f"{OPTION} {name}"
-    names = _names(name, option, known, model)
+    names = named_parameters(name, option, known, model)
     unit, display = known[names[0]].unit, known[names[0]].display
     factors = _FACTOR.fullmatch(span)
     if factors:
@@ -106,24 +106,3 @@ def _ends(span: str, unit: str, option: str, display: str | None) -> tuple[float
         proposed = f'"{span}{typed_unit(unit, display)}"'
         raise InputError(f"{option}={span}: it has no unit; write one, such as {proposed}, or x for factors.")
     return parse_quantity(first.strip(), unit, option), parse_quantity(last, unit, option)
-
-
-def _names(name: str, option: str, known: Mapping[str, Quantity], model: str) -> list[str]:
-    """The parameters of a name. Raises ValueError if there are none, or one occurs twice."""
-    target, _, key = name.partition(".")
-    if target == "all":
-        names = [n for n in known if n.partition(".")[2] == key and n.partition(".")[0] not in _NOT_ALL]
-        keys = {n.partition(".")[2] for n in known if n.partition(".")[0] not in _NOT_ALL}
-        if not names:
-            close = did_you_mean(key, keys).replace("(did you mean ", "(did you mean all.")
-            raise InputError(f"{option}: nothing in {model} has {key or 'no name'}; check the name{close}.")
-        return names
-    names = [f"{part.strip()}.{key}" for part in target.split("+")]
-    for each in names:
-        if each not in known:
-            raise InputError(
-                f"{option}: {each} is not a parameter of {model}; check the name{did_you_mean(each, known)}."
-            )
-        if names.count(each) > 1:
-            raise InputError(f"{option}: {each} occurs twice; name it once.")
-    return names

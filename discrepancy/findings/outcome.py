@@ -294,7 +294,7 @@ class Outcome(Shown):
         return f"<Outcome {self.verdict}: {self.sentence}>"
 
     def plot(self, figure: str | None = None) -> Any:
-        """A figure of the report: "map", "network", "z_map", "waveforms", "loops" or "isolability".
+        """A figure of the report: "map", "network", "waveforms", "loops" or "isolability".
 
         Default: the first one that this study has. Raises ValueError for a missing one.
         """

@@ -54,6 +54,11 @@ class Named:
         return names_of(self.fit.terms)
 
     @property
+    def laws(self) -> frozenset[tuple[str, tuple[str, ...]]]:
+        """The effects and where they act, whether all walls share a size or each has its own: what a name says."""
+        return frozenset((t.effect, t.where) for t in self.fit.terms)
+
+    @property
     def individual(self) -> bool:
         """True if every artery has deviations of its own."""
         return any(u.group for u in self.fit.unknowns)

@@ -100,7 +100,7 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
             nothing = sum(n.probability for n in ways if not n.fit.terms and not n.places)
             return replace(unknown, verdict="none", confidence=nothing)
         return replace(unknown, reason=_acting(best.places) if best.places else _left(none.fit, problem))
-    confidence = sum(n.probability for n in ways if n.key == best.key)
+    confidence = sum(n.probability for n in ways if n.laws == best.laws)
     if best.errors is not None:
         return _partial(replace(unknown, confidence=confidence), found, ways)
     same = tuple(n for n in ways if n.errors is None and n.fit.terms)
@@ -162,8 +162,12 @@ def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
 
 
 def _class(order: Sequence[Named]) -> tuple[Named, ...]:
-    """The hypotheses that cannot be ruled out."""
-    return tuple(n for n in order if n.score - order[0].score < at.RULED_OUT)
+    """The hypotheses that cannot be ruled out, each name once."""
+    names = dict[frozenset[tuple[str, tuple[str, ...]]], Named]()
+    for n in order:
+        if n.score - order[0].score < at.RULED_OUT:
+            names.setdefault(n.laws, n)
+    return tuple(names.values())
 
 
 def _said(best: Named, members: Sequence[Named], network: Network) -> str:

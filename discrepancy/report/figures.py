@@ -1,4 +1,4 @@
-"""The figures of a study: source map, network with marked places, z map, waveforms, loops, separations.
+"""The figures of a study: source map, network with marked places, waveforms, loops, separations.
 
 Every function returns a picture and its caption; :func:`figures` calls those whose data there are.
 """
@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 
-from fitting.inference.fit import Array
 from fitting.inference.places import NUMBER, Place
 from fitting.pages.network_drawing import below, draw
 from fitting.pages.panels import DASHED, Curve, Drawing, drawing, loops, waveforms
@@ -30,19 +29,18 @@ from ..findings.isolability import INSEPARABLE
 from ..findings.map_marks import Mark, label_text, marks, site_of
 from ..findings.outcome import Isolability, Outcome
 from ..findings.shown_map import Acting, SourceMapShown
-from .tables import APART, Scale, Z, channel_z, harmonics_shown, loop_sites, period
+from .tables import APART, Z, channel_z, loop_sites, period
 from .verdict_text import axis_label, phrase
 
 Captioned = tuple[Picture, str]
 
-NAMES = ("map", "network", "z_map", "waveforms", "loops", "isolability")
+NAMES = ("map", "network", "waveforms", "loops", "isolability")
 _CURVES: tuple[Curve, ...] = (("measured", BLACK, "-"), ("before", VERMILION, DASHED), ("after", BLUE, (0, (1, 1))))
 _COLOURS = (VERMILION, BLUE, PURPLE)  # of what acts; ORANGE of what cannot be told from it
 _KINDS = {OUTLET: "outlet", JUNCTION: "junction", CHANNEL: "channel"}
 _WIDE, _HIGH = 4.0, 1.9  # inches of a beat
 _BESIDE = 0.8  # x/L of the mark of what acts in a segment that is marked already
 _COLUMNS, _NARROW = 6.0, 7.6  # of a network that has beats beside it, not above: segments in a row, inches
-_MOST_TICKS = 36  # numbers below the z map that do not touch
 _MOST_FRAMED = 60  # cells in a row that still have room for a frame
 
 
@@ -69,7 +67,6 @@ def _there(outcome: Outcome) -> dict[str, Callable[[], Captioned]]:
     drawn: dict[str, Callable[[], Captioned] | None] = {
         "map": partial(map_figure, outcome, acting, network) if network and acting and acting.acting else None,
         "network": partial(_network, outcome, network) if network else None,
-        "z_map": partial(_z_map, outcome) if outcome.z_map.size else None,
         "waveforms": partial(_waveforms, outcome) if outcome.channels else None,
         "loops": partial(_loops, outcome) if loop_sites(outcome) else None,
         "isolability": partial(_isolability, table) if table and table.labels else None,
@@ -204,40 +201,27 @@ def _beat(panel: Axes, a: Acting, shown: SourceMapShown, colour: str) -> None:
     panel.set_ylabel(axis_label(a))
 
 
-# --- maps of classes --------------------------------------------------------------------------------------------------
-
-
-def _z_map(outcome: Outcome) -> Captioned:
-    """Channels by harmonics, in classes of |z|; significant entries are framed."""
-    harmonics = harmonics_shown(outcome)
-    names = [channel.name for channel in outcome.channels[: outcome.z_map.shape[1]]]
-    size = (float(np.clip(2.4 + 0.3 * harmonics, 7.2, 13.0)), 1.3 + 0.24 * len(names))
-    figure, axes = _classes(np.abs(outcome.z_map[:harmonics]).T, Z, size)
-    axes.set_yticks(range(len(names)), names)
-    step = next(n for n in (1, 2, 5, 10) if harmonics <= _MOST_TICKS * n or n == 10)
-    numbered = range(step, harmonics, step)
-    axes.set_xticks([0, *numbered], ["mean", *map(str, numbered)])
-    axes.tick_params(length=0, labelsize=8)
-    axes.set_xlabel("harmonic of the beat")
-    for at in outcome.located:
-        name = f"{at.site}.{at.signal}"
-        if name in names and at.harmonic < harmonics:
-            corner = (at.harmonic - 0.5, names.index(name) - 0.5)
-            axes.add_patch(Rectangle(corner, 1.0, 1.0, fill=False, ec=BLACK, lw=1.6, zorder=3, clip_on=False))
-    return (
-        figure,
-        "|z|, the residual over its standard deviation, of every channel and harmonic before an effect was added. "
-        "Framed: the largest that are significant after correction for all channels and harmonics.",
-    )
-
-
 def _isolability(isolability: Isolability) -> Captioned:
-    """Separation of every pair of effects, in classes."""
+    """Separation of every pair of effects, in classes; NaN is grey."""
     n = len(isolability.labels)
     side = float(np.clip(0.2 * n, 2.0, 9.5))
     separation = np.array(isolability.separation, float)
     np.fill_diagonal(separation, np.nan)
-    figure, axes = _classes(separation, APART, (max(side + 3.4, 7.2), side + 2.2))
+    figure = Picture(figsize=(max(side + 3.4, 7.2), side + 2.2), layout="constrained")
+    axes = figure.add_subplot(facecolor="#e6e6e6")
+    look: dict[str, Any] = {
+        "cmap": ListedColormap(APART.colours),
+        "norm": BoundaryNorm([*APART.bounds, np.inf], len(APART.colours)),
+    }
+    edge, ends = "#d0d0d0" if n <= _MOST_FRAMED else "none", np.arange(n + 1) - 0.5
+    axes.pcolormesh(ends, ends, np.ma.masked_invalid(separation), edgecolors=edge, linewidth=0.5, **look)
+    axes.invert_yaxis()
+    axes.spines[:].set_visible(False)
+    handles = [
+        Line2D([], [], marker="s", ls="", ms=9, mfc=colour, mec="#888888", label=text)
+        for colour, text in zip(APART.colours, APART.texts, strict=True)
+    ]
+    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), title=APART.name, columnspacing=0.9)
     fontsize = float(np.clip(72 * side / n * 0.8, 3.0, 8.0))
     labels = [label_text(label) for label in isolability.labels]
     axes.set_xticks(range(n), labels, rotation=90, fontsize=fontsize)
@@ -250,25 +234,6 @@ def _isolability(isolability: Isolability) -> Captioned:
         f"Separation d′ of every pair of {n} effects by these sensors, each at its most visible place. Below "
         f"{INSEPARABLE:g}, the effect of a row is not distinguishable from that of the column.",
     )
-
-
-def _classes(values: Array, scale: Scale, size: tuple[float, float]) -> tuple[Picture, Axes]:
-    """A map of values by the classes of a scale, with a legend; NaN is grey."""
-    figure = Picture(figsize=size, layout="constrained")
-    axes = figure.add_subplot(facecolor="#e6e6e6")
-    rows, columns = values.shape
-    norm = BoundaryNorm([*scale.bounds, np.inf], len(scale.colours))
-    edge = "#d0d0d0" if max(rows, columns) <= _MOST_FRAMED else "none"
-    corners, cells = (np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5), np.ma.masked_invalid(values)
-    axes.pcolormesh(*corners, cells, cmap=ListedColormap(scale.colours), norm=norm, edgecolors=edge, linewidth=0.5)
-    axes.invert_yaxis()
-    axes.spines[:].set_visible(False)
-    handles = [
-        Line2D([], [], marker="s", ls="", ms=9, mfc=colour, mec="#888888", label=text)
-        for colour, text in zip(scale.colours, scale.texts, strict=True)
-    ]
-    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), title=scale.name, columnspacing=0.9)
-    return figure, axes
 
 
 # --- beats ------------------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from ..records.alignment.beats import Beats
 from ..records.channels.inflow import inflow
 from ..records.thresholds import MAX_HARMONICS
 from ..results.estimate import Estimate
-from ..wall.indices import estimates, loop_area, measured_estimate, of_wall
+from ..wall.indices import estimates, loop_area, measured_loss, of_wall
 from .network_calibration import Calibration
 
 Array = np.ndarray
@@ -56,7 +56,7 @@ def network_indices(
     result = {site.name: estimates(values[0, i], half[i]) for i, site in enumerate(network.sites)}
     for name, found in result.items():
         if {f"{name}.P", f"{name}.R"} <= set(beats.values):
-            found["loss_measured"] = measured_estimate(beats, name)
+            found["loss_measured"] = measured_loss(beats, name)
     return result
 
 

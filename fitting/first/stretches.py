@@ -84,7 +84,7 @@ def branched(tubes: Sequence[Stretch], root: str) -> list[Stretch]:
     claimed = sum(each.share for each in tubes if each.measured and each.parent == last.name)
     if last.measured or claimed > (1.0 - _SIDE) * last.share:
         return []
-    alone = last.end and not last.site
+    alone = len(tubes) == 1 and not last.site
     names = {each.name for each in tubes if each is not last or not alone}
     start, end = root or _ROOT, f"{last.name}_end" if alone else last.name
     if start in names:

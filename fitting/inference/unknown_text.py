@@ -7,7 +7,6 @@ that is how the paper compares segments. Priors are the spread between animals t
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -18,29 +17,28 @@ from solver.laws import effects
 from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, allowed
 from solver.quantities.quantity import Quantity
-from solver.quantities.text import parse_quantity, pint_spelling
+from solver.quantities.text import did_you_mean, parse_quantity, pint_spelling
 
 from .hypothesis import OWN
 from .unknown import Unknown
 from .zeros import is_zero, zero_quantities, zero_values
 
+_NOT_ALL = ("fluid", "network", "solver", "inlet")  # "all" are segments, outlets and junctions
+
 
 def parse_unknown(text: str, network: Network) -> Unknown:
     """The unknown of a text TARGET.PARAMETER[:PRIOR].
 
-    TARGET : "all" (every segment, or every outlet, that has the parameter), names joined by "+" ("CA+FA"), "fluid" or
-    "network"; or CHANNEL.zero, "C.P.zero". PARAMETER : "E", "phi0" …, "outlet.R_t" …. PRIOR : its standard deviation
-    ("0.1", of a shift also "5 mmHg"), or "none".
+    TARGET : as in :func:`named_parameters`, "fluid" or "network"; or CHANNEL.zero, "C.P.zero".
+    PARAMETER : "E", "phi0" …, "outlet.R_t" …. PRIOR : its standard deviation ("0.1", of a shift also "5 mmHg"), or
+    "none".
     Raises ValueError for a name that the network has not, a prior that is not positive, or a value 0 to be scaled.
     """
     name, colon, prior = (part.strip() for part in text.partition(":"))
-    target, dot, key = name.partition(".")
     known = network.parameter_quantities() | zero_quantities(network)
-    if target == "all":
-        names = [f"{s.name}.{key}" for s in network.segments if f"{s.name}.{key}" in known]
-    else:
-        names = [f"{part.strip()}{dot}{key}" for part in target.split("+")]
-    _check_names(name, names, known, network.name)
+    order = {segment.name: i for i, segment in enumerate(network.segments)}
+    along = sorted(known, key=lambda each: order.get(each.partition(".")[0], -1))
+    names = named_parameters(name, f"unknown {name}", along, f"network {network.name}")
     nominal = network.parameters() | zero_values(network)
     quantity = known[names[0]]
     shift = quantity.low < 0.0
@@ -105,21 +103,32 @@ def named(unknown: Unknown, pattern: str) -> bool:
     return any(all(fnmatchcase(name, pattern) for name in names) for names in (of_one, unknown.variables))
 
 
-def _check_names(unknown: str, names: Sequence[str], known: Iterable[str], network: str) -> None:
+def named_parameters(name: str, option: str, known: Iterable[str], model: str) -> list[str]:
+    """The parameters of a name: one, several joined by "+" ("CA+FA.outlet.R_t"), or "all.E", of every segment, outlet
+    or junction that has it.
+
+    option : what the name was given for. Raises ValueError if there are none, or one occurs twice.
+    """
     known = list(known)
-    if not names:
-        keys = sorted({each.partition(".")[2] for each in known})
-        close = difflib.get_close_matches(unknown.partition(".")[2], keys, n=1, cutoff=0.4)
-        hint = f"did you mean all.{close[0]}?" if close else f"use all. with one of {', '.join(keys)}."
-        raise InputError(f"unknown {unknown}: no segment or outlet of network {network} has this parameter; {hint}")
-    for name in names:
-        if name not in known:
-            close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
-            close = [f"all.{name}"] if name in {each.partition(".")[2] for each in known} else close
-            hint = f"did you mean {close[0]}?" if close else 'write it as "all.E", "CA.phi0" or "CA.outlet.R_t".'
-            raise InputError(f"unknown {unknown}: {name} is not a parameter of network {network}; {hint}")
-        if names.count(name) > 1:
-            raise InputError(f"unknown {unknown}: {name} occurs twice; name it once.")
+    target, _, key = name.partition(".")
+    by_key: dict[str, list[str]] = {}
+    for each in known:
+        owner, _, own = each.partition(".")
+        if owner not in _NOT_ALL:
+            by_key.setdefault(own, []).append(each)
+    if target == "all":
+        if key not in by_key:
+            close = did_you_mean(key, by_key).replace("(did you mean ", "(did you mean all.")
+            raise InputError(f"{option}: nothing in {model} has {key or 'no name'}; check the name{close}.")
+        return by_key[key]
+    names = [f"{part.strip()}.{key}" if key else part.strip() for part in target.split("+")]
+    for each in names:
+        if each not in known:
+            hint = f" (did you mean all.{each}?)" if each in by_key else did_you_mean(each, known)
+            raise InputError(f"{option}: {each} is not a parameter of {model}; check the name{hint}.")
+        if names.count(each) > 1:
+            raise InputError(f"{option}: {each} occurs twice; name it once.")
+    return names
 
 
 def _prior(name: str, text: str, unit: str, typical: float) -> float | None:

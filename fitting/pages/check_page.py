@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib import rc_context
 
 from solver.io.writing import write_folder
-from solver.quantities.legible import DASH, NOT_DETERMINED, endless, interval, number, rounded, shown_in, signed
+from solver.quantities.legible import DASH, endless, number, shown_in, signed, with_interval
 from solver.quantities.units import of_signal, readable
 
 from ..check.agreement import Agreement, LoopArea
@@ -95,19 +95,14 @@ def _loop_row(loop: LoopArea) -> dict[str, str]:
 
 
 def _value_rows(parameters: Mapping[str, Any]) -> list[dict[str, str]]:
-    """The values of the parameter set."""
-    weak = set(parameters["provenance"].get("undetermined", ()))
-    return [_value_row(name, value, name in weak) for name, value in parameters["values"].items()]
-
-
-def _value_row(name: str, value: Mapping[str, Any], undetermined: bool) -> dict[str, str]:
-    """A value of the parameter set, with its interval if it has an informative one."""
-    unit, factor = shown_in(quantity_of(name))
-    if undetermined or endless(value["value"], value["ci95"]):
-        return {"name": name, "value": number(factor * value["value"]), "interval": NOT_DETERMINED, "unit": unit}
-    low, high = (factor * end for end in value["ci95"] or (value["value"],) * 2)
-    ends = interval(low, high) if value["ci95"] else DASH
-    return {"name": name, "value": rounded(factor * value["value"], 0.5 * (high - low)), "interval": ends, "unit": unit}
+    """The values of the parameter set, with intervals where they are informative."""
+    weak, rows = set(parameters["provenance"].get("undetermined", ())), []
+    for name, each in parameters["values"].items():
+        unit, factor = shown_in(quantity_of(name))
+        told = name not in weak and not endless(each["value"], each["ci95"])
+        value, ends = with_interval(each["value"], each["ci95"], factor, told)
+        rows.append({"name": name, "value": value, "interval": ends, "unit": unit})
+    return rows
 
 
 def _stiffness(provenance: Mapping[str, Any]) -> str:

@@ -12,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from solver.quantities.legible import number
 from solver.quantities.units import readable
 
+_PARTS = Path(__file__).parent / "templates"  # of all pages
 _LONGEST = 400  # characters of an entry; longer ones are only in the JSON file
 
 
@@ -19,7 +20,7 @@ _LONGEST = 400  # characters of an entry; longer ones are only in the JSON file
 def environment(folder: Path) -> Environment:
     """The templates of a folder, each compiled once; text is escaped, and an undefined name is an error."""
     return Environment(
-        loader=FileSystemLoader(folder),
+        loader=FileSystemLoader((folder, _PARTS)),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -16,6 +16,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
+from operator import itemgetter
 from threading import Lock, local
 from typing import Any, BinaryIO, TypeVar
 
@@ -64,30 +65,24 @@ class Workers:
         there : a function of a module, which the worker finds by its name, or a partial of one; tasks and answers are
         pickled.
         """
-        if self.jobs < 2 or len(tasks) < 2:
-            return [here(task) for task in tasks]
-        answers = self._asked(tasks, there)
-        results: dict[int, Result] = {}
-        try:
-            for i in reversed(range(len(tasks))):
-                if answers[i].cancel():  # nobody has begun it
-                    results[i] = here(tasks[i])
-            for i in sorted(set(range(len(tasks))) - set(results)):
-                results[i] = taken(answers[i].result()) if self._answered(answers[i]) else here(tasks[i])
-        finally:
-            for answer in answers:
-                answer.cancel()
-        return [results[i] for i in range(len(tasks))]
+        return [result for _, result in sorted(self._each(tasks, there, taken, here), key=itemgetter(0))]
 
     def stream(self, tasks: Sequence[Task], function: Callable[[Task], Answer]) -> Iterator[tuple[int, Answer]]:
         """(i, function(task i)) as they end, each once: those of other processes, and those that this one does.
 
         function : of a module, as in :meth:`share`.
         """
+        return self._each(tasks, function, lambda answer: answer, function)
+
+    def _each(
+        self, tasks: Sequence[Task], there: Callable[[Task], Answer], taken: Callable[[Answer], Result],
+        here: Callable[[Task], Result],
+    ) -> Iterator[tuple[int, Result]]:  # fmt: skip
+        """(i, result of task i) as they end."""
         if self.jobs < 2 or len(tasks) < 2:
-            yield from ((i, function(task)) for i, task in enumerate(tasks))
+            yield from ((i, here(task)) for i, task in enumerate(tasks))
             return
-        left = {answer: i for i, answer in enumerate(self._asked(tasks, function))}
+        left = {answer: i for i, answer in enumerate(self._asked(tasks, there))}
         try:
             while left:
                 mine = next((answer for answer in reversed(left) if answer.cancel()), None)  # nobody has begun it
@@ -95,10 +90,10 @@ class Workers:
                     wait(left, return_when=FIRST_COMPLETED)
                 else:
                     i = left.pop(mine)
-                    yield i, function(tasks[i])
+                    yield i, here(tasks[i])
                 for answer in [each for each in left if each.done() and not each.cancelled()]:
                     i = left.pop(answer)
-                    yield i, answer.result() if self._answered(answer) else function(tasks[i])
+                    yield i, taken(answer.result()) if self._answered(answer) else here(tasks[i])
         finally:
             for answer in left:
                 answer.cancel()

@@ -73,7 +73,7 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
         name: Estimate(float(told[0][1][i]), unit, mixture([(p, float(x[i]), float(sd[i]), n) for p, x, sd, n in told]))
         for i, (name, unit) in enumerate(OF_LAW)
     }
-    return of_law | {"loss_measured": measured_estimate(without_lag(beats, fit), fit.site)}
+    return of_law | {"loss_measured": measured_loss(without_lag(beats, fit), fit.site)}
 
 
 def E_inc(fit: WallFit) -> Estimate:
@@ -173,8 +173,8 @@ def loop_area(P: Array, A: Array, harmonics: int | None = None) -> Array:
     return -4.0 * np.pi * np.sum(k * (p.conj() * a).imag, axis=-1)
 
 
-def measured_loss(beats: Beats, site: str) -> tuple[float, float]:
-    """∮ P dA of the mean beats of P and R [J/m] and its standard deviation.
+def measured_loss(beats: Beats, site: str) -> Estimate:
+    """∮ P dA of the mean beats of P and R [J/m] with its 95 % interval.
 
     Independent noise of P and R does not bias it. Harmonics beyond the last one with both above their noise are
     excluded.
@@ -192,11 +192,6 @@ def measured_loss(beats: Beats, site: str) -> tuple[float, float]:
     # Im(a p'* + p* a') = Im(c · (p', r')), of variance c† S c/2 up to conjugation; a' = 2π R r'
     c = np.stack([-a.conj(), p.conj() * 2.0 * np.pi * R.mean()], axis=1)
     spread = np.einsum("ki,kij,kj->k", c, noise[1 : last + 1], c.conj()).real / 2.0
-    return float(loop_area(P, A, last)), 4.0 * np.pi * float(np.sqrt(np.sum(k**2 * spread)))
-
-
-def measured_estimate(beats: Beats, site: str) -> Estimate:
-    """:func:`measured_loss` with its 95 % interval."""
-    loss, sd = measured_loss(beats, site)
+    loss, sd = float(loop_area(P, A, last)), 4.0 * np.pi * float(np.sqrt(np.sum(k**2 * spread)))
     half = float(ndtri(0.975)) * sd
     return Estimate(loss, "J/m", (loss - half, loss + half))

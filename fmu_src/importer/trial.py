@@ -1,33 +1,18 @@
-"""A host of one step, with Python's own library only: ``python trial.py FOLDER``, an FMU's unpacked folder.
+"""A host of one step: ``python trial.py FOLDER``, an FMU's unpacked folder. It needs Python's own library only, but for
+FMUs of FMI 3.0, which have no Python, FMPy.
 
 Prints one JSON object per line, ``{"done": …}`` after each stage and ``{"said": …}`` for log messages of the FMU, so
 that the last stage is known even if the process dies. The doctor runs it with the interpreter in question.
 """
 
 import json
-import os
 import platform
 import sys
-from collections.abc import Callable
-from ctypes import (
-    CDLL,
-    CFUNCTYPE,
-    POINTER,
-    Structure,
-    byref,
-    c_bool,
-    c_char_p,
-    c_double,
-    c_int,
-    c_size_t,
-    c_uint,
-    c_void_p,
-)
+from ctypes import CDLL, CFUNCTYPE, POINTER, Structure, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
 from pathlib import Path
 from xml.etree import ElementTree
 
 LOGGER = CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)
-LOGGER_3 = CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)
 
 
 class Callbacks(Structure):
@@ -68,25 +53,13 @@ def main(folder: Path) -> None:
         if variable.get("causality") == "output" and (three or variable.find("Real") is not None)
     ]
 
-    fmi = CDLL(str(binary(folder, simulation.get("modelIdentifier", ""), three)))
-    tell(done="load")
-    run = _with_fmi3 if three else _with_fmi2
-    run(fmi, folder, root.get("instantiationToken" if three else "guid", ""), step, outputs)
+    if three:
+        _with_fmi3(folder, step, outputs)
+    else:
+        fmi = CDLL(str(binary(folder, simulation.get("modelIdentifier", ""), three)))
+        tell(done="load")
+        _with_fmi2(fmi, folder, root.get("guid", ""), step, outputs)
     tell(done="free")
-
-
-def _caller(fmi: CDLL, component: c_void_p, prefix: str) -> Callable[..., None]:
-    if not component:
-        raise SystemExit(f"{prefix}Instantiate gave no instance.")
-    tell(done="instantiate")
-
-    def call(stage: str, function: str, *arguments: object) -> None:
-        status = getattr(fmi, prefix + function)(component, *arguments)
-        if status > 1:
-            raise SystemExit(f"{prefix}{function} gave status {status}.")
-        tell(done=stage)
-
-    return call
 
 
 def _with_fmi2(fmi: CDLL, folder: Path, guid: str, step: float, outputs: list[int]) -> None:
@@ -96,7 +69,16 @@ def _with_fmi2(fmi: CDLL, folder: Path, guid: str, step: float, outputs: list[in
     fmi.fmi2Instantiate.argtypes = [c_char_p, c_int, c_char_p, c_char_p, POINTER(Callbacks), c_int, c_int]
     uri = (folder / "resources").as_uri()
     component = c_void_p(fmi.fmi2Instantiate(b"trial", 1, guid.encode(), uri.encode(), callbacks, 0, 1))
-    call = _caller(fmi, component, "fmi2")
+    if not component:
+        raise SystemExit("fmi2Instantiate gave no instance.")
+    tell(done="instantiate")
+
+    def call(stage: str, function: str, *arguments: object) -> None:
+        status = getattr(fmi, f"fmi2{function}")(component, *arguments)
+        if status > 1:
+            raise SystemExit(f"fmi2{function} gave status {status}.")
+        tell(done=stage)
+
     call("set up", "SetupExperiment", c_int(0), c_double(0.0), c_double(0.0), c_int(0), c_double(0.0))
     call("enter", "EnterInitializationMode")
     call("initialize", "ExitInitializationMode")
@@ -108,38 +90,25 @@ def _with_fmi2(fmi: CDLL, folder: Path, guid: str, step: float, outputs: list[in
     fmi.fmi2FreeInstance(component)
 
 
-def _with_fmi3(fmi: CDLL, folder: Path, guid: str, step: float, outputs: list[int]) -> None:
-    heard = LOGGER_3(lambda _e, _s, _c, text: tell(said=(text or b"").decode("utf-8", "replace")))
-    make, flag = fmi.fmi3InstantiateCoSimulation, c_bool
-    make.restype = c_void_p
-    make.argtypes = [
-        c_char_p,
-        c_char_p,
-        c_char_p,
-        flag,
-        flag,
-        flag,
-        flag,
-        c_void_p,
-        c_size_t,
-        c_void_p,
-        LOGGER_3,
-        c_void_p,
-    ]
-    resources = f"{folder / 'resources'}{os.sep}".encode()
-    made = make(b"trial", guid.encode(), resources, False, True, False, False, None, 0, None, heard, None)
-    component = c_void_p(made)
-    call = _caller(fmi, component, "fmi3")
-    zero, no = c_double(0.0), flag(False)
-    call("initialize", "EnterInitializationMode", no, zero, zero, no, zero)
-    call("initialize", "ExitInitializationMode")
-    flags, last = [flag() for _ in range(3)], c_double()
-    call("step", "DoStep", zero, c_double(step), flag(True), *map(byref, flags), byref(last))
-    n, values = c_size_t(len(outputs)), (c_double * len(outputs))()
-    call("read", "GetFloat64", (c_uint * len(outputs))(*outputs), n, values, n)
-    call("terminate", "Terminate")
-    fmi.fmi3FreeInstance.restype = None
-    fmi.fmi3FreeInstance(component)
+def _with_fmi3(folder: Path, step: float, outputs: list[int]) -> None:
+    import fmpy  # the FMU has no Python of its own: ours runs this
+
+    def heard(_environment: object, _status: int, _category: bytes, text: bytes) -> None:
+        tell(said=(text or b"").decode("utf-8", "replace"))
+
+    description = fmpy.read_model_description(str(folder))
+    slave = fmpy.instantiate_fmu(str(folder), description, "CoSimulation", logger=heard, debug_logging=True)
+    for stage, call in (
+        ("instantiate", lambda: None),
+        ("initialize", slave.enterInitializationMode),
+        ("initialize", slave.exitInitializationMode),
+        ("step", lambda: slave.doStep(0.0, step)),
+        ("read", lambda: slave.getFloat64(outputs)),
+        ("terminate", slave.terminate),
+    ):
+        call()
+        tell(done=stage)
+    slave.freeInstance()
 
 
 if __name__ == "__main__":

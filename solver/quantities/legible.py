@@ -81,6 +81,17 @@ def interval(low: float, high: float) -> str:
     return f"{rounded(low, half)} … {rounded(high, half)}"
 
 
+def with_interval(value: float, ends: tuple[float, float] | None, factor: float, told: bool = True) -> tuple[str, str]:
+    """A number and its interval in a unit, by the factor from SI; ends : None if it has none; told : False if the
+    record does not determine it."""
+    if not told:
+        return number(factor * value), NOT_DETERMINED
+    if ends is None:
+        return number(factor * value, 4), DASH
+    low, high = (factor * end for end in ends)
+    return rounded(factor * value, 0.5 * (high - low)), interval(low, high)
+
+
 def shown_in(quantity: Quantity) -> tuple[str, float]:
     """The display unit of a quantity, and its factor from SI."""
     return readable(quantity.unit, quantity.display)

@@ -14,7 +14,7 @@ from fitting.wall.indices import E_inc, modulus, read_in
 from fitting.wall.wall_fit import WallFit
 from fitting.wall.wall_model import PARAMETERS
 from solver.network.description import Segment
-from solver.quantities.legible import DASH, NOT_DETERMINED, interval, number, plus_minus, rounded, shown_in, signed
+from solver.quantities.legible import DASH, interval, number, plus_minus, rounded, shown_in, signed, with_interval
 from solver.quantities.quantity import quantities
 from solver.quantities.units import MMHG
 
@@ -92,9 +92,7 @@ def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
     table = Table(*columns, title=f"{site} at the mean pressure of the beat")
     for name, estimate in indices.items():
         unit, factor = read_in(estimate.unit)
-        low, high = (factor * end for end in estimate.ci95)
-        value = rounded(factor * estimate.value, 0.5 * (high - low))
-        table.add_row(name.replace("_", " "), value, interval(low, high), unit)
+        table.add_row(name.replace("_", " "), *with_interval(estimate.value, estimate.ci95, factor), unit)
     return table
 
 
@@ -117,12 +115,8 @@ def calibration_table(result: Calibration) -> Table:
     table = Table("parameter", right("value"), right("95 % interval"), "unit", title=title)
     for name, value in result.values.items():
         unit, factor = shown_in(quantity_of(name))
-        if name in result.undetermined:
-            table.add_row(name, number(factor * value), NOT_DETERMINED, unit)
-            continue
-        ends = result.ci95[name]
-        half = 0.5 * factor * (ends[1] - ends[0]) if ends else 0.0
-        table.add_row(name, rounded(factor * value, half), _ends(ends, factor), unit)
+        told = name not in result.undetermined
+        table.add_row(name, *with_interval(value, result.ci95[name], factor, told), unit)
     return table
 
 
@@ -133,8 +127,8 @@ def _estimate(fitted: WallFit, name: str, factor: float) -> str:
     return plus_minus(value, factor * fitted.half(name))
 
 
-def _ends(ends: tuple[float, float] | None, factor: float) -> str:
-    return DASH if ends is None else interval(factor * ends[0], factor * ends[1])
+def _ends(ends: tuple[float, float], factor: float) -> str:
+    return interval(factor * ends[0], factor * ends[1])
 
 
 def _around(estimate: Estimate, factor: float) -> str:

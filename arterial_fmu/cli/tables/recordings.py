@@ -11,7 +11,7 @@ from arterial_fmu.cli.terminal.console import right
 from fitting.calibrate.calibrated import Calibration
 from fitting.calibrate.held_out import HeldOut
 from fitting.results.parameter_set import quantity_of
-from solver.quantities.legible import DASH, NOT_DETERMINED, number, rounded, shown_in
+from solver.quantities.legible import DASH, NOT_DETERMINED, number, shown_in, with_interval
 from solver.quantities.units import of_signal
 
 
@@ -43,8 +43,4 @@ def _signal(name: str, rms: Mapping[str, float]) -> str:
 
 
 def _value(name: str, values: Mapping[str, float], ci95: Mapping[str, tuple[float, float]] | None = None) -> str:
-    factor = shown_in(quantity_of(name))[1]
-    if ci95 is None:
-        return number(factor * values[name], 4)
-    low, high = ci95[name]
-    return rounded(factor * values[name], 0.5 * factor * (high - low))
+    return with_interval(values[name], ci95[name] if ci95 else None, shown_in(quantity_of(name))[1])[0]

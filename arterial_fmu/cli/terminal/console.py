@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -107,6 +107,20 @@ def put(document: str | Mapping[str, Any]) -> None:
     )
     with _printing():
         typer.echo(text.rstrip())
+
+
+def conclude(
+    as_json: bool, quiet: bool, document: Callable[[], str | Mapping[str, Any]], shown: Callable[[], None],
+    notes: Iterable[str] = (), written: Iterable[Path | None] = (),
+) -> None:  # fmt: skip
+    """The end of a command: its result as JSON, or else as ``shown``, then its notes and the files that it wrote."""
+    if as_json:
+        put(document())
+    elif not quiet:
+        shown()
+    if not quiet:
+        say_notes(notes, aside=as_json)
+        say_written(*written, aside=as_json)
 
 
 def ranges(time: Array, columns: Mapping[str, Array], units: Mapping[str, str]) -> dict[str, Any]:
