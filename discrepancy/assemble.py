@@ -23,7 +23,7 @@ from solver.quantities.units import INFLOW
 from . import thresholds
 from .find.balances import mass_balances, momentum_balances, wall_balances
 from .find.disagreement import Found, find
-from .find.study import Study
+from .find.study import Study, Unusable
 from .findings.isolability import isolability, smallest
 from .findings.map_marks import of_sensor, plain
 from .findings.outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
@@ -65,18 +65,21 @@ class Shown:
 
 
 def unusable(
-    reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | UnusableRecord
+    error: UnusableRecord,
+    record: str | os.PathLike[str],
+    model: str | os.PathLike[str],
+    measured: Record | UnusableRecord,
 ) -> Outcome:
     """The outcome for an unusable record."""
     channels = measured.channels if isinstance(measured, Record) else ()
     of_one_site = bool(channels) and INFLOW not in channels and len({n.rpartition(".")[0] for n in channels}) == 1
     return Outcome(
         verdict="unusable",
-        sentence="This record cannot be used with this model.",
+        sentence=getattr(error, "sentence", Unusable.sentence),
         record=os.fspath(record),
         model=os.fspath(model),
         kind="bench" if of_one_site else "network",
-        reason=reason,
+        reason=str(error),
         provenance={"software": software()},
     )
 
@@ -93,9 +96,10 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     bent, none, partial = _bent(walls, naming), naming.verdict == "none", naming.verdict == "partial"
     acting = _acting(study, naming)
     late = late_drive(shown.effects, study.problem.signals) if after and study.site is None else ""
+    table = isolability(base, columns, terms)
     return Outcome(
         verdict=naming.verdict,
-        sentence=sentence(naming, shown.effects, *gaps, acting, late, study.problem.kind),
+        sentence=sentence(naming, shown.effects, *gaps, acting, late, study.problem.kind, table.invisible),
         confidence=naming.confidence,
         complete=naming.complete,
         met=_met(naming),
@@ -116,7 +120,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         z_map=located.z,
         candidates=_candidates(study, naming),
         absorbed=_absorbed(final),
-        isolability=isolability(base, columns, terms),
+        isolability=table,
         smallest=smallest(base, columns, terms) if none else {},
         sites=naming.problem.left_out(final),
         gap_before=gaps[0].total,
@@ -224,17 +228,20 @@ def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]
 
 def sentence(
     naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None,
-    acting: SourceMapShown | None = None, late: str = "", kind: str = "network",
+    acting: SourceMapShown | None = None, late: str = "", kind: str = "network", invisible: tuple[str, ...] = (),
 ) -> str:  # fmt: skip
     """The verdict in one sentence, and a second one if the search was incomplete or no law explains everything.
 
     acting : the source map, which then describes what is missing. late : the reading as a delay of the drive, or "".
-    kind : of the study. An effect that leaves more than noise may itself stand for what the model lacks.
+    kind : of the study. An effect that leaves more than noise may itself stand for what the model lacks. invisible :
+    effects that would not show in the record.
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
-        said = "Nothing is missing" + (" that held-out beats show" if naming.reason else "")
-        said += f": the model fits the record, with a gap to held-out beats of {left(before)}."
+        what = "Nothing that this record would show is missing" if invisible else "Nothing is missing"
+        what = "Nothing is missing that held-out beats show" if naming.reason else what
+        said = f"{what}: the model fits the record, with a gap to held-out beats of {left(before)}."
+        said += f" Too small to show at typical size: {', '.join(map(plain, invisible))}." if invisible else ""
     elif naming.adds and after:
         said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}", kind)
         said += f" The simplest reading: {late}." if late else ""

@@ -45,7 +45,7 @@ from .assemble import Shown, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
 from .find.model_source import OF_FIRST, first_of, read_model
 from .find.plausibility import check_record, check_waves
-from .find.study import Study, Unusable
+from .find.study import Study, Unjudged, Unusable
 from .findings.map_marks import entry
 from .findings.outcome import LearnedLaw, NamedEffect, Outcome
 from .findings.recorded import Recorded
@@ -150,7 +150,7 @@ def _studied(
         journal = Journal(folder, [*given, options, deciding_numbers(), software()])
         outcome, fmu = _Work(records, network, Path(model), journal, asked, known, progress).run()
     except UnusableRecord as error:
-        outcome = unusable(str(error), record, model, measured)
+        outcome = unusable(error, record, model, measured)
     doubts = known.doubts(measured) if known and isinstance(measured, Record) else ()
     outcome = replace(
         outcome, provenance={**outcome.provenance, "asked": options}, warnings=(*notes, *doubts, *outcome.warnings)
@@ -261,7 +261,7 @@ class _Work:
                 runs = Runs(Meter(told), self.deadline, monotonic, workers)
                 return self.recordings.named(self.journal, self.asked, runs, name)
         except OutOfTime:
-            raise Unusable(
+            raise Unjudged(
                 f"{self.record.path}: the time limit of {limit:g} s was over before the model as given was refitted to "
                 f"this record, which may be fit for use; allow more time, say --time-limit "
                 f'"{math.ceil(max(TIME_LIMIT, 2.0 * limit) / 60.0)} min".'

@@ -75,6 +75,19 @@ def test_beats_stay_as_they_are() -> None:
         assert said == () and found is x
 
 
+def test_a_dead_sensor_among_the_levels_of_beats() -> None:
+    """A pressure that holds its last value, and a flow of nothing while the meter is zeroed, longer than any beat."""
+    P, Q = pressure(), np.maximum(np.sin(2.0 * np.pi * TIME / T), 0.0)
+    P[5000:8000], Q[:1000] = P[5000], 0.0
+    for name, x, dead in (("AA.P", P, slice(5000, 8000)), ("AA.Q", Q, slice(0, 1000))):
+        found, (said,) = without_still(x, name, DT, PLACE)
+        gaps = np.isnan(found)
+        assert gaps[dead].all() and gaps.sum() <= dead.stop - dead.start + round(1.0 / DT) and "stands still at" in said
+    P[3500:] = P[3500]
+    with pytest.raises(UnusableRecord, match="most of the record"):
+        without_still(P, "AA.P", DT, PLACE)
+
+
 def test_a_record_that_mostly_stands_still() -> None:
     """No mean beat of what is left: refused, with how long and where."""
     x = at_levels(pressure(), {(0, 4200): 0.0, (9000, 10000): 0.0}, 0.2)

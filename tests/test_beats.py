@@ -167,6 +167,16 @@ def test_an_unsteady_rate_is_said() -> None:
     assert align(slowing(0.0)).warnings == ()
 
 
+@pytest.mark.parametrize(("trend", "said"), [(0.05, False), (-0.15, True)])
+def test_a_level_that_drifts_is_said(trend: float, said: bool) -> None:
+    """The mean of P changes by 5 and 15 % of itself over the record, as under an occlusion."""
+    time = np.arange(2000) * DT
+    P = pressure(time / 0.5)
+    P += P.mean() * trend * time / time[-1]
+    notes = [text for text in align(record(time, P=P)).warnings if "goes from" in text]
+    assert len(notes) == said and all(note.startswith("the mean of AA.P goes from ") for note in notes)
+
+
 @pytest.mark.parametrize(("change", "longest", "T"), [(0.2, 0.495, 0.455), (0.25, 0.495, 0.445), (0.3, 0.48, 0.43)])
 def test_a_rate_that_drifts_is_not_taken_for_a_steady_one(change: float, longest: float, T: float) -> None:
     """Refinement ends up to 10 % from the usual beat, at 0.476 s for 0.3; cut singly, T is the mean of what is used, to

@@ -189,6 +189,10 @@ def test_a_record_that_an_improbable_animal_meets() -> None:
     assert sentence(found, (), run.gap, None).startswith("The model fits the record only with all.E 5.4 stated spreads")
     near = replace(far, base=replace(base, fit=replace(base.fit, x=0.7 * x)))
     assert confirmed(s, near, run, None) is near
+    assert sentence(near, (), run.gap, None).startswith("Nothing is missing: ")
+    blind = sentence(near, (), run.gap, None, invisible=("stenosis", "channel_lag"))  # a record that would show neither
+    assert blind.startswith("Nothing that this record would show is missing: ")
+    assert blind.endswith(" Too small to show at typical size: stenosis, channel lag.")
 
 
 def test_means_that_wander_are_left_out_of_a_change() -> None:

@@ -28,7 +28,7 @@ from discrepancy.assemble import Shown, fmu_warnings, global_p, sentence, summar
 from discrepancy.checkpoint import Journal
 from discrepancy.find.model_source import read_model
 from discrepancy.find.study import Study as Prepared
-from discrepancy.find.study import Unusable, prepare
+from discrepancy.find.study import Unjudged, Unusable, prepare
 from discrepancy.findings.outcome import Outcome, verdict_json
 from discrepancy.name.model_selection import name
 from discrepancy.name.scoring import Named
@@ -43,6 +43,7 @@ from fitting.inference.hypothesis import Term
 from fitting.inference.models.bench_network import bench_network, on_bench
 from fitting.inference.runs import Runs
 from fitting.records.read.record import Record
+from fitting.records.read.sensors import UnusableRecord
 from solver import load
 from solver.io.saved import Kind, to_bytes
 from solver.network.files import read_network, write_network
@@ -361,7 +362,17 @@ def test_a_bench_is_of_one_site() -> None:
     """What cannot be used and has no inflow is no bench for that."""
     for names, kind in ((("CA.P", "CA.R"), "bench"), (("CA.P", "FA.P"), "network"), (("inlet.Q", "CA.P"), "network")):
         record = Record("made", "", np.zeros(8), dict.fromkeys(names, np.zeros(8)), {})
-        assert unusable("why", "r.csv", "m.toml", record).kind == kind
+        assert unusable(Unusable("why"), "r.csv", "m.toml", record).kind == kind
+
+
+def test_a_time_limit_says_nothing_of_a_record() -> None:
+    """That it cannot be used is not said where time ended; nor of a file that a reader refused is anything else."""
+    record = Record("made", "", np.zeros(8), {"CA.P": np.zeros(8)}, {})
+    late, never, read = (
+        unusable(error("why"), "r.csv", "m.toml", record) for error in (Unjudged, Unusable, UnusableRecord)
+    )
+    assert late.sentence == "The time limit was over before this record was judged." and late.reason == "why"
+    assert never.sentence == read.sentence == "This record cannot be used with this model."
 
 
 @pytest.mark.parametrize(("limit", "last"), [(300.0, "00:03:30"), (45.0, "23:59:15"), (3600.0, "00:58:30")])

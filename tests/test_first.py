@@ -112,6 +112,37 @@ def test_clocks_zeros_and_units(
         assert re.match(words, note), note
 
 
+@pytest.mark.parametrize(("factor", "expected"), [(1.0, 0), (0.5, 1), (2.0, 1)])
+def test_a_flow_of_another_place(factor: float, expected: int) -> None:
+    """R of the wall that gives the impedance; half and twice that, of a quarter and four times the area, are unused."""
+    T, R = 0.8, PER_ML
+    Q, rho, r = ejection(T, 64.0 * ML), 1050.0, 0.012
+    Z = 0.05 * R
+    P, _ = line(Q, T, Z, 0.03, (0.05 * R, 0.95 * R), 1.2 / R)
+    c = Z * np.pi * r**2 / rho
+    radius = factor * (r + r / (2.0 * rho * c**2) * (P - P.mean()))
+    model = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P, Ao_R=radius))
+    assert sum("is not the flow through that place" in note for note in model.notes) == expected
+    found = numbers(model)["radius of the root at the mean pressure"]
+    assert (found == pytest.approx(radius.mean(), rel=1e-2)) == (not expected)
+
+
+def test_a_ventricle_is_no_artery() -> None:
+    """A pressure that falls to a tenth of its highest value in each beat."""
+    Q = ejection(0.8, 64.0 * ML)
+    P = MMHG * (10.0 + 90.0 * Q / Q.max())
+    assert any("as a ventricle's pressure does" in note for note in first_model(beats(0.8, 1, inlet_Q=Q, Ao_P=P)).notes)
+
+
+def test_a_site_that_is_low() -> None:
+    """15 mmHg below the root: a zero, a height or a narrowing."""
+    T, R = 0.8, PER_ML
+    Q = ejection(T, 64.0 * ML)
+    P, far = line(Q, T, 0.05 * R, 0.03, (0.05 * R, 0.95 * R), 1.2 / R)
+    notes = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P, FA_P=far - 15.0 * MMHG)).notes
+    assert any(note.startswith("the mean of FA.P is 15 mmHg below that of Ao.P") for note in notes)
+
+
 # --- numbers and pressures ----------------------------------------------------------------------------------------
 
 
@@ -298,12 +329,12 @@ PAIR = {"inlet_Q": Q_HUMAN, "Ao_P": P_HUMAN, "FA_P": P_END}
 
 def test_one_site() -> None:
     """One tube with its site at its begin, of the length that fits best; a measured radius gives c."""
-    model = first_model(beats(0.8, inlet_Q=Q_HUMAN, Ao_P=P_HUMAN, Ao_R=1.3e-2 + 1e-8 * P_HUMAN))
+    model = first_model(beats(0.8, inlet_Q=Q_HUMAN, Ao_P=P_HUMAN, Ao_R=1e-2 + 2.5e-7 * P_HUMAN))
     (tube,) = model.network.segments
     assert (tube.name, model.network.sites["Ao"].position) == ("Ao", 0.0)
     c = numbers(model)["wave speed c"]
     root = tube.R0 * (1.0 - 0.5 * tube.terms["taper"])
-    assert root == pytest.approx(1.3e-2 + 1e-8 * P_HUMAN.mean(), rel=1e-3)
+    assert root == pytest.approx(1e-2 + 2.5e-7 * P_HUMAN.mean(), rel=1e-3)
     at_root = numbers(model)["impedance Z_c"] * np.pi * root**2 / 1060.0
     assert c == pytest.approx(at_root * np.sqrt(1.2), rel=1e-3)  # c ∝ R^(-1/2), and R falls to 1/1.2
     speed = np.sqrt(2.0 * tube.E * tube.h / (3.0 * 1060.0 * tube.R0))
@@ -395,7 +426,7 @@ def test_species() -> None:
         ({"Ao_P": P_HUMAN}, "needs the flow into the root, inlet.Q, beside a pressure there, and the record has Ao.P"),
         ({"Ao_P": P_HUMAN, "Ao_Q": Q_HUMAN}, r'--map "Ao.Q=inlet.Q"'),
         ({"inlet_Q": Q_HUMAN}, "needs a pressure at the root, such as Ao.P, beside inlet.Q"),
-        ({"inlet_Q": -Q_HUMAN, "Ao_P": P_HUMAN}, "check the sign of inlet.Q"),
+        ({"inlet_Q": -Q_HUMAN, "Ao_P": P_HUMAN}, r'check the sign of inlet.Q \(--map "TITLE=-inlet.Q" turns it\)'),
     ],
 )
 def test_what_is_needed(channels: dict[str, Array], sentence: str) -> None:

@@ -149,8 +149,23 @@ def test_labchart_and_acqknowledge(tmp_path: Path) -> None:
     check(read(tmp_path, "\n".join([*chart, *lines]), names=NAMES))
     again = [line.replace("10:00:00", "10:00:02") for line in chart]  # a further block, whose times go on
     check(read(tmp_path, "\n".join([*chart, *lines[:400], *again, *lines[400:]]), names=NAMES))
+    dated = [row.replace("\t", "\t2/6/2024\t", 1) for row in lines]  # DateFormat= of the day, in a column of its own
+    check(read(tmp_path, "\n".join([*chart, *dated]), names=NAMES))
+    timeless = [row.partition("\t")[2] for row in rows("\t", ".")]
+    check(read(tmp_path, "\n".join([*chart, *timeless]), names=NAMES | {"row": "time [5 ms]"}))
     biopac = ["sheep7.acq", "5 msec/sample", "2 channels", "P", "mmHg", "D", "mm", "sec\tCH1\tCH2\t", "\t1000\t1000\t"]
     check(read(tmp_path, "\n".join([*biopac, *(f"{row}\t" for row in rows("\t", "."))]), names=NAMES))
+
+
+@pytest.mark.parametrize("pause", [-1.5, 60.0], ids=["times that begin anew", "a long pause"])
+def test_the_longest_of_several_blocks(tmp_path: Path, pause: float) -> None:
+    """Of 300 samples and 700, the latter, with the line of its first."""
+    time = TIME + np.where(np.arange(len(TIME)) < 300, 0.0, pause)
+    lines = [f"{t:.3f},{p:.6f},{r:.6f}" for t, p, r in zip(time, P_MMHG, R_MM, strict=True)]
+    record = read(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines]))
+    assert record.time == pytest.approx(time[300:], abs=1e-9) and len(record.said) == 1
+    assert record.channels["AA.P"] == pytest.approx(P_MMHG[300:] * MMHG)
+    assert "holds 2 blocks" in record.said[0] and "the longest, of 3.495 s from line 302 on, was read" in record.said[0]
 
 
 def test_comments_units_below_and_savetxt(tmp_path: Path) -> None:
@@ -217,10 +232,48 @@ def test_a_column_of_remarks(tmp_path: Path, remark: str) -> None:
     assert f"line 302, column 'BT.P [mmHg]': '{remark.strip(chr(34))}' is not a number" in said
 
 
+@pytest.mark.parametrize(
+    ("title", "unit", "time"),
+    [
+        ("Elapsed time", "seconds", lambda t: f"{t:.3f}"),
+        ("Elapsed time", "hh:mm:ss.mmm", lambda t: f"'0:{t:06.3f}'"),
+        ("Time and date", "hh:mm:ss.mmm dd/mm/yyyy", lambda t: f"'[{clock(3600.0, t, '.')} 01/05/2014]'"),
+    ],
+)
+def test_physionet(tmp_path: Path, title: str, unit: str, time: Callable[[float], str]) -> None:
+    """What rdsamp of WFDB writes, which is proposed for its records: single quotes, units below, clocks."""
+    lines = [f"{time(t)},{p:.8f},{r:.8f}" for t, p, r in zip(TIME, P_MMHG, R_MM, strict=True)]
+    check(read(tmp_path, "\n".join([f"'{title}','P','D'", f"'{unit}','mmHg','mm'", *lines]), names=NAMES))
+
+
+@pytest.mark.parametrize("nothing", ["", ",,", "  "])
+def test_rows_of_nothing(tmp_path: Path, nothing: str) -> None:
+    """Blank lines and separators alone are no samples."""
+    lines = rows(",", ".")
+    lines[300:300] = [nothing]
+    check(read(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines])))
+
+
+def test_a_column_that_counts_is_no_pressure(tmp_path: Path) -> None:
+    """As pandas writes its index, without a title: to leave it out is proposed."""
+    columns = {"": np.arange(len(TIME)), "time [s]": TIME, "Pao": P_MMHG, "Qao": R_MM}
+    assert '--map "column 1=" --map "Pao=Ao.P [mmHg]"' in refused(tmp_path, text(columns))
+
+
+def test_rows_of_events(tmp_path: Path) -> None:
+    """Words in place of a row, and beside the time of an event: no samples; beside a number, line and column."""
+    lines = rows(",", ".")
+    lines[300:300] = ["EVENT: 5 ug of noradrenaline", "1.4999,Marker,occlusion on"]
+    content = "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines])
+    check(read(tmp_path, content))
+    assert "line 303, column 'AA.P [mmHg]': 'Marker' is" in refused(tmp_path, content.replace("occlusion on", "9.0"))
+
+
 def test_lines_of_words_below_the_titles(tmp_path: Path) -> None:
-    """Titles, units and names of the converter's channels, in any order below the titles."""
+    """Titles, units and names of the converter's channels, in any order below the titles; units above them."""
     for below in (["s,mmHg,mm", "Ch 1,Ch 2,Ch 3"], ["Ch 1,Ch 2,Ch 3", "(s),(mmHg),(mm)"]):
         check(read(tmp_path, "\n".join(["Sheep 12", "Time,AA.P,AA.R", *below, *rows(",", ".")])))
+    check(read(tmp_path, "\n".join(["[s],[mmHg],[mm]", "Time,AA.P,AA.R", *rows(",", ".")])))  # or units above
 
 
 def test_what_stands_behind_the_samples(tmp_path: Path) -> None:
@@ -228,6 +281,13 @@ def test_what_stands_behind_the_samples(tmp_path: Path) -> None:
     lines = ["time [s],AA.P [mmHg],AA.R [mm]", *rows(",", ".")]
     check(read(tmp_path, "\n".join([*lines, "", "End of file", "Recorded by the lab"])))
     assert "2 fields where the header has 3" in refused(tmp_path, "\n".join([*lines, "5.0,80.0"]))
+
+
+def test_a_probe_that_is_turned(tmp_path: Path) -> None:
+    """-AA.Q is the flow with its sign turned, also without titles; its unit stays."""
+    content = "\n".join(f"{t:.3f},{p:.8f}" for t, p in zip(TIME, P_MMHG, strict=True))
+    record = read(tmp_path, content, names={"1": "time [s]", "2": "-AA.Q [mL/s]"})
+    assert record.channels["AA.Q"] == pytest.approx(-1e-6 * P_MMHG) and record.scales == {"AA.Q": pytest.approx(1e-6)}
 
 
 def test_two_columns_of_one_title(tmp_path: Path) -> None:
@@ -537,7 +597,10 @@ def test_columns_without_known_titles_are_asked_for_with_sites_of_their_own(tmp_
         ("Vessel radius", '--map "Vessel radius=AA.R [mm]"'),
         ("Aortic flow", '--map "Aortic flow=inlet.Q [mL/s]"'),
         ("Flow (L/min)", '--map "Flow (L/min)=inlet.Q"'),
-        ("LV pressure", '--map "LV pressure=AA.P [mmHg]"'),
+        ("Q [m3/s]", '--map "Q [m3/s]=inlet.Q"'),
+        ("AoF", '--map "AoF=inlet.Q [mL/s]"'),
+        ("AoP [V]", '--map "AoP [V]=AA.P [mmHg]"'),
+        ("Left carotid pressure", '--map "Left carotid pressure=AA.P [mmHg]"'),
         ("channel 3", 'if it is a pressure, say so with --map "channel 3=AA.P [mmHg]"'),
     ],
 )
@@ -546,11 +609,21 @@ def test_the_option_that_is_proposed_fits_the_column(tmp_path: Path, title: str,
     assert advice in refused(tmp_path, text({"time [s]": TIME, title: R_MM}))
 
 
-@pytest.mark.parametrize(("title", "why"), [("ECG", "if it is none of them"), ("Lead II [mV]", "mV is a unit of none")])
+@pytest.mark.parametrize(
+    ("title", "why"),
+    [
+        ("ECG", "if it is none of them"),
+        ("Lead II [mV]", "mV is a unit of none"),
+        ("LVP (mmHg)", "if it is none of them"),
+        ("dP/dt (mmHg/s)", "if it is none of them"),
+        ("HR (bpm)", "if it is none of them"),
+        ("Cardiac output (L/min)", "if it is none of them"),
+    ],
+)
 def test_a_column_of_something_else_is_left_out(tmp_path: Path, title: str, why: str) -> None:
-    """An ECG, or a unit that no channel has: no variable is proposed, but to leave it out."""
+    """An ECG, a ventricle, a number that is derived, a unit that no channel has: only to leave it out is proposed."""
     said = refused(tmp_path, text({"time [s]": TIME, title: R_MM}))
-    assert why in said and f'leave it out with --map "{title}="' in said and "mmHg" not in said
+    assert why in said and f'leave it out with --map "{title}="' in said and said.count("--map") == 1
 
 
 def test_discover_writes_no_page_of_a_file_that_it_cannot_read(tmp_path: Path) -> None:

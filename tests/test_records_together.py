@@ -74,6 +74,23 @@ def test_two_files_are_one_record(
     assert align(record).T == pytest.approx(T, rel=1e-4)
 
 
+@pytest.mark.parametrize("between", ["held", "empty"])
+def test_a_slower_channel_of_one_file(tmp_path: Path, between: str) -> None:
+    """Q has a value in every fifth row of P, in the others the same or none: both at its rate, without its delay of two
+    rows. A quantised P, which repeats values, stays as it is."""
+    t = np.arange(10000) * 1e-3
+    Q = [f"{x:.6f}" for x in flow(t)]
+    rows = [i - (i - 2) % 5 for i in range(len(t))]
+    slow = [Q[max(row, 0)] if between == "held" or row == i else "" for i, row in enumerate(rows)]
+    lines = [f"{a:.3f},{5.0 * round(p / 5.0):.1f},{q}" for a, p, q in zip(t, pressure(t), slow, strict=True)]
+    path = tmp_path / "both.csv"
+    path.write_text("\n".join(["time [s],C.P [mmHg],inlet.Q [mL/s]", *lines]))
+    record = read_record(path)
+    assert record.dt == pytest.approx(5e-3) and record.time[0] == pytest.approx(2e-3)
+    np.testing.assert_allclose(record.channels["inlet.Q"], 1e-6 * flow(record.time), atol=1e-12)
+    assert "inlet.Q of " in record.said[0] and "one row in 5" in record.said[0] and "with" not in record.told
+
+
 def test_gaps_stay_gaps(tmp_path: Path) -> None:
     """Ten empty fields of P at 1000 Hz are the two or three samples at 200 Hz that fall there."""
     paths = files(tmp_path, (1000.0, 200.0))

@@ -35,6 +35,14 @@ _SCATTER = 1e-7  # standard deviation over pulse: the rounding of a 24 bit conve
 class Unusable(UnusableRecord):
     """The record cannot be compared with this model; the message says why and what to do."""
 
+    sentence = "This record cannot be used with this model."
+
+
+class Unjudged(Unusable):
+    """The time limit was over before the record could be compared."""
+
+    sentence = "The time limit was over before this record was judged."
+
 
 @dataclass(frozen=True)
 class Study:

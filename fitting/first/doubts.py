@@ -3,36 +3,73 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from solver.quantities.units import INFLOW, MMHG, of_signal
 
+from ..records import thresholds as limit
 from ..records.alignment.beats import Beats
-from .estimates import Found
+from .estimates import Found, radius_at, speeds
 from .fitted import Delay
 from .waves import foot, later, smooth
 
 _TOGETHER = 0.1  # of the period: pressure and flow of one place rise within less of each other
 _DIASTOLE = (0.7, 0.9)  # of the beat from the foot of the flow on, where a valve is closed
+_EMPTY = 0.25  # of the systolic pressure: no artery falls lower
 _BACKWARD = 0.05  # of the peak flow: more than that does not flow back into a heart
-_ABOVE = 1.005  # times the mean pressure at the root: larger means get a note
+_ABOVE, _BELOW = 1.005, 0.95  # times the mean pressure at the root: means beyond get a note; large arteries lose 1 %
 _MANY = 6.0  # times the usual resistance or a sixth of it: L/min read as mL/s is 17 times, a carotid 8 to 20 times
 _USUAL, _MASS = 1.1 * MMHG / 1e-6, 70.0  # [Pa s/m³] of a human of 70 kg: 95 mmHg over 5 L/min; as mass^(-3/4)
 
 
-def doubts(beats: Beats, root: str, R: Found, mass: float, sites: list[str]) -> Iterator[str]:
-    """Sentences. root : the channel of the pressure there. R : the total resistance. mass [kg] of the animal."""
+def doubts(beats: Beats, root: str, R: Found, Z: Found, mass: float, sites: list[str]) -> Iterator[str]:
+    """Sentences. root : the channel of the pressure there. R : the total resistance, Z : the impedance at the root.
+    mass [kg] of the animal."""
+    yield from _ventricle(beats, root)
     yield from _clocks(beats, root)
+    yield from _flow_of_another_place(beats, root, Z)
     yield from _zero_of_flow(beats)
     yield from _size(R, mass)
     P = float(beats.mean(root).mean())
     for site in sites:
-        if f"{site}.P" in beats.values and (there := float(beats.mean(f"{site}.P").mean())) > _ABOVE * P:
+        if f"{site}.P" not in beats.values:
+            continue
+        there = float(beats.mean(f"{site}.P").mean())
+        if there < _BELOW * P:
+            yield (
+                f"the mean of {site}.P is {(P - there) / MMHG:.2g} mmHg below that of {root}, more than large arteries "
+                f"lose: the zero or the height of a sensor is off (calibrate --free {site}.P.zero), or the artery is "
+                "narrowed between them."
+            )
+        if there > _ABOVE * P:
             yield (
                 f"the mean of {site}.P is {(there - P) / MMHG:.2g} mmHg above that of {root}, against the flow: the "
                 f"zero or the height of a sensor is off; with several flows, calibrate --free {site}.P.zero finds it."
             )
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A channel of the record compared with the model: means, pulses and the rms of the difference [SI]."""
+
+    channel: str
+    mean: tuple[float, float]
+    pulse: tuple[float, float]
+    rms: float
+
+
+def means_apart(row: Shown) -> str:
+    """A sentence if the model misses the mean of a channel by more than half its pulse; "" if not."""
+    unit, shown = of_signal(row.channel)
+    if abs(row.mean[1] - row.mean[0]) <= limit.BEYOND * row.pulse[0]:
+        return ""
+    measured, model = (f"{shown * mean:.3g} {unit}" for mean in row.mean)
+    return (
+        f"the mean of {row.channel} is {measured}, and {model} in the model, more than half a pulse apart: the model "
+        "does not hold there; correct the network, or leave the channel out."
+    )
 
 
 def late_flow(delay: Delay, root: str) -> str:
@@ -55,6 +92,27 @@ def _clocks(beats: Beats, root: str) -> Iterator[str]:
             f"{root} rises {1e3 * abs(late):.0f} ms {'after' if late > 0.0 else 'before'} {INFLOW}, and at one place "
             "both rise together: one of the two is of another clock or another place; shift the times of its file "
             '(--with "FILE=SHIFT").'
+        )
+
+
+def _flow_of_another_place(beats: Beats, root: str, Z: Found) -> Iterator[str]:
+    found = speeds(beats, root, Z)
+    if found and not found.agree:
+        measured = radius_at(root)
+        yield (
+            f"by the impedance and the mean of {measured} waves run at {found.by_flow:.3g} m/s, by the slope of {root} "
+            f"against {measured} at {found.by_wall:.3g} m/s: {INFLOW} is not the flow through that place, or a unit or "
+            f"gain is wrong. The model does not use {measured}; if it is of another place than {root}, give its site "
+            "another name."
+        )
+
+
+def _ventricle(beats: Beats, root: str) -> Iterator[str]:
+    low, high = (float(x) / MMHG for x in (beats.mean(root).min(), beats.mean(root).max()))
+    if low < _EMPTY * high:
+        yield (
+            f"{root} falls from {high:.3g} to {low:.3g} mmHg in each beat, as a ventricle's pressure does, or one that "
+            "is not told from that of the air; an artery keeps its pressure, and the resistance needs its level."
         )
 
 

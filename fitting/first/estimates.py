@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from solver.errors import InputError
+from solver.network.description import Fluid
 from solver.quantities.units import INFLOW, MMHG, of_signal
 
 from ..records.alignment.beats import Beats
@@ -26,6 +27,7 @@ _RETURN = 0.08  # of the period: a usual reflection time, if none is found
 _HIGH = (3, 10)  # harmonics whose impedance is near Z_c
 _EARLY = 0.5  # of its rise: until then the flow enters vessels without reflection
 _CLOSED = 0.05  # of its peak: below that flow, the valve is closed
+_SPEEDS = 2.0  # times another estimate of the wave speed, or half of it: of another place
 _C = "total compliance C"
 _DECAY = (0.3, 0.98)  # of diastole: where pressure decays alike everywhere
 
@@ -78,8 +80,8 @@ def resistance(beats: Beats, root: str, P_venous: float) -> Found:
         (unit_P, mmHg), (unit_Q, mL) = of_signal("P"), of_signal("Q")
         raise InputError(
             f"{beats.source}: its mean pressure is {mmHg * P:.4g} {unit_P} above P_venous and its mean inflow "
-            f"{mL * Q:.4g} {unit_Q}, and a resistance needs both positive; check the sign of {INFLOW} and the zero of "
-            f"{root}, or give --venous."
+            f"{mL * Q:.4g} {unit_Q}, and a resistance needs both positive; check the sign of {INFLOW} (--map "
+            f'"TITLE=-{INFLOW}" turns it) and the zero of {root}, or give --venous.'
         )
     how = f"mean of {root} minus P_venous ({P_venous / MMHG:.3g} mmHg), over mean of {INFLOW}"
     return Found("total resistance R", float(P / Q), "Pa.s/m^3", float(np.hypot(0.02, _VENOUS / P)), how)
@@ -144,6 +146,35 @@ def impedance(beats: Beats, root: str) -> Found:
     Z_c = float(np.sqrt(by_upstroke * by_harmonics))
     error = max(_LEAST, _difference(by_upstroke, by_harmonics) / 2.0)
     return Found("impedance Z_c", Z_c, "Pa.s/m^3", error, f"{how}; upstroke: {_shown(by_upstroke)}")
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """Wave speeds [m/s] at the root by its radius: by_flow = Z A/ρ, if all of the inflow passes there; by_wall that of
+    Bramwell and Hill, c² = R/(2ρ) dP/dR. Source: Proc. R. Soc. B 93 (1922) 298."""
+
+    by_flow: float
+    by_wall: float
+
+    @property
+    def agree(self) -> bool:
+        """Whether they may be of one place."""
+        return 1.0 / _SPEEDS < self.by_flow / max(self.by_wall, np.finfo(float).tiny) < _SPEEDS
+
+
+def radius_at(root: str) -> str:
+    """The channel of the radius where the pressure at the root is measured."""
+    return root.removesuffix("P") + "R"
+
+
+def speeds(beats: Beats, root: str, Z: Found) -> Speeds | None:
+    """Wave speeds at the root, None without a radius there."""
+    if radius_at(root) not in beats.values:
+        return None
+    P, R, rho = beats.mean(root), beats.mean(radius_at(root)), Fluid().rho
+    slope = float(np.polyfit(R, P, 1)[0])
+    mean = float(R.mean())
+    return Speeds(Z.value * np.pi * mean**2 / rho, float(np.sqrt(max(mean * slope / (2.0 * rho), 0.0))))
 
 
 def delay(beats: Beats, root: str, site: str) -> Found:

@@ -29,8 +29,19 @@ from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
 from .data import Data
-from .doubts import doubts, late_flow
-from .estimates import Found, compliances, delay, impedance, reflection_time, resistance, root_pressure, sites
+from .doubts import Shown, doubts, late_flow, means_apart
+from .estimates import (
+    Found,
+    compliances,
+    delay,
+    impedance,
+    radius_at,
+    reflection_time,
+    resistance,
+    root_pressure,
+    sites,
+    speeds,
+)
 from .fitted import Delay, Fitted, delayed, fitted, of_owner
 from .species import Typical, typical
 from .stretches import Stretch, branched, layouts, parents
@@ -47,16 +58,6 @@ _USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
 _FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
 _BRANCHES = 2  # side branches on the longest way, at most, because each doubles the time: judgement
 _SAMPLES = 200  # a beat, of the comparison
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A channel of the record compared with the model: means, pulses and the rms of the difference [SI]."""
-
-    channel: str
-    mean: tuple[float, float]
-    pulse: tuple[float, float]
-    rms: float
 
 
 @dataclass(frozen=True)
@@ -94,11 +95,11 @@ def first_model(
     Z = impedance(beats, channel)
     delays = {site: delay(beats, channel, site) for site in sites(beats) if site != root}
     usual = typical(like, mass)
-    c, area, radius = _speed_and_area(beats, root, Z, usual, delays, distances or {})
+    c, area, radius = _speed_and_area(beats, channel, Z, usual, delays, distances or {})
     echo = reflection_time(beats, channel, Z.value)
     times = {site: found.value for site, found in delays.items()}
     P = float(beats.mean(channel).mean())
-    notes = list(doubts(beats, channel, R, usual.mass, list(delays)))
+    notes = list(doubts(beats, channel, R, Z, usual.mass, list(delays)))
     if not _USUAL[0] <= c.value <= _USUAL[1]:
         notes.append(
             f"a wave speed of {c.value:.3g} m/s is not an artery's; check the unit of {INFLOW}, or give a distance "
@@ -187,11 +188,13 @@ class _Parts:
             self.source, self.found, self.tubes, self.windkessels, self.notes, self.factor, self.late
         )
         network = loads(file, f"first model of {beats.source}")
-        return self, FirstModel(network, file, self.found, _shown(beats, network), tuple(self.notes))
+        shown = _shown(beats, network)
+        notes = *self.notes, *filter(None, map(means_apart, shown))
+        return self, FirstModel(network, file, self.found, shown, notes)
 
 
 def _speed_and_area(
-    beats: Beats, root: str, Z: Found, usual: Typical, delays: Mapping[str, Found], distances: Mapping[str, float]
+    beats: Beats, channel: str, Z: Found, usual: Typical, delays: Mapping[str, Found], distances: Mapping[str, float]
 ) -> tuple[Found, float, Found]:
     """Mean wave speed c of a tube, area [m²] at the start of one with all of the flow, and the radius there, with
     Z_c = ρ c/A of the start.
@@ -204,7 +207,7 @@ def _speed_and_area(
         raise InputError(
             f"--distance: {unknown[0]} is no site beside the root; the record has {', '.join(delays) or 'none'}."
         )
-    rho, measured = Fluid().rho, f"{root}.R"
+    rho, measured, local = Fluid().rho, radius_at(channel), speeds(beats, channel, Z)
     if distances:
         site = max(distances, key=lambda name: distances[name])
         c = distances[site] / delays[site].value
@@ -212,10 +215,9 @@ def _speed_and_area(
         speed = Found("wave speed c", c, "m/s", error, f"the distance to {site} over the delay")
         at_root = c / mean_speed(1.0)
         how, R_error = "Z_c and c", float(np.hypot(error, Z.error)) / 2.0
-    elif measured in beats.values:
-        A = np.pi * float(beats.mean(measured).mean()) ** 2
+    elif local and local.agree:
         error = float(np.hypot(Z.error, 2.0 * _MEASURED))
-        at_root = float(Z.value * A / rho)
+        at_root = local.by_flow
         speed = Found("wave speed c", mean_speed(at_root), "m/s", error, f"Z_c and mean {measured}")
         how, R_error = f"mean of {measured}", _MEASURED
     else:

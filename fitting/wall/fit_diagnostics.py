@@ -11,6 +11,7 @@ from .wall_model import relative_viscosity
 
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
 USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously
+THICK = 0.2  # h/R0, above which the modulus of a thin wall is more than a quarter below that of a thick one
 MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
 LOOSE, LOOSE_WITH_LAG = 0.1, 0.04  # of φ0: for a larger standard deviation the problem is nonlinear within the interval
 NEAR_THE_TURN = 0.25  # of φ0: below this viscosity of the quadratic law, second order is insufficient
@@ -19,7 +20,7 @@ NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R gets no senten
 
 def doubts(fitted: WallFit) -> tuple[str, ...]:
     """The sentences that apply to a fit, each starting with its site."""
-    checks = (_law, _unusual, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _loose)
+    checks = (_law, _unusual, _thick, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _loose)
     return tuple(f"{fitted.site}: {text}" for check in checks if (text := check(fitted)))
 
 
@@ -35,6 +36,20 @@ def _unusual(fitted: WallFit) -> str:
     if low <= E <= high:
         return ""
     return f"E = {E:.3g} Pa is not that of an artery ({low:g} to {high:g} Pa); check the units of P, R and h."
+
+
+def _thick(fitted: WallFit) -> str:
+    """Of an incompressible cylinder whose inner radius is R, E = (1 + x)²/(1 + x/2) times that of a thin wall, x = h/R.
+
+    Source: Bergel, J. Physiol. 156 (1961) 445, with (ΔP/ΔR) at the inner radius.
+    """
+    x = fitted.values["h"] / fitted.values["R0"]
+    if x <= THICK:
+        return ""
+    return (
+        f"h is {x:.2g} of R0, no thin wall: E and E_inc, which are those of the thin-wall law, are "
+        f"{1.0 - (1.0 + x / 2.0) / (1.0 + x) ** 2:.0%} below the modulus of the material."
+    )
 
 
 def _viscosity(fitted: WallFit) -> str:
@@ -91,7 +106,8 @@ def _misfit(fitted: WallFit) -> str:
     return (
         f"the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "
         f"{fitted.chi2 / fitted.dof:.1f}); intervals are widened to match, but may miss a systematic error"
-        + ("." if "R0" in fitted.model.free else "; check R0, which was given.")
+        + ("" if "R0" in fitted.model.free else "; check R0, which was given")
+        + ("; a channel that is late changes phi0: see --lag." if np.isnan(fitted.lag[1]) else ".")
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver.errors import InputError
+from solver.quantities.units import of_signal
 
 from .. import thresholds as limit
 from ..read.record import Array, require
@@ -86,7 +87,30 @@ class Beats:
                 f"spikes of {name} left out ({count} samples): more than {limit.FAR:g} robust standard deviations "
                 "off the other beats, and alone among their neighbours."
             )
-        return (*found, *self._odd_beats())
+        return (*found, *self._trends(), *self._odd_beats())
+
+    def _trends(self) -> list[str]:
+        """A sentence for each channel whose level is not that of one state: an occlusion, a drug, a zero that drifts.
+
+        The change is that of a line through the means of the beats, over the record.
+        """
+        found = []
+        for name, beats in self.values.items():
+            usual = self.mean(name)
+            there = np.flatnonzero(~np.isnan(beats).all(axis=1))
+            if len(there) < limit.FEWEST_BEATS:
+                continue
+            level = usual.mean() + np.nanmean((beats - usual)[there], axis=1)
+            line = np.polyfit(there, level, 1)
+            change = float(line[0] * (self.n_beats - 1))
+            if abs(change) > limit.NEAR * max(abs(float(usual.mean())), float(usual.std())):
+                unit, shown = of_signal(name)
+                found.append(
+                    f"the mean of {name} goes from {shown * line[1]:.3g} to {shown * (line[1] + change):.3g} {unit} "
+                    "over the beats used: the mean beat is of no single state, or a zero drifts; cut the file to a "
+                    "steady part."
+                )
+        return found
 
     def _odd_beats(self) -> list[str]:
         """A sentence for each beat that is unlike the others: an artefact, an ectopic beat, a flushed catheter."""

@@ -34,18 +34,20 @@ def without_codes(values: Array, name: str, scale: float) -> tuple[Array, tuple[
 
 
 def without_still(values: Array, name: str, dt: float, place: Place) -> tuple[Array, tuple[str, ...]]:
-    """A pressure or radius with gaps where its sensor stood still, and what was done; a flow as it is: it may rest.
+    """A channel with gaps where its sensor stood still, and what was done.
 
-    Still is a stretch of STILL in which it varies by less than QUIET of its usual range over two seconds. Of a beat
-    such may be the end of diastole, but that is reached at a decline, and lies in the range of the others. dt [s].
+    Still is a stretch of STILL in which it varies by less than QUIET of its usual range over ANY_BEAT. Of a beat such
+    may be the end of diastole, or a flow that rests, but not for ANY_BEAT; and the end of a diastole is reached at a
+    decline, and lies in the range of the others. dt [s].
     Raises UnusableRecord where that is most of the record.
     """
     long, wide = round(limit.STILL / dt), round(limit.ANY_BEAT / dt)
-    if name.endswith(".Q") or long < limit.FEWEST_SAMPLES or len(values) < 2 * wide:
+    if long < limit.FEWEST_SAMPLES or len(values) < 2 * wide:
         return values, ()
     there = ~np.isnan(values)
     x = values if there.all() else np.interp(np.arange(len(values)), np.flatnonzero(there), values[there])
-    usual = float(np.median(_range(x, wide)))
+    ranges = _range(x, wide)
+    usual = float(np.median(ranges[ranges > 0.0])) if ranges.any() else 0.0
     still = [
         (a, b) for a, b in _stretches(_range(x, long) < limit.QUIET * usual, long, len(x)) if there[a:b].mean() > 0.5
     ]
@@ -55,7 +57,8 @@ def without_still(values: Array, name: str, dt: float, place: Place) -> tuple[Ar
     if usual == 0.0 or not still or not beats.any():
         return values, ()
     low, high = np.quantile(x[beats], limit.ORDINARY)
-    strange = [(a, b) for a, b in still if _strange(x, a, b, (low, high), usual, round(limit.STEEP_FOR / dt))]
+    rests, near = name.endswith(".Q"), round(limit.STEEP_FOR / dt)
+    strange = [(a, b) for a, b in still if b - a >= wide or not rests and _strange(x, a, b, (low, high), usual, near)]
     if not strange:
         return values, ()
     found, margin = values.copy(), round(limit.AROUND / dt)
@@ -67,7 +70,7 @@ def without_still(values: Array, name: str, dt: float, place: Place) -> tuple[Ar
     where = f"{name} stands still at {levels} {unit} for {dt * sum(b - a for a, b in strange):.3g} s"
     if share > 0.5:
         raise UnusableRecord(f"{place}: {where}, most of the record; cut the file to where it was measured.")
-    return found, (f"{where}, as a line that is flushed, zeroed or calibrated: these samples were taken for gaps.",)
+    return found, (f"{where}, as a sensor that is flushed, zeroed or dead: these samples were taken for gaps.",)
 
 
 def _range(x: Array, n: int) -> Array:

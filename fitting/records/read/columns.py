@@ -17,7 +17,7 @@ from solver.quantities.units import INFLOW
 
 from .sensors import KINDS, TIME, Kind
 from .table import Column, Place, Table, refuse
-from .titles import factor, is_time, name_and_unit
+from .titles import factor, is_time, is_unit, name_and_unit
 
 _EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]", "FA.P [mmHg]")
 _START = "start"
@@ -30,8 +30,9 @@ class Reading:
     """How a file is to be read. decimal : comma or point, by default found.
 
     names : title of a column, or its number from 1 -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]";
-    "" leaves the column out. "row" -> "time [2 ms]": there is no time, and a sample every 2 ms. If any is given, all
-    columns that neither it nor the variables' names mention are left out. "Q.csv:2" is of the file of that name alone.
+    "" leaves the column out, "-AA.Q" turns its sign. "row" -> "time [2 ms]": there is no time, and a sample every 2 ms.
+    If any is given, all columns that neither it nor the variables' names mention are left out. "Q.csv:2" is of the file
+    of that name alone.
     beside : further files of the same recording. shifts : file -> seconds that are added to its times; None: it starts
     with the first file.
     """
@@ -88,17 +89,19 @@ class Reading:
 
 @dataclass(frozen=True)
 class Chosen:
-    """A column that is read: its name in the record (D as R), kind, and scale of its unit in SI. Time is "time"."""
+    """A column that is read: its name in the record (D as R), kind, scale of its unit in SI, and -1 of one that is
+    turned. Time is "time"."""
 
     column: Column
     name: str
     kind: Kind
     scale: float
+    sign: float = 1.0
 
     @property
     def factor(self) -> float:
         """By which the values are multiplied: a diameter becomes a radius."""
-        return self.scale / 2.0 if self.kind is KINDS["D"] else self.scale
+        return self.sign * (self.scale / 2.0 if self.kind is KINDS["D"] else self.scale)
 
 
 def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
@@ -111,7 +114,8 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         columns.append(Column(_ROW, np.arange(float(len(columns[0].values)))))
     if not (table.titled or reading.names):
         row = ", ".join(f"{column.values[0]:g}" for column in columns)
-        raise InputError(f"{place}: it has no header, and its first row is {row}; {which_is_which(len(columns))}")
+        asked = which_is_which(len(columns), _may_be_time(columns[0]))
+        raise InputError(f"{place}: it has no header, and its first row is {row}; {asked}")
     targets = _targets(columns, reading, place)
     wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
     times = [(column, target) for column, target in wanted if target[0] == "time"]
@@ -141,10 +145,11 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     return _chosen(*times[0], titles_, place), found
 
 
-def which_is_which(n: int) -> str:
-    """What to say of n columns without titles: options to copy, an example."""
-    maps = " ".join(f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[:n], start=1))
-    return f"say which column is which, such as {maps}."
+def which_is_which(n: int, timed: bool = True) -> str:
+    """What to say of n columns without titles: options to copy, an example. timed : whether the first may be a time."""
+    maps = [f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[not timed :][:n], start=1)]
+    maps += [] if timed else [f'--map "{_ROW}=time [1 ms]"']
+    return f"say which column is which, such as {' '.join(maps)}."
 
 
 def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
@@ -198,7 +203,7 @@ def _targets(
             )
         for i in there:
             given[i] = variable
-    said = {name_and_unit(variable)[0] for variable in given.values()}
+    said = {name_and_unit(variable)[0].removeprefix("-") for variable in given.values()}
     return [_target(column, given.get(i), said, bool(reading.names)) for i, column in enumerate(columns)]
 
 
@@ -235,7 +240,8 @@ def _kind(name: str) -> Kind | None:
 
 
 def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], place: Place) -> Chosen:
-    (name, unit), title = target, column.title
+    (given, unit), title = target, column.title
+    name = given.removeprefix("-")
     kind = TIME if name == "time" else _kind(name)
     if kind is None:
         short = title if title else "column"
@@ -247,7 +253,7 @@ def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], plac
         refuse(place, None, title, f'{column.problem}; leave it out: --map "{title}=", or export it alike')
     scale = _factor(kind, name, unit, title, titles, place)
     site, _, letter = name.rpartition(".")
-    return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale)
+    return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale, 1.0 if given == name else -1.0)
 
 
 def _unknown(column: Column, target: tuple[str, str]) -> bool:
@@ -273,11 +279,11 @@ def _proposed(unknown: Sequence[Column]) -> list[str]:
     for column in unknown:
         name, unit = name_and_unit(column.title)
         unit = unit or column.unit
-        letter = _letter(name, unit)
+        letter = "" if _counts(column) else _letter(name, unit)
         flows, pressures = flows + (letter == "Q"), pressures + (letter == "P")
         site = "Ao" if pressures < 2 else f"site{pressures}"
         target = INFLOW if letter == "Q" and flows == 1 else f"{site}.{letter}" if letter else ""
-        targets.append(target if unit or not letter else f"{target} [{KINDS[letter].example}]")
+        targets.append(target if is_unit(unit) or not letter else f"{target} [{KINDS[letter].example}]")
     return targets
 
 
@@ -285,9 +291,10 @@ def _letter(name: str, unit: str) -> str:
     """The kind that unit and title of a column suggest; "" of none."""
     units = [letter for letter, kind in KINDS.items() if unit and factor(unit, kind) is not None]
     words = [letter for letter, spelled in _WORDS.items() if spelled.search(name)]
-    if (unit and not units) or (not unit and _OTHER.search(name)):
+    volts = unit.strip() in ("V", "mV")  # the range of a converter, as LabChart prints it
+    if (unit and not units and not volts) or _OTHER.search(name):
         return ""
-    return next((each for each in words if not unit or each in units), units[0] if units else "P")
+    return next((each for each in words if not units or each in units), units[0] if units else "" if volts else "P")
 
 
 def _check_cells(column: Column, place: Place) -> None:
@@ -303,10 +310,11 @@ def _advice(name: str, unit: str, title: str) -> str:
     """
     letter, drop = _letter(name, unit), f'leave it out with --map "{title}="'
     if not letter:
-        return f"{unit} is a unit of none of them; {drop}" if unit else f"if it is none of them, {drop}"
+        foreign = unit and not is_unit(unit)
+        return f"{unit} is a unit of none of them; {drop}" if foreign else f"if it is none of them, {drop}"
     words = any(spelled.search(name) for spelled in _WORDS.values())
     target = INFLOW if letter == "Q" else f"AA.{letter}"
-    target = target if unit else f"{target} [{KINDS[letter].example}]"
+    target = target if is_unit(unit) else f"{target} [{KINDS[letter].example}]"
     noun = KINDS[letter].noun
     which = "say which it is with" if words else f"if it is a {noun}, say so with"
     return f'rename it, {which} --map "{title}={target}", or {drop}'
@@ -317,11 +325,17 @@ _WORDS = {
     for letter, spelled in (
         ("D", "diam|durchmesser|d(?![a-z])"),
         ("R", "radi|r(?![a-z])"),
-        ("Q", "flow|fluss|débit|debit|q(?![a-z])"),
-        ("P", "press|druck|abp|cath|p(?![a-z])"),
+        ("Q", "flow|fluss|débit|debit|q(?![a-z])|(?-i:[A-Z][a-z]+F(?![a-zA-Z]))"),
+        ("P", "press|druck|abp|cath|p(?![a-z])|(?-i:[A-Z][a-z]+P(?![a-zA-Z]))"),
     )
 }
-_OTHER = re.compile(r"(?<![a-z])(ecg|ekg|eeg|emg|resp|temp|trigger|marker|spo2|etco2|index|sample)", re.IGNORECASE)
+# no signal of a systemic artery: other signals, numbers that are derived of one, other places, and foreign units
+_OTHER = re.compile(
+    r"(?<![a-z])(ecg|ekg|eeg|emg|resp|temp|trigger|marker|spo2|etco2|index|sample|d[pqv]/?dt|output|stroke|mean|"
+    r"lvp|lvedp|rvp|cvp|pap|pcwp|icp|iap|paw|ventric|venous|vein|vena|cava|airway|wedge|pulmon|"
+    r"(lv|rv|hr|sv|co|map|sbp|dbp)(?![a-z]))|[\[(]([mµu]?v|bpm|%|°c|hz|[^()]*/s)[\])]$",
+    re.IGNORECASE,
+)
 
 
 def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str], place: Place) -> float:
@@ -355,11 +369,16 @@ def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
             f'--map "TITLE=time [s]", or give the time between samples: --map "{_ROW}=time [1 ms]".'
         )
     title, unit = likely.title, name_and_unit(likely.title)[1] or likely.unit
-    if not unit and bool((np.diff(likely.values) == 1.0).all()):
+    if not unit and _counts(likely):
         why = "no column is named time; if this one counts the samples, give the time between them"
         refuse(place, None, title, f'{why}: --map "{title}=time [1 ms]"')
     asked = "time" if unit else "time [s]"
     refuse(place, None, title, f'no column is named time; if it is this one, say so: --map "{title}={asked}"')
+
+
+def _counts(column: Column) -> bool:
+    """Whether a column counts the rows."""
+    return len(column.values) > 1 and bool((np.diff(column.values) == 1.0).all())
 
 
 def _may_be_time(column: Column) -> bool:

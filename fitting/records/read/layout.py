@@ -24,6 +24,7 @@ _MARKS = {"comma": ",", "point": "."}
 _NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?|nan|[+-]?inf|", re.IGNORECASE)
 # a word with what stands in brackets behind it, as titles are, or the latter alone
 _WORD = re.compile(r"[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?|\[[^\]]*\]|\([^)]*\)")
+_CLOCK = re.compile(r"hh?:mm:ss\S*.*", re.IGNORECASE)  # how a clock is written, below its title
 _GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:\{}\d{{3}})+"  # may be thousands
 
 
@@ -64,11 +65,12 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
     header = _header(rows, start, lines)
     untitled = [str(i + 1) for i in range(width or 0)]
     titles = untitled if header < 0 else _titles(lines[header], separator, source, header, width)
-    if chart := labchart(rows[:start]):
+    if chart := labchart(rows[:start], rows[start] if start < len(rows) else ()):
         header = next(i for i, row in enumerate(rows) if row and row[0].strip() == "ChannelTitle=")
         titles, units = chart
     else:
-        between = [row for row in rows[header + 1 : start] if any(cell.strip() for cell in row)]
+        beside = [*rows[max(header - 1, 0) : max(header, 0)], *rows[header + 1 : start]]
+        between = [row for row in beside if any(cell.strip() for cell in row)]
         units = next(([cell.strip(" []()") for cell in row] for row in between if _is_units(row)), [])
         titles, units = biopac(lines[:header], titles) or (titles, units or [""] * len(titles))
         if start == len(lines) or not (
@@ -166,7 +168,7 @@ def _titles(line: str, separator: str, source: str, at: int, width: int | None) 
 def _is_units(row: Sequence[str]) -> bool:
     """Whether a line below the titles holds their units."""
     cells = [cell.strip(" []()") for cell in row]
-    return any(cells) and all(not cell or is_unit(cell) for cell in cells)
+    return any(cells) and all(not cell or is_unit(cell) or _CLOCK.fullmatch(cell) for cell in cells)
 
 
 def _beside(row: Sequence[str], line: str) -> bool:
@@ -204,9 +206,9 @@ def _mark(rows: Sequence[Sequence[str]], separator: str, source: str, first: int
 # --- what LabChart (ADInstruments) and AcqKnowledge (Biopac) write above the columns ---------------------------------
 
 
-def labchart(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]] | None:
+def labchart(rows: Sequence[Sequence[str]], first: Sequence[str]) -> tuple[list[str], list[str]] | None:
     """Titles and units, time first, of lines ``ChannelTitle=``, ``Range=`` and ``UnitName=``, which stand for a header;
-    None if there are none."""
+    None if there are none. first : row of numbers, among which a date has no title."""
     lines = {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows if row}
     titles = lines.get("ChannelTitle=")
     if titles is None:
@@ -214,7 +216,15 @@ def labchart(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]] | Non
     units = lines.get("UnitName=") or [re.sub(r"^[\d.,\s]+", "", each) for each in lines.get("Range=", [])]
     units += [""] * (len(titles) - len(units))
     clock = lines.get("TimeFormat=", [""])[0]
-    return ["Time", *titles], ["s" if not clock or clock.startswith("StartOf") else "", *units[: len(titles)]]
+    units = units[: len(titles)]
+    if len(first) != len(titles):  # else it was exported without times
+        titles = ["Time", *titles]
+        units = ["s" if not clock or clock.startswith("StartOf") else "", *units]
+    for i, cell in enumerate(first):
+        if is_date(cell.strip()):
+            titles.insert(i, "")
+            units.insert(i, "")
+    return titles, units
 
 
 def biopac(lines: Sequence[str], titles: Sequence[str]) -> tuple[list[str], list[str]] | None:

@@ -23,6 +23,8 @@ _NUMBER = re.compile(
     r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?)|nan|", re.IGNORECASE | re.ASCII
 )
 
+_ALMOST = re.compile(r"[+-]?[\d.,:]+\S*")  # a number, perhaps with a fault
+
 
 def quickly(data: Path | bytes, skip: int, width: int, separator: str, mark: str) -> list[Array] | None:
     """One float array per column, NaN in gaps; None where only a look at every cell can tell."""
@@ -40,6 +42,8 @@ def quickly(data: Path | bytes, skip: int, width: int, separator: str, mark: str
     # polars fills up a row that is too short, and takes line ends of old spreadsheets for part of the header
     whole = (frame.height + skip) * (width - 1)
     if frame.height == 0 or (frame[:, -1].null_count() and _count(data, separator.encode()) != whole):
+        return None
+    if frame.select(pl.all_horizontal(pl.all().is_null()).any()).item():  # a row of separators alone is no sample
         return None
     return [frame[name].fill_null(np.nan).rechunk().to_numpy() for name in frame.columns]
 
@@ -66,6 +70,8 @@ def slowly(
     rows = csv.reader(_samples(lines, start, separator, len(titles), at), strict=True, delimiter=separator)
     try:
         for row in rows:
+            if not any(map(str.strip, row)) or _is_remark(row, mark, grouped):
+                continue
             if len(row) != len(titles):
                 raise InputError(
                     f"{place}: line {at[0]}: {len(row)} fields where the header has {len(titles)}; complete or remove "
@@ -109,6 +115,12 @@ def _samples(lines: Sequence[str], start: int, separator: str, width: int, at: l
         yield f"{line}\n"
 
 
+def _is_remark(row: Sequence[str], mark: str, grouped: bool) -> bool:
+    """Whether a row is no sample but an event: words, and perhaps its time, in place of all channels."""
+    cells = [cell for cell in map(str.strip, row[1:] or row) if cell]
+    return bool(cells) and not any(_ALMOST.fullmatch(c) or _number(c, mark, grouped) is not None for c in cells)
+
+
 def _number(text: str, mark: str, grouped: bool) -> float | None:
     """None of what is no number."""
     if text in MISSING:
@@ -123,12 +135,14 @@ def _number(text: str, mark: str, grouped: bool) -> float | None:
 
 
 def _fault(sample: int, text: str, mark: str) -> Fault:
-    words = not re.fullmatch(r"[+-]?[\d.,:]+\S*", text)
-    return Fault(sample, f"{text[:40]!r} is not a number; {_advice(text, mark)}", words)
+    return Fault(sample, f"{text[:40]!r} is not a number; {_advice(text, mark)}", not _ALMOST.fullmatch(text))
 
 
 def _advice(text: str, mark: str) -> str:
     if re.fullmatch(r"[+-]?[\d.,]+", text):
+        other = "point" if mark == "," else "comma"
+        if re.fullmatch(r"[+-]?\d{1,3}([.,]\d{3})+", text):
+            return f"if its {other} groups thousands, say --decimal {'comma' if mark == ',' else 'point'}"
         if "," in text and "." in text:
             return "remove what groups its digits, or say what the decimal mark is with --decimal comma or point"
         word, other = ("comma", "point") if mark == "," else ("point", "comma")

@@ -26,11 +26,20 @@ from solver.quantities.units import of_signal
 
 from .. import thresholds as limit
 from .artefacts import without_codes, without_still
-from .columns import Reading, choose
+from .columns import Chosen, Reading, choose
 from .kinds import read_table
-from .sensors import KINDS, TIME, UnusableRecord, check_numbers, check_plateaus, check_ranges, constant_value, may_rest
+from .sensors import (
+    KINDS,
+    TIME,
+    UnusableRecord,
+    check_numbers,
+    check_ranges,
+    constant_value,
+    may_rest,
+    without_plateaus,
+)
 from .table import Column, Place, Table
-from .time_axis import between, time_axis
+from .time_axis import between, longest_block, time_axis
 
 Array = np.ndarray
 
@@ -100,12 +109,17 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         ]  # of half a gigabyte as long as the numbers: beside them
         tables = [read_table(file, reading.decimal) for file in files]
         each = reading.each(tables) if reading.beside else [reading]
-        records = [_one(tables.pop(0), own, digest.result()) for own, digest in zip(each, digests, strict=True)]
+        records = [
+            part
+            for own, digest in zip(each, digests, strict=True)
+            for part in _of_one_file(tables.pop(0), own, digest.result())
+        ]
     if len(records) == 1:
         return records[0]
     records = [records[0], *(_shifted(each, records[0], reading) for each in records[1:])]
     time, channels, said = together(records)
-    told = {**reading.told, "with": {r.path: r.sha256 for r in records[1:]}}
+    beside = {r.path: r.sha256 for r in records if r.path != records[0].path}
+    told = {**reading.told, **({"with": beside} if beside else {})}
     sampling = {r.path: r.told["sampling"] for r in records if "sampling" in r.told}
     return replace(
         records[0],
@@ -129,31 +143,70 @@ def _shifted(part: Record, first: Record, reading: Reading) -> Record:
     )
 
 
-def _one(table: Table, reading: Reading, sha256: str) -> Record:
-    """The record in one file."""
+def _of_one_file(table: Table, reading: Reading, sha256: str) -> list[Record]:
+    """The records in one file, one for each of the rates that its channels were sampled at."""
     clock, chosen = choose(table, reading)
     place = table.place
-    axis = time_axis(clock.column.values, clock.factor, clock.column.title, place)
+    block, said = longest_block(clock.column.values, clock.factor, place)
+    del table
+    every = [_every(each.column.values[block]) for each in chosen]
+    usual = min((rows for rows in every if rows is not None), key=lambda rows: rows[1], default=(0, 1))
+    groups: dict[tuple[int, int], list[Chosen]] = {}
+    for rows in every:
+        groups.setdefault(rows or usual, []).append(chosen.pop(0))
+    found = []
+    for first, step in list(groups):
+        mine = groups.pop((first, step))
+        if step > 1:
+            names = " and ".join(each.name for each in mine)
+            said = (
+                *said,
+                f"{names} of {place}: one row in {step} has a value of its own, which is held or empty between; "
+                "only these were read.",
+            )
+        used = replace(place, rows=range(block.start + first, block.stop, step))
+        found.append(_one(clock, mine, used, reading, sha256, said))
+        said = ()
+    return found
+
+
+def _every(values: Array) -> tuple[int, int] | None:
+    """The first row with a value of its own and the step to the next, of a channel that is held or empty between; None
+    where too few differ to tell."""
+    new = 1 + np.flatnonzero(~np.isnan(values[1:]) & (values[1:] != values[:-1]))
+    if len(new) < limit.STEP_FEWEST:
+        return None
+    step = int(np.gcd.reduce(np.diff(new)))
+    return (int(new[0]) % step, step) if len(new) > len(values) / step / 2 else (0, 1)
+
+
+def _one(
+    clock: Chosen, chosen: list[Chosen], place: Place, reading: Reading, sha256: str, said: tuple[str, ...]
+) -> Record:
+    """The record of channels of one file that have one rate."""
+    assert isinstance(place.rows, range)
+    used = slice(place.rows.start, place.rows.stop, place.rows.step)
+    axis = time_axis(clock.column.values[used], clock.factor, clock.column.title, place)
     titles = {each.name: each.column.title for each in chosen}
     scales = {each.name: each.scale for each in chosen}
     channels: dict[str, Array] = {}
     resting: dict[str, float] = {}
-    del table, clock
     while chosen:
         each = chosen.pop(0)  # what is not needed is not kept: a record may be large
         with np.errstate(over="ignore"):
-            channels[each.name] = each.column.values * each.factor
+            channels[each.name] = each.column.values[used] * each.factor
         check_numbers(channels[each.name], each.column.title, place)
-    said = list(axis.said)
+    said += axis.said
     for name in channels:
         channels[name], codes = without_codes(channels[name], name, scales[name])
         channels[name], still = without_still(channels[name], name, axis.dt, place)
-        said += [*codes, *still]
+        said += codes + still
     check_ranges(channels, titles, place)
     for name, title in titles.items():
         constant = constant_value(channels[name])
         if constant is None:
-            check_plateaus(channels[name], name, title, place)
+            channels[name], clipped = without_plateaus(channels[name], name, title, place, axis.dt)
+            said += clipped
         elif may_rest(name) and len(channels) > 1:
             del channels[name]
             resting[name] = constant
@@ -164,9 +217,7 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
                 f'pulsate; check the sensor, or leave it out: --map "{title}=".'
             )
     channels = {name: axis.of(values) for name, values in channels.items()}
-    return Record(
-        place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, tuple(said)
-    )
+    return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, said)
 
 
 def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
@@ -198,9 +249,13 @@ def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
                     f'is, --map "{mine}=AA.P [mmHg]".'
                 )
             channels[name] = _at(part, values, base, at)
-    rates = ", ".join(f"{p.path} at {1.0 / p.dt:.6g} Hz from {p.time[0] - parts[0].time[0]:+.6g} s" for p in parts)
+    rates = ", ".join(
+        f"{' and '.join(p.channels)} of {p.path} at {1.0 / p.dt:.6g} Hz from {p.time[0] - parts[0].time[0]:+.6f} s"
+        for p in parts
+    )
     said = f"{rates}: aligned by their times over {at[-1] - at[0]:.6g} s that all have, at {1.0 / base.dt:.6g} Hz"
-    return at, channels, f"{said}, the rate of {base.path}{'' if base is parts[0] else ', the slowest'}."
+    slowest = "" if base is parts[0] else ", the slowest"
+    return at, channels, f"{said}, the rate of {' and '.join(base.channels)}{slowest}."
 
 
 def _told(seconds: float) -> str:

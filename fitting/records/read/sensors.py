@@ -70,16 +70,38 @@ def may_rest(name: str) -> bool:
     return _kind(name).noun == "flow" and name != INFLOW
 
 
-def check_plateaus(values: Array, name: str, title: str, place: Place) -> None:
-    """Refuses a channel whose sensor was saturated: it enters and leaves a plateau at its extreme steeply.
+def without_plateaus(values: Array, name: str, title: str, place: Place, dt: float) -> tuple[Array, tuple[str, ...]]:
+    """A channel with gaps where its sensor was saturated for a while, and what was done. dt [s].
+
+    Raises UnusableRecord where that is in most stretches of the longest beat.
+    """
+    kind, said = KINDS[name.rpartition(".")[2]], list[str]()
+    long, margin = max(1, round(limit.LONGEST / dt)), round(limit.AROUND / dt)
+    while found := _plateaus(values, kind.noun):
+        starts, stops, word, top = found
+        at = f"it rests at its {word} value, {top * display_factor(kind.example):.6g} {kind.example}"
+        if 2 * len(set(starts // long)) > len(values) / long:
+            why = (
+                f"the channel is clipped: {at}; widen the sensor's range, or leave these fields empty, or the channel "
+                f'out: --map "{title}="'
+            )
+            refuse(place, int(starts[0]), title, why)
+        values = values.copy()
+        for start, stop in zip(starts, stops, strict=True):
+            values[max(0, start - margin) : stop + margin] = np.nan
+        said.append(f"{name} was saturated for a while, {at}: these samples were taken for gaps.")
+    return values, tuple(said)
+
+
+def _plateaus(values: Array, noun: str) -> tuple[Array, Array, str, float] | None:
+    """Begins and ends of plateaus at an extreme that a sensor enters and leaves steeply, its word and value.
 
     Rounding makes plateaus too, but beside one of n samples a rounded smooth signal is a few quanta lower at n/4
     samples from it; noise makes none. A flow may rest at zero.
     """
-    kind = _kind(name)
     low, high = _extremes(values)
     for sign, top, word in ((1.0, high, "highest"), (-1.0, -low, "lowest")):
-        if kind.noun == "flow" and abs(top) < limit.VALVE * (high - low):
+        if noun == "flow" and abs(top) < limit.VALVE * (high - low):
             continue
         if np.count_nonzero(values == sign * top) < limit.PLATEAU:
             continue
@@ -90,15 +112,11 @@ def check_plateaus(values: Array, name: str, title: str, place: Place) -> None:
         whole = (stop - start >= limit.PLATEAU) & (start - beside >= 0) & (stop - 1 + beside < len(y))
         start, stop, beside = start[whole], stop[whole], beside[whole]
         fall = np.minimum(top - y[start - beside], top - y[stop - 1 + beside])
-        start, fall = start[np.isfinite(fall)], fall[np.isfinite(fall)]
+        there = np.isfinite(fall)
         steps = np.abs(np.diff(values))  # between neighbouring values: small for a continuous signal
-        if len(fall) and np.median(fall) > limit.QUANTA * np.quantile(steps[steps > 0.0], 0.01):
-            why = (
-                f"the channel is clipped: it rests at its {word} value, "
-                f"{top * sign * display_factor(kind.example):.6g} {kind.example}; "
-                f'widen the sensor\'s range, or leave these fields empty, or the channel out: --map "{title}="'
-            )
-            refuse(place, int(start[0]), title, why)
+        if there.any() and np.median(fall[there]) > limit.QUANTA * np.quantile(steps[steps > 0.0], 0.01):
+            return start[there], stop[there], word, sign * top
+    return None
 
 
 def _extremes(values: Array) -> tuple[float, float]:

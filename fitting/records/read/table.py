@@ -16,6 +16,7 @@ Array = np.ndarray
 @dataclass(frozen=True)
 class Place:
     """Where the samples of a table stand. lines : line of each sample, None for a file without lines; header likewise.
+    rows : of the samples that are used, None for all.
 
     As text it is the name of the file.
     """
@@ -23,6 +24,7 @@ class Place:
     source: str
     header: int | None = None
     lines: Sequence[int] | None = None
+    rows: Sequence[int] | None = None
 
     def __str__(self) -> str:
         return self.source
@@ -31,7 +33,8 @@ class Place:
         """ "line 7", or "sample 5" of a file without lines; None: the header, "" if there is none."""
         if sample is None:
             return "" if self.header is None else f"line {self.header}"
-        return f"sample {sample + 1}" if self.lines is None else f"line {self.lines[sample]}"
+        at = sample if self.rows is None else self.rows[sample]
+        return f"sample {at + 1}" if self.lines is None else f"line {self.lines[at]}"
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ def read_text_table(path: Path, decimal: str | None) -> Table:
         )
     numbers = None
     plain = form.header == form.first - 1 < 2 and encoding.startswith("utf-8")
-    plain = plain and form.separator != SPACE and not any(form.clocks)
+    plain = plain and form.separator != SPACE and not any(form.clocks) and not head.startswith(b"'")
     lines: list[str] = []
     if plain and form.mark == ".":
         numbers = quickly(path, form.header, len(titles), form.separator, form.mark)
@@ -68,6 +68,9 @@ def _prepared(lines: list[str], form: Layout) -> list[str]:
 
 
 def _lines(text: str) -> list[str]:
+    """Lines, without the single quotes of a file that begins with one, nor the date in them, as rdsamp writes them."""
+    if text.startswith("'"):
+        text = re.sub(r"'(?:\[(\S+)[^\]'\n]*\]|([^'\n]*))'", r"\1\2", text)
     return re.split(r"\r\n|\r|\n", text)
 
 

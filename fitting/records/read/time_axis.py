@@ -66,6 +66,31 @@ def between(t: Array, x: Array, at: Array) -> Array:
     return CubicSpline(t, x)(at) if len(t) > 1 else np.full(len(at), np.nan)
 
 
+def longest_block(given: Array, factor: float, place: Place) -> tuple[slice, tuple[str, ...]]:
+    """The samples of the longest block of a file, and what is said of the others; all samples of a file of one block.
+
+    A recorder that is started again begins its times anew, or leaves a pause. Such a step parts blocks if the stamps
+    have no axis together: they go back by more than jitter, or more samples are missing than are there.
+    """
+    whole: tuple[slice, tuple[str, ...]] = slice(0, len(given)), ()
+    if len(given) < limit.FEWEST_SAMPLES or not np.isfinite(given).all():
+        return whole
+    step = np.diff(given)
+    if np.diff(_steadied(given)).min() >= 0.0 and given[-1] - given[0] <= 2.0 * len(given) * np.median(step):
+        return whole
+    edges = [0, *(np.flatnonzero((step < 0.0) | (step * factor > limit.LONGEST)) + 1), len(given)]
+    sizes = np.diff(edges)
+    if sizes.min() < limit.FEWEST_SAMPLES or len(sizes) == 1:
+        return whole
+    start = int(edges[sizes.argmax()])
+    block = slice(start, start + int(sizes.max()))
+    return block, (
+        f"{place} holds {len(sizes)} blocks, at which its times begin anew or pause; the longest, of "
+        f"{(given[block.stop - 1] - given[start]) * factor:.4g} s from {place.of(start)} on, was read: cut the file to "
+        "read another.",
+    )
+
+
 def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     """The uniform axis behind the stamps ``given`` : (k,), which ``factor`` makes seconds.
 

@@ -13,12 +13,14 @@ from solver.quantities.units import base_units
 from .sensors import KINDS, TIME, Kind
 
 _TIMES = {"t", "time", "zeit", "temps", "tiempo", "tempo", "tijd", "tid", "elapsed time", "relative time"}
+_TIMES |= {"timestamp", "timestamps", "time stamp", "time and date"}
 _PLAIN = {
     **dict.fromkeys(("sec", "secs", "second", "seconds", "sek", "sekunden"), "s"),
     **dict.fromkeys(("msec", "msecs", "millisecond", "milliseconds"), "ms"),
     **dict.fromkeys(("minute", "minutes", "minuten", "mins"), "min"),
     **dict.fromkeys(("mmhg", "mm hg", "torr"), "mmHg"),
     **dict.fromkeys(("cmh2o", "cm h2o"), "cmH2O"),
+    **{f"{a}3/{b}": f"{a}^3/{b}" for a in ("m", "cm", "mm") for b in ("s", "min")},
     **{f"{a}l/{b}": f"{a}L/{c}" for a in ("m", "") for b, c in (("sec", "s"), ("min", "min"), ("s", "s"))},
 }
 # units that may follow a name without brackets; a bare m or L is as often "mean" or "left"
