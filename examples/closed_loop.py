@@ -33,7 +33,7 @@ from fmu_src.contents.system import start_values
 from fmu_src.cosimulation.ports import INLET_PORTS
 from fmu_src.importer.unpacking import unpacking_folder
 from solver import Settings, load
-from solver.io.writing import check_destinations, write_whole
+from solver.io.writing import check_destinations, write_folder
 from solver.quantities.units import MMHG
 
 Array = np.ndarray
@@ -300,7 +300,7 @@ def main(
                 fmus, STEP, BEATS * n * STEP, SHOWN, progress=lambda part: progress(0.5 * part, f"{BEATS} beats")
             )
             errors = study(fmus, lambda part: progress(0.5 + 0.5 * part, "order of convergence"))
-        write_whole(picture, png(draw(records, n, errors), 150))
+        write_folder(out, {picture.name: png(draw(records, n, errors), 150)})
     console.print(beat_table(records, n))
     console.print(order_table(errors))
     console.print(f"figure   {picture}", markup=False)
