@@ -9,7 +9,6 @@ communication step, with the port and with the usual exchange of flow and pressu
 
 from __future__ import annotations
 
-import io
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -28,12 +27,13 @@ from rich.table import Table
 from arterial_fmu.cli.terminal.console import sentences
 from arterial_fmu.cli.terminal.progress import bar
 from build_fmu import build_model
+from fitting.pages.style import png
 from fmu_src.contents.models import arteries_model, body_model, heart_model, of
 from fmu_src.contents.system import start_values
 from fmu_src.cosimulation.ports import INLET_PORTS
 from fmu_src.importer.unpacking import unpacking_folder
 from solver import Settings, load
-from solver.io.writing import check_destinations, write_whole
+from solver.io.writing import check_destinations, write_folder
 from solver.quantities.units import MMHG
 
 Array = np.ndarray
@@ -300,9 +300,7 @@ def main(
                 fmus, STEP, BEATS * n * STEP, SHOWN, progress=lambda part: progress(0.5 * part, f"{BEATS} beats")
             )
             errors = study(fmus, lambda part: progress(0.5 + 0.5 * part, "order of convergence"))
-        buffer = io.BytesIO()
-        draw(records, n, errors).savefig(buffer, format="png", dpi=150)
-        write_whole(picture, buffer.getvalue())
+        write_folder(out, {picture.name: png(draw(records, n, errors), 150)})
     console.print(beat_table(records, n))
     console.print(order_table(errors))
     console.print(f"figure   {picture}", markup=False)
