@@ -17,6 +17,7 @@ from test_several_inlets import fork
 from typer.testing import CliRunner
 
 from arterial_fmu.cli.build import app
+from arterial_fmu.study.models import FMUModel
 from arterial_fmu.study.models import read_model as study_model
 from build_fmu import build, build_model, build_system
 from discrepancy.find.model_source import read_model
@@ -55,7 +56,7 @@ def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_description_and_network_file_agree(fmu: Path) -> None:
-    """Bit for bit, in all parameters and laws; a study and discover start from the network file."""
+    """Bit for bit, in all parameters and laws; a study starts from the description, discover from the network file."""
     network, starts = read_model(fmu), descriptions(fmu)
     assert network.parameters() == {name: starts[name] for name in network.parameters()}
     assert (network.elastic_law, network.viscous_law) == (starts["network.elastic_law"], starts["network.viscous_law"])
@@ -63,6 +64,7 @@ def test_description_and_network_file_agree(fmu: Path) -> None:
     assert (network.segment("CA").E, network.segment("AA").L, network.elastic_law) == (6.213e6, 0.05, "regression")
     assert network.inlet.Q_mean == pytest.approx(20e-6, rel=1e-14)
     model = study_model(os.fspath(fmu), "sheep", "1 ms", "5 cm", 1e-3)
+    assert isinstance(model, FMUModel)
     assert {name: starts[name] for name in model.nominal} == dict(model.nominal)
     assert model.nominal["CA.E"] == 6.213e6
     data = carried(fmu, "network.json")

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -168,11 +168,8 @@ class Function:
     def nominal(self) -> dict[str, float]:
         return dict.fromkeys(self.known, 1.0)
 
-    def at(self, sites: tuple[str, ...]) -> Function:
-        return self
-
-    def finer(self) -> Function:
-        return replace(self, least=4.0)  # of which no set can be run
+    def finer(self) -> None:
+        return None
 
     def run(self, parameters: dict[str, Array]) -> list[Any]:
         x = np.stack([parameters[name] for name in self.known], axis=1)
@@ -367,7 +364,7 @@ def test_command(tmp_path: Path) -> None:
 
 
 def test_an_inflow_of_a_record_or_a_network() -> None:
-    """--inflow: another network's flow; a pressure is none."""
+    """--inflow: another network's flow; an FMU needs one; a pressure is none."""
     model = read_model("sheep", "sheep", "2.5 ms", "5 cm", 1e-4)
     assert isinstance(model, NetworkModel) and model.flow is not None
     t = np.arange(20) * 0.025
@@ -376,17 +373,27 @@ def test_an_inflow_of_a_record_or_a_network() -> None:
         read_model("sheep", None, "2.5 ms", "5 cm", 0.0)
 
 
+@pytest.mark.slow
 def test_an_fmu(tmp_path: Path) -> None:
-    """Of an FMU the network that it contains is studied: the sets and waves of its file."""
+    """Six sets of a small network, by its FMU and by the solver with the same steps of 8 ms: means to 1e-4 (3e-5
+    measured), ends of the beat to 1.5 % of its pulse (0.9 %: the kinks of the inflow between so long steps); a page."""
     from forked import NETWORK, SETTINGS
 
     write_network(NETWORK, tmp_path / "fork.toml")
     fmu = build(NETWORK, tmp_path, SETTINGS)
-    asked = ["--vary", "A.E=0.9..1.1x", "--samples", "6", "--dt", "8 ms", "--jobs", "1", "--quiet"]
+    asked = ["--vary", "A.E=0.9..1.1x", "--samples", "6", "--inflow", str(tmp_path / "fork.toml"), "--jobs", "2"]
     runner, app = CliRunner(), arterial_fmu.__main__.app
-    for model, out in ((fmu, "fmu"), (tmp_path / "fork.toml", "network")):
-        done = runner.invoke(app, ["study", str(model), *asked, "--out", str(tmp_path / out)])
+    for model, out, more in ((fmu, "fmu", []), (tmp_path / "fork.toml", "network", ["--dt", "8 ms"])):
+        done = runner.invoke(app, ["study", str(model), *asked, *more, "--out", str(tmp_path / out), "--quiet"])
         assert done.exit_code == 0, done.output
-    for name in ("sets", "waveforms"):
-        one, other = (pl.read_parquet(tmp_path / out / f"{name}.parquet") for out in ("fmu", "network"))
-        assert one.equals(other)
+    one, other = (pl.read_parquet(tmp_path / out / "sets.parquet") for out in ("fmu", "network"))
+    assert one["A.E"].to_list() == other["A.E"].to_list() and one[FAILED].null_count() == 6
+    for channel in ("A.P", "B.P", "C.P", "A.Q", "B.Q", "C.Q"):
+        means = (each[f"{channel}.mean"].to_numpy() for each in (one, other))
+        np.testing.assert_allclose(*means, rtol=1e-4)
+        high, low = ("systolic", "diastolic") if channel.endswith("P") else ("max", "min")
+        pulse = other[f"{channel}.{high}"] - other[f"{channel}.{low}"]
+        for end in (high, low):
+            assert ((one[f"{channel}.{end}"] - other[f"{channel}.{end}"]) / pulse).abs().max() < 0.015
+    assert one["A.P.systolic"].n_unique() > 2
+    assert (tmp_path / "fmu" / "study.html").is_file()

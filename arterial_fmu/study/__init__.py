@@ -1,1 +1,1 @@
-"""Sensitivity studies: a network over thousands of parameter sets."""
+"""Sensitivity studies: a network or an FMU over thousands of parameter sets."""

@@ -12,7 +12,7 @@ import polars as pl
 from fitting.parallel.threads import single_threaded
 
 from .measures import POINTS, measured, wave
-from .models import NetworkModel
+from .models import Model
 
 Array = np.ndarray
 
@@ -24,7 +24,7 @@ WAVE = pl.Array(pl.Float32, POINTS)
 class Batch:
     """The input of a worker: sets (n,) by number, their parameters (n,) [SI], and the results to keep."""
 
-    model: NetworkModel
+    model: Model
     sets: Array
     parameters: Mapping[str, Array]
     measures: tuple[str, ...]

@@ -47,9 +47,9 @@ def main(
     sites: Annotated[str | None, typer.Option(help="Sites of the results: MD,CA. Default: all sites.")] = None,
     inflow: Annotated[
         str | None,
-        typer.Option(help="Source of the inflow: a network, or a record (CSV) with inlet.Q."),
+        typer.Option(help="Source of the inflow: a network, or a record (CSV) with inlet.Q. An FMU needs it."),
     ] = None,
-    dt: Annotated[str, typer.Option(help="Time step.")] = "2.5 ms",
+    dt: Annotated[str, typer.Option(help="Time step; an FMU has its own.")] = "2.5 ms",
     element_length: Annotated[str, typer.Option(help="Maximum element length.")] = "5 cm",
     tolerance: Annotated[
         float, typer.Option(help="Maximum relative change between beats of a periodic solution.")

@@ -1,10 +1,12 @@
-"""The model of a study: a network, for several parameter sets at once, and its inflow."""
+"""The models of a study: a network or an FMU, for several parameter sets at once, and its inflow."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +32,7 @@ MAX_BEATS = 30
 class NetworkModel:
     """A network, solved in steps of ``settings`` until beats repeat to ``tolerance``.
 
-    flow : the drive of the inlet, if it is not the network's own.
+    flow : the drive of the inlet, if it is not the network's own. Its methods are those of any model of a study.
     """
 
     network: Network
@@ -112,15 +114,70 @@ class NetworkModel:
         return [{name: beat[name][i, :-1] for name in self.channels} for i in range(n)]
 
 
-def read_model(source: str, driven_by: str | None, dt: str, element_length: str, tolerance: float) -> NetworkModel:
-    """The model of a bundled name, a network file or the network of an FMU.
+@dataclass(frozen=True)
+class FMUModel:
+    """An FMU, run by FMPy in a new process for every parameter set, driven by a beat (N,) [m³/s] of T [s]."""
 
-    driven_by : the source of the inflow, a network or a record (CSV) with inlet.Q.
+    path: str
+    sha256: str
+    beat: tuple[float, ...]
+    T: float
+    known: Mapping[str, Quantity] = field(repr=False)
+    nominal: Mapping[str, float] = field(repr=False)
+
+    @cached_property
+    def _fmu(self) -> Any:
+        from fitting.check.fmu_run import read_fmu
+
+        return read_fmu(self.path)
+
+    @property
+    def name(self) -> str:
+        return str(self._fmu.name)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(self._fmu.outputs)
+
+    @property
+    def batch(self) -> int:
+        return 4  # a process each: they share nothing
+
+    @property
+    def identity(self) -> Mapping[str, Any]:
+        return {"fmu": self.sha256, "inflow": _digest(np.array(self.beat)), "T": self.T}
+
+    def finer(self) -> None:
+        return None
+
+    def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
+        from fitting.check.fmu_run import RunFailed, periodic_answer
+        from solver.io.host_died import HostDied
+
+        answers: list[Beats | str] = []
+        for values in zip(*parameters.values(), strict=True):
+            starts = dict(zip(parameters, map(float, values), strict=True))
+            try:
+                answers.append(periodic_answer(self._fmu, INFLOW, np.array(self.beat), self.T, starts).values)
+            except (RunFailed, HostDied) as error:
+                answers.append(str(error))
+        return answers
+
+
+Model = NetworkModel | FMUModel
+
+
+def read_model(source: str, driven_by: str | None, dt: str, element_length: str, tolerance: float) -> Model:
+    """The model of a bundled name, a network file or an FMU.
+
+    driven_by : the source of the inflow, a network or a record (CSV) with inlet.Q. An FMU needs it.
     Raises ValueError, one sentence.
     """
     seconds = parse_quantity(dt, "s", "--dt")
     if not 0.0 < tolerance <= 0.1:
         raise InputError(f"--tolerance = {tolerance:g}: must be above 0, and 0.1 at most.")
+    if source.lower().endswith(".fmu"):
+        return _fmu_model(source, driven_by)
     network = read_network(find_network(source))
     settings = Settings(seconds, typed_quantity(element_length, "m", "--element-length"), tolerance=_step(tolerance))
     if driven_by is None:
@@ -137,7 +194,33 @@ def _step(tolerance: float) -> float:
     return min(Settings().tolerance, 0.3 * tolerance)
 
 
-def _flow(source: str, dt: float, network: Network) -> Inflow:
+def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
+    import fmpy
+
+    from fitting.check.fmu_run import read_fmu
+
+    fmu = read_fmu(path)
+    if driven_by is None:
+        raise InputError(
+            f"{path}: an FMU is driven by an inflow; add --inflow with a network, such as sheep, or a record with "
+            f"{INFLOW}."
+        )
+    flow = _flow(driven_by, fmu.dt)
+    n = 2 * flow.X.shape[-1]
+    beat = flow(np.arange(n) * (flow.T / n))
+    known, nominal = {}, {}
+    for variable in fmpy.read_model_description(path).modelVariables:
+        if variable.name in fmu.parameters and variable.type == "Real" and not variable.name.startswith("solver."):
+            low, high = (float(end) if end else sign * np.inf for end, sign in ((variable.min, -1), (variable.max, 1)))
+            unit = variable.unit or "1"
+            description, display = variable.description or variable.name, variable.displayUnit
+            known[variable.name] = Quantity(unit, description, low, high, display=display)
+            nominal[variable.name] = float(variable.start)
+    digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    return FMUModel(path, digest, tuple(beat.tolist()), flow.T, known, nominal)
+
+
+def _flow(source: str, dt: float, network: Network | None = None) -> Inflow:
     """The inflow of a network, or the mean beat of a record, up to the frequencies that steps of dt [s] resolve.
     network : gives the filter of the record's meter."""
     if not source.lower().endswith(".csv"):

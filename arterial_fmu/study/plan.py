@@ -17,7 +17,7 @@ from fmu_src import __version__
 from solver.errors import InputError
 
 from .measures import WAVES, measures
-from .models import NetworkModel
+from .models import Model, NetworkModel
 from .varied import Varied
 
 Array = np.ndarray
@@ -31,7 +31,7 @@ _CHECKED_OF = 32  # at most one set out of this number
 class Plan:
     """base : N, a power of 2. sites : those of the results."""
 
-    model: NetworkModel
+    model: Model
     varied: tuple[Varied, ...]
     base: int
     seed: int
@@ -72,7 +72,9 @@ class Plan:
 
     @property
     def checked(self) -> Array:
-        """The sets that are also run with finer steps."""
+        """The sets that are also run with finer steps; none for a model without finer steps."""
+        if self.model.finer() is None:
+            return np.arange(0)
         n = max(1, min(_CHECKED, self.size // _CHECKED_OF, self.base))
         return np.arange(n) * (self.base // n) * self.group
 
@@ -111,7 +113,7 @@ def base_of(samples: int, D: int) -> int:
     return 1 << ((samples // (D + 2)).bit_length() - 1)
 
 
-def sites_of(model: NetworkModel, text: str | None) -> tuple[str, ...]:
+def sites_of(model: Model, text: str | None) -> tuple[str, ...]:
     """The given sites, "MD,CA", or all. Raises ValueError for an unknown site."""
     places = dict.fromkeys(name.rpartition(".")[0] for name in model.channels)
     there = tuple(place for place in places if "." not in place and place != "inlet")
@@ -124,7 +126,7 @@ def sites_of(model: NetworkModel, text: str | None) -> tuple[str, ...]:
     return asked
 
 
-def plan_of(model: NetworkModel, varied: Sequence[Varied], samples: int, seed: int, sites: str | None) -> Plan:
+def plan_of(model: Model, varied: Sequence[Varied], samples: int, seed: int, sites: str | None) -> Plan:
     """The plan of a study. Raises ValueError for invalid options, or if SALib is missing."""
     try:
         import SALib  # noqa: F401
@@ -133,4 +135,6 @@ def plan_of(model: NetworkModel, varied: Sequence[Varied], samples: int, seed: i
     if not 0 <= seed < 2**32:
         raise InputError(f"--seed = {seed}: must be a whole number from 0 to {2**32 - 1}.")
     where = sites_of(model, sites)
-    return Plan(model.at(where), tuple(varied), base_of(samples, len(varied)), seed, where)
+    if isinstance(model, NetworkModel):
+        model = model.at(where)
+    return Plan(model, tuple(varied), base_of(samples, len(varied)), seed, where)

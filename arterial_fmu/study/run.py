@@ -34,7 +34,7 @@ def run(
     """
     if store.whole:
         return 0
-    names = [CHECK, *range(len(plan.batches))]
+    names = [*([CHECK] if plan.checked.size else []), *range(len(plan.batches))]
     missing = [name for name in names if not store.has(name)]
     sets, simulated = plan.size - sum(_sets(plan, name) for name in missing), 0
     if progress:
@@ -60,14 +60,18 @@ def _batch(plan: Plan, name: int | str) -> Batch:
     if isinstance(name, int):
         sets = plan.batches[name]
         return Batch(plan.model, sets, plan.parameters(sets), tuple(plan.measures), plan.waves)
-    return Batch(plan.model.finer(), plan.checked, plan.parameters(plan.checked), (), plan.waves)
+    model = plan.model.finer()
+    assert model is not None  # otherwise no sets are checked
+    return Batch(model, plan.checked, plan.parameters(plan.checked), (), plan.waves)
 
 
 def finer_differences(store: Store) -> dict[str, Array]:
     """The difference of beats (n,), by channel, from those with half the step and half the element length.
 
-    Relative L2 difference, of a pressure to its norm without the mean; empty if none of them could be simulated.
+    Relative L2 difference, of a pressure to its norm without the mean; empty without a comparison.
     """
+    if not store.plan.checked.size:
+        return {}
     fine = store.read("finer")
     coarse = store.read("waveforms")[store.plan.checked.tolist()]
     both = (fine[FAILED].is_null() & ~coarse[store.plan.waves[0]].is_null()).to_numpy()

@@ -73,9 +73,9 @@ class Store:
         results = pl.concat(
             [frame.select(SET), groups, numbers, frame.select(*plan.measures, FAILED)], how="horizontal"
         )
-        finer, waveforms = parquet(_table(self.part(CHECK))), parquet(frame.select(SET, *plan.waves))
-        files = {"finer.parquet": finer, "waveforms.parquet": waveforms, "sets.parquet": parquet(results)}
-        write_folder(self.folder, files)
+        finer = {"finer.parquet": parquet(_table(self.part(CHECK)))} if plan.checked.size else {}
+        waveforms = parquet(frame.select(SET, *plan.waves))
+        write_folder(self.folder, finer | {"waveforms.parquet": waveforms, "sets.parquet": parquet(results)})
         self.clear()
 
     def clear(self) -> None:
