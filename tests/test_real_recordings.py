@@ -39,8 +39,8 @@ def test_where_they_are_from() -> None:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_they_open_and_have_a_first_model(path: Path) -> None:
-    """75 beats a minute to 0.1 %; the model has the mean at the root to 0.1 % and its pulse to 7.2 %. The second pressure
-    rings: in two files a side branch rings, too, and leaves 2.3 and 2.4 mmHg, in one the tube leaves 4.1."""
+    """75 beats a minute to 0.1 %; the model has the mean at the root to 0.1 % and its pulse to 7.2 %. The second
+    pressure rings: in two files a side branch rings, too, and leaves 2.3 and 2.4 mmHg, in one the tube leaves 4.1."""
     beats = align(read_record(path, Reading(names=COLUMNS)))
     assert beats.T == pytest.approx(0.8, rel=1e-3) and beats.n_beats >= 11
     root, other = first_model(beats).shown
