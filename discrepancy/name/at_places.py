@@ -28,7 +28,7 @@ from solver.laws.effect import ALL_PLACES, CHANNEL
 
 from .. import thresholds as at
 from .individual_walls import implausible
-from .law_starts import TYPICAL, Base, Begun, along, fewest, nearest
+from .law_starts import Base, along, nearest
 from .scoring import Compared, exact, names_of, promised, there
 
 _ROUNDS = 3  # at most, of moves from the best hypothesis, while they find a better one
@@ -77,7 +77,7 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Te
     """Single laws of any place, refitted without the free sources of the map: one law may explain all of them."""
     every = {(t.label, len(t.unknowns)): t for some in laws for t in some}
     plain, walls = found.forced(problem, []), found.standing_out(())
-    chosen = fewest(nearest(plain, base(plain, walls), list(every.values()), runs))
+    chosen = nearest(plain, base(plain, walls), list(every.values()), runs)
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
@@ -94,7 +94,7 @@ def _beside(
     """The laws that may explain the record beside the sources of other places (their courses are those of the map),
     refitted; lowest cost first."""
     beside, walls = found.forced(problem, others), found.standing_out(others)
-    few = [[(b.term, b.x)] for b in fewest(nearest(beside, base(beside, walls), laws, runs))]
+    few = [[(b.term, b.x)] for b in nearest(beside, base(beside, walls), laws, runs)]
     fits = refitted(beside, walls, few, runs, explaining=True)
     if fits and not _explains(fits):  # the best one may explain it with other sizes in each segment, or at another part
         best = min(fits, key=lambda f: f.cost)
@@ -254,7 +254,7 @@ def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     plain, walls = found.forced(problem, []), replace(found, x=np.zeros(len(found.x)))
     laws = [t for t in result.terms if t.rewires or t in result.sought]
     wide = plain.granted(at.AFAR)
-    chosen = promising(wide, base(wide, walls), laws, np.inf, runs)
+    chosen = nearest(wide, base(wide, walls), laws, runs)
     return result.joined_by(refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)).polished(runs)
 
 
@@ -335,7 +335,7 @@ def _promising_beside(
     # a part of another segment may do what a part of one does
     anywhere = left or any(t.moves_along for t in best.terms)
     laws = [each for t in plain for each in along(problem, t)] if anywhere else plain
-    for begun in promising(problem, base, laws, most, runs):
+    for begun in nearest(problem, base, laws, runs, most):
         key = names_of((*rest, begun.term))
         if begun.left < known.get(key, np.inf) - at.RULED_OUT:
             members.setdefault((key, begun.term.moves_along), base.promised(problem, begun))
@@ -366,11 +366,3 @@ def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Run
             return None
         columns |= {unknowns[i].name: column for i, column in zip(missing, point.J.T, strict=True)}
     return Base(member, np.stack([columns[u.name] for u in unknowns], axis=1))
-
-
-def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], most: float, runs: Runs) -> list[Begun]:
-    """The laws with the lowest predicted cost, if below ``most``, each at its best size. The prediction is inaccurate
-    for strong effects, but ranks them among the first. One size screens all laws first; three times as many stay as are
-    refitted, because that is coarser."""
-    first = fewest(nearest(problem, base, laws, runs, TYPICAL, screening=True), most, 3 * at.FEW)
-    return fewest(nearest(problem, base, [b.term for b in first], runs), most) if first else []
