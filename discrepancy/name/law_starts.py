@@ -65,6 +65,10 @@ class Begun:
     left: float
 
 
+# by law: simulated starts, and the change (K+1, m) of the channels that each causes
+Responses = dict[tuple[str, int], list[tuple[Array, Array]]]
+
+
 def along(problem: NetworkProblem, term: Term, place: Place | None = None) -> list[Term]:
     """A law at its usual position and, if it can act on a part of a segment, with free position: started at that of the
     place, or at each of its starts. A part of a wall only if no place is given: mostly a whole wall differs."""
@@ -84,40 +88,57 @@ def along(problem: NetworkProblem, term: Term, place: Place | None = None) -> li
 
 
 def nearest(
-    problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, most: float = math.inf
-) -> list[Begun]:
+    problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, most: float = math.inf,
+    known: Responses | None = None,
+) -> list[Begun]:  # fmt: skip
     """The laws to refit (:func:`fewest`), at the size of lowest predicted cost, which must be below ``most``.
 
     A prediction is linear in the size and in the unknowns of the base, so one simulation of a law gives it, but it is
     inaccurate for strong effects. So the best laws, three times as many as are refitted, are simulated again at the
-    predicted size. problem : with the sources that act beside them.
+    predicted size. problem : with the sources that act beside them. known : responses to laws about other points, which
+    suffice for the first prediction; those to the other laws are added.
     """
-    first = _begun(problem, base, [(t, x) for t in laws for x in _starts(t)], runs)
-    there = {id(b.term) for b in first}
-    first += _begun(problem, base, [(t, x) for t in laws if id(t) not in there for x in _sizes(t, _SMALLER)], runs)
-    few = fewest(sorted(first, key=lambda b: b.left), most, 3 * at.FEW)
-    again = {id(b.term): b for b in _begun(problem, base, [(b.term, b.x) for b in few], runs)}
+    known = {} if known is None else known
+    new = [t for t in laws if key_of(t) not in known]
+    _simulated(problem, base, [(t, x) for t in new for x in _starts(t)], runs, known)
+    lost = [t for t in new if key_of(t) not in known]  # they have no beat at a typical size
+    _simulated(problem, base, [(t, x) for t in lost for x in _sizes(t, _SMALLER)], runs, known)
+    few = fewest(_predicted(problem, base, laws, runs, known), most, 3 * at.FEW)
+    there = _simulated(problem, base, [(b.term, b.x) for b in few], runs, {})
+    found = _predicted(problem, base, [b.term for b in few], runs, there)
     # a law that has no beat at the predicted size starts from the one that was simulated
-    second = [again.get(id(b.term), replace(b, x=b.tried)) for b in few]
-    return fewest(sorted(second, key=lambda b: b.left), most)
+    found += [replace(b, x=b.tried) for b in few if key_of(b.term) not in there]
+    return fewest(sorted(found, key=lambda b: b.left), most)
 
 
-def _begun(problem: NetworkProblem, base: Base, trials: Sequence[tuple[Term, Array]], runs: Runs) -> list[Begun]:
-    """Every law at its best predicted size, by simulations of starts; lowest predicted cost first."""
-    if not trials:
-        return []
+def key_of(term: Term) -> tuple[str, int]:
+    """The identity of a law; one with free position has more unknowns than the usual one."""
+    return term.label, len(term.unknowns)
+
+
+def _simulated(
+    problem: NetworkProblem, base: Base, trials: Sequence[tuple[Term, Array]], runs: Runs, known: Responses
+) -> Responses:
+    """``known`` with the responses to laws at some sizes; those without a beat have none."""
     members = [base.with_laws(problem, []), *(base.with_laws(problem, [each]) for each in trials)]
     near = [i if any(t.rewires for t in member.terms) else 0 for i, member in enumerate(members)]
-    none, *shown = problem.observe(members, runs, near)
+    none, *shown = problem.observe(members, runs, near) if trials else [None]
+    for (t, x), X in zip(trials, shown, strict=True):
+        if none is not None and X is not None:
+            known.setdefault(key_of(t), []).append((x, X - none))
+    return known
+
+
+def _predicted(problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, known: Responses) -> list[Begun]:
+    """Every law with a response at its best predicted size; lowest predicted cost first."""
+    (none,) = problem.observe([base.with_laws(problem, [])], runs) if laws else [None]
     if none is None:
         return []
-    z0, best = problem.residual(none), dict[int, Begun]()
-    for (t, x), X in zip(trials, shown, strict=True):
-        if X is not None:
-            begun = _promised(base, z0, problem.residual(X), t, x)
-            if id(t) not in best or begun.left < best[id(t)].left:
-                best[id(t)] = begun
-    return sorted(best.values(), key=lambda b: b.left)
+    z0, found = problem.residual(none), list[Begun]()
+    for t in (t for t in laws if key_of(t) in known):
+        each = [_promised(base, z0, problem.residual(none + dX), t, x) for x, dX in known[key_of(t)]]
+        found.append(min(each, key=lambda b: b.left))
+    return sorted(found, key=lambda b: b.left)
 
 
 def fewest(begun: Sequence[Begun], most: float = math.inf, n: int = at.FEW) -> list[Begun]:
