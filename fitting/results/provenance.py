@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from fmu_src import __version__
+from importlib.metadata import PackageNotFoundError, version
+
 from solver.tracing.native import NoEngine, library
 
 
 def software() -> str:
-    """Name and version of this package, "arterial-fmu 0.2.0"."""
-    return f"arterial-fmu {__version__}"
+    """Name and version of this package, "arterial-fmu 0.1.0"."""
+    try:
+        return f"arterial-fmu {version('arterial-fmu')}"
+    except PackageNotFoundError:
+        return "arterial-fmu (not installed)"
 
 
 def engine() -> str:
