@@ -65,7 +65,7 @@ FAULTS = (
           "return 1.0 * math.log(max(len(effects)", "comparing"),
     Fault("hypothesis: all explain", SCORING, "return self.misfit < (", "return self.misfit > (", "comparing"),
     Fault("verdict: a name needs nine tenths", VERDICT, "if named > 0.5 else", "if named > 0.9 else", "comparing"),
-    Fault("verdict: a class of one", VERDICT, "< at.RULED_OUT)", "< 0.0 * at.RULED_OUT)", "comparing"),
+    Fault("verdict: a class of one", VERDICT, "< at.RULED_OUT:", "< 0.0 * at.RULED_OUT:", "comparing"),
     Fault("verdict: a quarter of the gap closed for a half", VERDICT, "1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)",
           "1.0 - exact.fit.chi2 / none.fit.chi2", "comparing"),
     Fault("verdict: members of a pair not weighed alone", VERDICT, "for n in single[at.FEW :] if n.label in alone",

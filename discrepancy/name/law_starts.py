@@ -95,16 +95,18 @@ def nearest(
 
     A prediction is linear in the size and in the unknowns of the base, so one simulation of a law gives it, but it is
     inaccurate for strong effects. So the best laws, three times as many as are refitted, are simulated again at the
-    predicted size. problem : with the sources that act beside them. known : responses to laws about other points, which
-    suffice for the first prediction; those to the other laws are added.
+    predicted size, and start at the better of both predictions. problem : with the sources that act beside them.
+    known : responses to laws about other points, which suffice for the first prediction; those to the other laws are
+    added.
     """
     known = {} if known is None else known
     new = [t for t in laws if key_of(t) not in known]
-    _simulated(problem, base, [(t, x) for t in new for x in _starts(t)], runs, known)
-    lost = [t for t in new if key_of(t) not in known]  # they have no beat at a typical size
-    _simulated(problem, base, [(t, x) for t in lost for x in _sizes(t, _SMALLER)], runs, known)
+    here = _simulated(problem, base, [(t, x) for t in new for x in _starts(t)], runs, {})
+    lost = [t for t in new if key_of(t) not in here]  # they have no beat at a typical size
+    _simulated(problem, base, [(t, x) for t in lost for x in _sizes(t, _SMALLER)], runs, here)
+    known |= {key: list(responses) for key, responses in here.items()}
     few = fewest(_predicted(problem, base, laws, runs, known), most, 3 * at.FEW)
-    there = _simulated(problem, base, [(b.term, b.x) for b in few], runs, {})
+    there = _simulated(problem, base, [(b.term, b.x) for b in few], runs, here)
     found = _predicted(problem, base, [b.term for b in few], runs, there)
     # a law that has no beat at the predicted size starts from the one that was simulated
     found += [replace(b, x=b.tried) for b in few if key_of(b.term) not in there]
