@@ -38,7 +38,7 @@ def first_command(
     ] = None,
     path: Annotated[
         list[str] | None,
-        typer.Option(help='Sites along one path, repeatable: "Ao,CA"; default: one path, in the order of the delays.'),
+        typer.Option(help='Sites along a path, repeatable: "Ao,CA"; default: by the delays; side branches are found.'),
     ] = None,
     period: options.Period = None,
     beside: options.Beside = None,

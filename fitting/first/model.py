@@ -8,7 +8,8 @@ with c, R0 and Z at its middle for the last three: arteries narrow on their way 
 tube begins matched to the end of the one before. The storage of the tubes depends on times and Z_c alone. A Windkessel
 at each end has its share of the rest: R1 = Z at the end, R1 + R2 = R/s minus the friction of the tubes,
 C = s (C - Σ C_tube). From these estimates, lengths, walls, tapers and Windkessels are fitted to the mean beat
-(:mod:`fitting.first.fitted`).
+(:mod:`fitting.first.fitted`), with side branches on the way to the farthest site while the record is more probable
+with them.
 """
 
 from __future__ import annotations
