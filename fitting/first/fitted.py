@@ -126,8 +126,8 @@ class _Problem:
     ) -> None:
         nominal = network.parameters()
         kinds = {name: _kind(name) for name in nominal}
-        guessed = {f"{tube.name}.outlet.{KEYS[2]}" for branches in forks(tubes) for tube in branches}
-        own = [name for name, kind in kinds.items() if kind in ("L", *KEYS[:2]) or name in guessed]
+        divided = {f"{tube.name}.outlet.{KEYS[2]}" for branches in forks(tubes) for tube in branches}
+        own = [name for name, kind in kinds.items() if kind in ("L", *KEYS[:2]) or name in divided]
         common = [[n for n, k in kinds.items() if k == kind and n not in own] for kind in (*_PRIORS, TAPERED)]
         groups = [[name] for name in own if not (known and kinds[name] == "L")] + common
         self.groups = [group for group in groups if group]
