@@ -10,7 +10,7 @@ from forked import CHANNELS, NETWORK, SETTINGS, exact, record
 from test_calibrate import START, TRUTH, UNKNOWNS
 
 from fitting.calibrate.network_calibration import calibrate
-from fitting.inference.joint.calibration import MEANS
+from fitting.inference.joint.model_error import MEANS
 from fitting.inference.unknown_text import parse_unknowns
 from fitting.records.alignment.beats import Beats
 

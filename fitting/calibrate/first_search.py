@@ -18,7 +18,8 @@ from solver.errors import InputError
 from solver.simulate import BROKEN
 
 from ..inference.gauss_newton import Rules
-from ..inference.joint.calibration import Ended, Problem, minimum
+from ..inference.joint.calibration import Problem
+from ..inference.joint.model_error import Ended, minimum
 from ..inference.models.simulator import Simulator
 from ..inference.unknown import absent, starting_points
 from ..records.alignment.beats import Beats
@@ -48,7 +49,9 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Prob
     for i, x in enumerate(_starts(problem) if x0 is None else [x0]):
         try:
             weighted = weighted or problem.weighted(x, [first_error(*each) for each in problem.records])
-            ended[i] = minimum(weighted, weighted.at(x), replace(rules, gain=ROUGH) if ended else rules)
+            ended[i] = minimum(
+                weighted.whole, weighted.at(x), replace(rules, gain=ROUGH) if ended else rules, problem.runs
+            )
         except BROKEN as error:
             failure = failure or error
             weighted = weighted if ended else None

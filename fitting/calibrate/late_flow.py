@@ -18,7 +18,8 @@ from solver.quantities.units import INFLOW, MMHG
 
 from ..first.waves import late
 from ..inference.gauss_newton import Rules
-from ..inference.joint.calibration import Ended, Problem, minimum
+from ..inference.joint.calibration import Problem
+from ..inference.joint.model_error import Ended, minimum
 from ..records import thresholds as limit
 from ..records.channels.inflow import flowed
 
@@ -41,7 +42,7 @@ def late_flow(problem: Problem, ended: Ended, rules: Rules) -> list[str]:
         (b, s.delayed(n.with_terms(term), delay)) for (b, s), n in zip(problem.records, networks, strict=True)
     )
     moved = replace(problem, records=records).weighted(ended.fit.x, [part.error for part in problem.parts])
-    after, _ = _left(moved, minimum(moved, moved.at(ended.fit.x), rules), root)
+    after, _ = _left(moved, minimum(moved.whole, moved.at(ended.fit.x), rules, moved.runs), root)
     if after > limit.LATE_CLOSES * before:
         return []
     side, other = ("late", "a meter with a low-pass") if delay > 0.0 else ("early", "a damped catheter")

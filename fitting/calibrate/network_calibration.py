@@ -29,17 +29,9 @@ from solver.quantities.units import INFLOW, of_signal
 from ..inference.fit import Fit
 from ..inference.gauss_newton import Rules
 from ..inference.intervals.identify import Determined, sentences
-from ..inference.joint.calibration import (
-    CHANCE,
-    DERIVATIVE_ERROR,
-    Ended,
-    Problem,
-    granted,
-    minimum,
-    recorded,
-    widening,
-)
+from ..inference.joint.calibration import DERIVATIVE_ERROR, Problem, recorded, widening
 from ..inference.joint.joint_record import Several
+from ..inference.joint.model_error import CHANCE, Ended, granted, minimum
 from ..inference.models.simulator import Simulator
 from ..inference.runs import Meter, Runs
 from ..inference.unknown import Unknown, bounds, parameter_intervals, parameter_values
@@ -111,7 +103,7 @@ def calibrate(
     first, near = _cut(first, near)
     last, unmeasured = _weighted(first, near.fit)
     rules = rules if near.errors.any() else replace(rules, gain=_SETTLED)
-    best = minimum(last, last.whole.restated([near.fit], first.whole)[0], rules)
+    best = minimum(last.whole, last.whole.restated([near.fit], first.whole)[0], rules, last.runs)
     said = [*said, *unmeasured, *late_flow(last, best, replace(rules, gain=ROUGH))]
     if progress:
         progress(1.0, "done")
@@ -270,7 +262,7 @@ def _known(problem: Problem, best: Ended, ratio: float) -> Determined:
     """The parameters that the data determine, with the model error; ratio : χ²/dof without it."""
     if not best.errors.any():
         return problem.determined(best.fit.J, max(1.0, ratio))
-    wide = granted(problem, best.errors)
+    wide = replace(problem, whole=granted(problem.whole, best.errors))
     (fit,) = wide.whole.restated([best.fit], problem.whole)
     return wide.determined(fit.J, widening(wide, fit.z, wide.determined(fit.J).effective))
 
