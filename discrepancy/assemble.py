@@ -18,6 +18,7 @@ from fitting.records.read.record import Record
 from fitting.records.read.sensors import UnusableRecord
 from fitting.results.provenance import engine, software
 from solver.network.description import Network
+from solver.quantities.legible import number
 from solver.quantities.units import INFLOW
 
 from . import thresholds
@@ -240,7 +241,11 @@ def sentence(
     if naming.verdict == "none":
         what = "Nothing that this record would show is missing" if invisible else "Nothing is missing"
         what = "Nothing is missing that held-out beats show" if naming.reason else what
-        said = f"{what}: the model fits the record, with a gap to held-out beats of {left(before)}."
+        within = (
+            f" to {number(100.0 * naming.accuracy)} % of its pulsation at each harmonic, as well as a first model can"
+        )
+        fits = f"the model fits the record{within if naming.accuracy else ''}"
+        said = f"{what}: {fits}, with a gap to held-out beats of {left(before)}."
         said += f" Too small to show at typical size: {', '.join(map(plain, invisible))}." if invisible else ""
     elif naming.adds and after:
         said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}", kind)
@@ -275,7 +280,10 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str, kind: str
     each = "pair" if naming.verdict == "several" else "candidate"
     rest = f"{others} other {each}{'s' if others > 1 else ''} cannot be ruled out"
     lacks, tail = "The model lacks", ""
+    loosely = f"{'both' if len(effects) > 1 else 'it'} may stand for {stands_for(kind)} that the model lacks"
     match naming.verdict:
+        case _ if naming.accuracy and naming.verdict != "partial" and not sensors:
+            lacks, tail = "Something acts like", f", and {loosely}" + (f"; {rest}" if others else "")
         case "effect" if sensors:
             return f"The sensor is at fault, not the arteries: {labels}; with it {gap}."
         case "several" if others:
@@ -286,8 +294,7 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str, kind: str
             lacks, tail = "The model lacks something like", f", but {rest}"
         case "partial":
             lacks = _ONE_SITE if naming.of_one_site else "Something acts like"
-            other = f"{'both' if len(effects) > 1 else 'it'} may stand for {stands_for(kind)} that the model lacks"
-            other = "" if naming.of_one_site else f", and {other}"
+            other = "" if naming.of_one_site else f", and {loosely}"
             tail = f", but more than noise remains{other}" + (f"; {rest}" if others else "")
     return f"{lacks} {labels}: with {'both' if len(effects) > 1 else 'it'} {gap}{tail}."
 

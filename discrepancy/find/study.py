@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from fitting.first.spread import accuracy
 from fitting.inference.forward import Single
 from fitting.inference.hypothesis import Term, candidates
 from fitting.inference.models.bench import bench
@@ -76,7 +77,7 @@ def prepare(
     try:
         fitted, kept, warnings = parts(align(record, period))
         if INFLOW in record.channels:
-            whole = network_problem(fitted, network, channels(record, network), runs, prior)
+            whole = network_problem(fitted, network, channels(record, network), runs, prior, accuracy(network))
             problem: Single = whole
             warnings += seam_said(fitted, whole.signals, whole.felt)
         else:

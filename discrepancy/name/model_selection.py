@@ -17,6 +17,7 @@ effect is worth its prior odds, it is unknown.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 
@@ -24,20 +25,20 @@ import numpy as np
 
 from fitting.calibrate.first_search import FAR
 from fitting.inference.extended_network import extended
-from fitting.inference.fit import Fit, Member
+from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.hypothesis import Term, followers, joins
 from fitting.inference.model_discrepancy import Beside
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
-from fitting.inference.runs import Runs
+from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.source_maps.beside import found_beside, map_beside, without_errors
-from fitting.inference.source_maps.source_map import LEVELS, SourceMap, source_map
-from fitting.inference.unknown import Unknown, absent
+from fitting.inference.source_maps.source_map import SourceMap, source_map
 from solver.errors import InputError
 
 from .. import thresholds as at
 from ..options import COMMON
+from .approximate import approximated, from_afar, of_first
 from .at_places import named_at
 from .individual_walls import set_apart
 from .intervals import profiled
@@ -58,18 +59,32 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     runs = runs or Runs()
     whole, terms = problem if walls == COMMON else problem.individual(), tuple(terms)
     found = None
+    if isinstance(whole, NetworkProblem) and whole.accuracy:
+        return _of_first(whole, terms, runs)
     if isinstance(whole, NetworkProblem):
         found = source_map(whole, runs.part(_MAPPED))
         search = named_at(whole.at((), found.unknowns, found.x), found, terms, runs)
     else:
         search = _of_bench(whole, terms, runs)
     known, complete = last_of(_with_what_stands_out(search, runs))
-    near = nearest(known, replace(runs, deadline=None))
-    if near is not None:
+    unlimited, near, approximate = replace(runs, deadline=None), None, list[Named]()
+    if not known.best.explains and isinstance(whole, NetworkProblem):
+        known, approximate = approximated(known, unlimited)
+    elif (near := nearest(known, unlimited)) is not None:
         known, ended = last_of(compared_with(known, near, runs))
         near, complete = known.none.fit, complete and ended
-    naming = decided(known, terms, _freed(known, found, runs), complete)
+    naming = decided(known, terms, _freed(known, found, runs), complete, approximate)
     return replace(profiled(naming, runs), map=found, nearest=near)
+
+
+def _of_first(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> Naming:
+    """The verdict on a first model. The source map only shows where something acts that no law explains."""
+    known, approximate = of_first(problem, terms, replace(runs, deadline=None))
+    naming, found = decided(known, terms, lambda n: None, approximate=approximate), None
+    if naming.verdict in ("partial", "unknown"):
+        with suppress(OutOfTime):
+            found = source_map(problem, runs.part(_MAPPED))
+    return replace(profiled(naming, runs), map=found)
 
 
 def _freed(found: Compared, where: SourceMap | None, runs: Runs) -> Callable[[Named], Beside | None]:
@@ -114,24 +129,8 @@ def nearest(found: Compared, runs: Runs) -> Fit | None:
     (X,) = problem.observe([none.fit.member], runs)
     if X is not None and np.sqrt(np.mean(problem.left_of_pulsation(problem.residual(X)) ** 2)) <= FAR:
         return None
-    fits = there([*problem.refine([none.fit], runs), from_afar(problem, none.fit.unknowns, runs)])
+    fits = there(problem.refine([none.fit, *there([from_afar(problem, none.fit.unknowns, runs)])], runs))
     return min(fits, key=lambda f: f.cost, default=None)
-
-
-def from_afar(problem: NetworkProblem, unknowns: tuple[Unknown, ...], runs: Runs) -> Fit | None:
-    """The model without effect, fitted from the network's own values; None if these cannot be simulated.
-
-    With the noise alone, a model that is wrong by many times the noise has many minima, and a search ends in the one
-    near its start. A model error that is equal at all harmonics gives weight to the large ones, and it shrinks in
-    steps: the search first minimises the residual in the units of the channels, and at last in units of the noise.
-    """
-    member, found = Member((), unknowns, absent(unknowns)), None
-    for level in LEVELS[1:]:
-        (found,) = problem.granted(level, alike=True).searched_from([member], runs)
-        if found is None:
-            return None
-        member = found.member
-    return found
 
 
 def compared_with(found: Compared, near: Fit, runs: Runs) -> Iterator[Compared]:

@@ -140,10 +140,8 @@ def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
     return Named(fit, score, misfit(fit, problem.dof_of_noise), shown=problem.shows(fit))
 
 
-def with_errors(exact: Named, beside: Beside | None) -> Named | None:
-    """The same hypothesis with model discrepancy; None if there is none."""
-    if beside is None:
-        return None
+def with_errors(exact: Named, beside: Beside) -> Named:
+    """The same hypothesis with model discrepancy."""
     gained = hierarchy.score(beside.fit) - hierarchy.score(exact.fit)
     score = exact.score + gained + at.ELSE + beside.cost
     return replace(exact, fit=beside.fit, score=score, errors=beside.errors, places=beside.places)

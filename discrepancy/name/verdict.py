@@ -68,24 +68,35 @@ class Naming:
         return _of_one_site(self.best, self.problem.network)
 
     @property
+    def accuracy(self) -> float:
+        """The stated error of the model at every harmonic, as a fraction of a channel's pulsation."""
+        return self.problem.first.accuracy
+
+    @property
     def walls(self) -> str:
         """The kind of walls: common to all arteries, or individual deviations."""
         return "individual" if self.base.individual else "common"
 
 
-def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True) -> Naming:
-    """The verdict on all that were compared. beside : returns a hypothesis with model discrepancy."""
-    made = _decided(found, tuple(terms), beside)
-    surest = at.SUREST["partial" if made.verdict == "partial" else found.problem.kind] if made.members else 1.0
+def decided(
+    found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True, approximate: Sequence[Named] = ()
+) -> Naming:
+    """The verdict on all that were compared. beside : returns a hypothesis with model discrepancy. approximate :
+    hypotheses with a model error of the channels (:mod:`discrepancy.name.approximate`)."""
+    made = _decided(found, tuple(terms), beside, approximate)
+    # an effect in a network that is approximate by construction may stand for what that lacks, as a partial one may
+    loose = made.verdict == "partial" or made.accuracy > 0.0
+    surest = at.SUREST["partial" if loose else found.problem.kind] if made.members else 1.0
     most = surest if complete else at.INCOMPLETE
     return replace(made, confidence=min(made.confidence, most), complete=complete)
 
 
-def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
+def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximate: Sequence[Named]) -> Naming:
     problem, none = found.problem, found.none
     exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
-    loose = [with_errors(n, beside(n)) for n in _held_loosely(found, exact)]
-    ways = ranked([*exact, *(n for n in loose if n is not None and not _by_a_law(n, exact))])
+    held = ((n, beside(n)) for n in _held_loosely(found, exact))
+    loose = [with_errors(n, errors) for n, errors in held if errors is not None]
+    ways = ranked([*exact, *(n for n in loose if not _by_a_law(n, exact)), *approximate])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
     if none.explains:
         ways = _with_aliases(ways)
@@ -102,7 +113,7 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
         return replace(unknown, reason=_acting(best.places) if best.places else _left(none.fit, problem))
     confidence = sum(n.probability for n in ways if n.laws == best.laws)
     if best.errors is not None:
-        return _partial(replace(unknown, confidence=confidence), found, ways)
+        return _partial(replace(unknown, confidence=confidence), found, ways, approximate)
     same = tuple(n for n in ways if n.errors is None and n.fit.terms)
     rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
     order = apart([*same, *rest])
@@ -184,7 +195,7 @@ def _of_one_site(best: Named, network: Network) -> bool:
     return len(sites) == 2 and len({"inlet" if site in inlet else site for site in sites}) == 1
 
 
-def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
+def _partial(unknown: Naming, found: Compared, ways: Sequence[Named], approximate: Sequence[Named]) -> Naming:
     """The verdict if an effect explains only a part of the gap; unknown if that is less than PART_CLOSED. unknown : the
     verdict in the latter case, with the confidence of the best name."""
     problem, none, best = found.problem, found.none, next(n for n in ways if n.fit.terms)
@@ -195,9 +206,12 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named]) -> Naming:
         reason = f"{label_text(nearest.label)} comes nearest, but more remains: {_left(nearest.fit, problem)}"
         return replace(unknown, confidence=1.0 - unknown.confidence, reason=reason)
     assert best.errors is not None
-    wide = problem.widened(best.errors)
+    own = {n.key: n.errors for n in approximate if n.errors is not None}
+    wide = problem.widened(own.get(best.key, best.errors))
     held = [none, exact, *(n for n in found.ranked if n is not exact)]
-    fits = [settled(f) for f in wide.restated([n.fit for n in held], problem)]
+    fits = wide.restated([n.fit for n in held], problem)
+    # what was fitted with its own error stays there: the error of the best is too small for it
+    fits = [f if n.key in own else settled(f) for n, f in zip(held, fits, strict=True)]
     none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(held, fits, strict=True))
     chance = {n.key: n.probability for n in ways if n.errors is not None}
     order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in apart([first, *ranked(rest)]))

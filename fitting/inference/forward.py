@@ -159,10 +159,12 @@ class Forward(Protocol):
 class Single(Forward, Protocol):
     """A single recording with the model for comparison, and the FMU that stands for the model.
 
-    K : the highest harmonic that is compared.
+    K : the highest harmonic that is compared. accuracy : the stated error of the model at every harmonic, as a fraction
+    of a channel's pulsation.
     """
 
     K: int
+    accuracy: float = 0.0
 
     @property
     def first(self) -> Single:

@@ -61,7 +61,8 @@ _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller solver erro
 class NetworkProblem(Single):
     """A network record with the network for comparison.
 
-    error : (K+1, m) standard deviation of the solver's errors. exact : target without model error, if there is any, and
+    error : (K+1, m) standard deviation of the errors of solver and network. accuracy : of the network, its stated error
+    at every harmonic as a fraction of a channel's pulsation. exact : target without model error, if there is any, and
     model_error : its covariance (K+1, m, m). More beats reduce neither. response : (K+1, m) of the channels to the
     inflow. felt : that of the network without effects to beats that differ. deviations : unknowns of individual
     arteries; empty for common walls. possible : those that may be used. step : finite difference step of x.
@@ -81,17 +82,19 @@ class NetworkProblem(Single):
     deviations: tuple[Unknown, ...] = ()
     possible: tuple[Unknown, ...] = ()
     step: float = _STEP
+    accuracy: float = 0.0
 
     rules, fine = _RULES, _FINE
 
     @classmethod
     def of(
         cls, beats: Beats, simulator: Simulator, member: Member, error: Array, possible: tuple[Unknown, ...] = (),
-        step: float = _STEP,
+        step: float = _STEP, accuracy: float = 0.0,
     ) -> NetworkProblem:  # fmt: skip
-        """The problem of a record weighted at a member. error : (K+1, m) standard deviation of the solver's errors."""
+        """The problem of a record weighted at a member. error : (K+1, m) standard deviation of the solver's."""
+        error = np.hypot(error, accuracy * pulses(beats, simulator.names))
         own, response, felt = _weights(beats, simulator, member, error)
-        return cls(beats, simulator, own, error, response, felt, possible=possible, step=step)
+        return cls(beats, simulator, own, error, response, felt, possible=possible, step=step, accuracy=accuracy)
 
     @property
     def network(self) -> Network:  # type: ignore[override]
@@ -120,8 +123,7 @@ class NetworkProblem(Single):
         return order, np.tile(np.arange(m), 2 * K + 1)
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
-        finer = about_common if self.deviations else refined
-        return finer(self.network, term, sizes_of(fit, term))
+        return (about_common if self.deviations else refined)(self.network, term, sizes_of(fit, term))
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         drive = inflow(beats, self.simulator.settings.dt, self.network)
@@ -133,8 +135,7 @@ class NetworkProblem(Single):
         return found if self.exact is None else replace(found, exact=None).widened(self.model_error)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
-        X = self.observe([f.member for f in fits])
-        z = [None if x is None else self.residual(x) for x in X]
+        z = [None if X is None else self.residual(X) for X in self.observe([f.member for f in fits])]
         return [(np.nan, 1.0) if r is None else (float(r @ r), float(len(r))) for r in z]
 
     def without_each(self, fit: Fit) -> list[Rest]:
@@ -164,8 +165,8 @@ class NetworkProblem(Single):
         return np.fft.irfft(full, beats.N, norm="forward")
 
     def answer(self, wave: Array, fit: Fit) -> Array | None:
-        drive = shown(fit.member, wave, self.simulator.T)
-        return replace(self, simulator=replace(self.simulator, drive=drive)).observe([fit.member])[0]
+        driven = replace(self.simulator, drive=shown(fit.member, wave, self.simulator.T))
+        return replace(self, simulator=driven).observe([fit.member])[0]
 
     def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
         return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
@@ -203,8 +204,8 @@ class NetworkProblem(Single):
         """
         each = [zeros_apart(member, self.signals) for member in members]
         (found,) = simulated([(self.simulator, [member for member, _ in each])], runs or Runs(), near)
-        pairs = zip(found, (zeros for _, zeros in each), strict=True)
-        return [X if X is None or zeros is None else X + np.eye(len(X), 1) * zeros for X, zeros in pairs]
+        pairs = zip(found, each, strict=True)
+        return [X if X is None or zeros is None else X + np.eye(len(X), 1) * zeros for X, (_, zeros) in pairs]
 
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""
@@ -304,18 +305,19 @@ class NetworkProblem(Single):
         quadratic viscosity near its turning point, the problem stays unchanged.
         """
         member, problem, runs = fit.member, self, runs or Runs()
+        stated = self.accuracy * pulses(self.beats, self.signals)
         for _ in range(_SHARPER):
             finer = replace(problem, simulator=problem.simulator.finer())
             (X,), (X_finer,) = simulated([(p.simulator, [member]) for p in (problem, finer)], runs)
             if X is None or X_finer is None:
                 return self
             error = solver_error(X, X_finer, pulses(self.beats, self.signals))
-            own = np.einsum("kii->ki", self.target.covariance).real - self.error**2
+            own = np.einsum("kii->ki", self.target.covariance).real - self.error**2 + stated**2
             weight = np.where(np.arange(len(own)) == 0, 0.5, 1.0)[:, None]
             if np.sum(weight * error**2 / own) < _NEGLIGIBLE * weight.sum() * own.shape[1]:
                 break
             problem = finer
-        return problem._weighted(fit.member, error)
+        return problem._weighted(fit.member, np.hypot(error, stated))
 
     # --- errors of the model --------------------------------------------------------------------------------------
 
@@ -326,8 +328,8 @@ class NetworkProblem(Single):
         for all harmonics, or (K+1,).
         """
         size = pulses(self.beats, self.signals) if alike else sizes(self.target.X)
-        variance = np.broadcast_to((np.reshape(part, (-1, 1)) * size) ** 2, self.target.X.shape)
-        return self.widened(variance[..., None] * np.eye(len(self.signals))) if np.any(part) else self
+        variance = np.broadcast_to((np.reshape(part, (-1, 1)) * size) ** 2, self.target.X.shape)[..., None]
+        return self.widened(variance * np.eye(len(self.signals))) if np.any(part) else self
 
     def widened(self, errors: Array | float) -> Self:
         """The problem with model errors of covariance (K+1, m, m) added to the covariance of the channels."""
@@ -384,7 +386,7 @@ def _weights(
     beats: Beats, simulator: Simulator, member: Member, error: Array, known: Felt | None = None
 ) -> tuple[Target, Array, Felt | None]:
     """The weighted data of a record, the response (K+1, m) to the inflow's noise, and that to beats that differ, at a
-    member. error : (K+1, m) of the solver. known : the last response to beats that differ, kept whole for a member
+    member. error : (K+1, m) of the model. known : the last response to beats that differ, kept whole for a member
     with effects (else its seam). How much of the changes is noise of the meter does not depend on the effect that is
     tested: if one that the mean pressure refutes called them noise, no hypothesis would have to fit the mean.
     """

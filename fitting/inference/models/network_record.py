@@ -29,9 +29,10 @@ _REPEATS = 3.0  # times the tolerance of the steps: accepted difference of beats
 
 def network_problem(
     beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None,
-    prior: Calibrated | None = None,
+    prior: Calibrated | None = None, accuracy: float = 0.0,
 ) -> NetworkProblem:  # fmt: skip
-    """The problem of a record with inlet.Q and some outputs of the network. prior : from a calibration.
+    """The problem of a record with inlet.Q and some outputs of the network. prior : from a calibration. accuracy : the
+    stated error of the network at every harmonic, as a fraction of a channel's pulsation.
 
     Raises ValueError if they do not match, or if the network breaks down with this inflow.
     """
@@ -53,4 +54,5 @@ def network_problem(
             f"carry; check the unit of its column, or the network."
         ) from why
     error = solver_error(X, started(simulator.finer(), runs)[1], pulses(beats, chosen))
-    return NetworkProblem.of(beats, simulator, Member((), (), np.zeros(0)), error, possible(network, prior))
+    return NetworkProblem.of(beats, simulator, Member((), (), np.zeros(0)), error, possible(network, prior),
+                             accuracy=accuracy)  # fmt: skip
