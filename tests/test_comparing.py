@@ -72,7 +72,7 @@ def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
     gap = Gap((9.0, 9.0), {})
 
     def said(*effects: tuple[str, str]) -> str:
-        best, problem = pair(*effects), SimpleNamespace(network=NETWORK)
+        best, problem = pair(*effects), SimpleNamespace(network=NETWORK, accuracy=0.0)
         members = (best, *[pair(LAG, GAIN)] * others)
         naming = Naming(verdict, problem, best, (best,), members, {}, (), 0.9, "RMS 3")  # type: ignore[arg-type]
         return sentence(naming, tuple(NamedEffect(e, (place,), {}, 0.9) for e, place in effects), gap, gap)
@@ -88,7 +88,7 @@ def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
 @pytest.mark.parametrize(("kind", "other"), [("network", "branches or other physics"), ("bench", "other physics")])
 def test_a_part_is_not_said_to_be_what_the_model_lacks(kind: str, other: str) -> None:
     """While more than noise remains, the effect itself may stand for something else; of one that explains all, no."""
-    gap, best, problem = Gap((9.0, 9.0), {}), pair(WALL), SimpleNamespace(network=NETWORK)
+    gap, best, problem = Gap((9.0, 9.0), {}), pair(WALL), SimpleNamespace(network=NETWORK, accuracy=0.0)
 
     def said(verdict: str) -> str:
         naming = Naming(verdict, problem, best, (best,), (best,), {}, (), 0.6, "RMS 3")  # type: ignore[arg-type]
@@ -122,7 +122,7 @@ def test_walls_that_may_be_bent(verdict: str, complete: bool, deviation: float, 
 class Lawless:
     """A bench on which no wall law holds where the hypotheses ended: no error of it can be estimated."""
 
-    kind, site, signals, network = "bench", "A", ("A.P", "A.R"), NETWORK
+    kind, site, signals, network, accuracy = "bench", "A", ("A.P", "A.R"), NETWORK, 0.0
 
 
 def test_nothing_explains_the_record_and_no_error_can_be_estimated() -> None:
@@ -183,7 +183,7 @@ def test_less_than_half_of_the_gap_is_no_part() -> None:
     none, wall = pair(), pair(WALL)
     wall = replace(wall, fit=replace(wall.fit, z=0.6 * none.fit.z))
     unknown = Naming("unknown", problem, none, (wall,), (), {}, (), 0.3)
-    naming = _partial(unknown, Compared(problem, none, (wall,), {}, ()), (replace(wall, errors=np.ones(1)),))
+    naming = _partial(unknown, Compared(problem, none, (wall,), {}, ()), (replace(wall, errors=np.ones(1)),), ())
     assert (naming.verdict, naming.confidence) == ("unknown", 0.7)
     assert naming.reason is not None and "comes nearest, but more remains: whitened RMS 0.6" in naming.reason
 

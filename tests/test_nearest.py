@@ -10,7 +10,8 @@ import pytest
 from forked import CHANNELS, NETWORK, exact, record
 
 from discrepancy.find.study import prepare
-from discrepancy.name.model_selection import compared_with, from_afar, nearest
+from discrepancy.name.approximate import from_afar
+from discrepancy.name.model_selection import compared_with, nearest
 from discrepancy.name.scoring import Compared
 from fitting.calibrate.network_calibration import calibrate
 from fitting.first.model import first_model

@@ -70,7 +70,7 @@ class Naming:
     @property
     def accuracy(self) -> float:
         """The stated error of the model at every harmonic, as a fraction of a channel's pulsation."""
-        return self.problem.first.accuracy
+        return self.problem.accuracy
 
     @property
     def walls(self) -> str:

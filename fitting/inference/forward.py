@@ -45,13 +45,15 @@ class Drive:
 class Forward(Protocol):
     """A record with the model for comparison.
 
-    kind : "bench" or "network", the word of reports. site : the artery of a bench. signals : the compared channels. The
-    methods with a body here are the defaults of an exact model with one weighting.
+    kind : "bench" or "network", the word of reports. site : the artery of a bench. signals : the compared channels.
+    accuracy : the stated error of the model at every harmonic, as a fraction of a channel's pulsation. The methods with
+    a body here are the defaults of an exact model with one weighting.
     """
 
     network: Network
     site: str | None
     signals: tuple[str, ...]
+    accuracy: float = 0.0
 
     @property
     def kind(self) -> str:
@@ -159,12 +161,10 @@ class Forward(Protocol):
 class Single(Forward, Protocol):
     """A single recording with the model for comparison, and the FMU that stands for the model.
 
-    K : the highest harmonic that is compared. accuracy : the stated error of the model at every harmonic, as a fraction
-    of a channel's pulsation.
+    K : the highest harmonic that is compared.
     """
 
     K: int
-    accuracy: float = 0.0
 
     @property
     def first(self) -> Single:

@@ -72,6 +72,10 @@ class Several(Forward):
         )
 
     @property
+    def accuracy(self) -> float:  # type: ignore[override]
+        return self.first.accuracy
+
+    @property
     def dof_of_noise(self) -> float:
         return sum(part.dof_of_noise for part in self.parts)
 
