@@ -35,10 +35,10 @@ hypothesis.settings.load_profile("seeded")
 
 # the files that take longest: first, so that at the end no core waits for another
 LONGEST = (
-    "install", "learned_law", "readme", "toy", "examples", "site", "muscl", "nested_evidence", "regression",
-    "source_map", "hidden_bank", "ports", "discrepancy_bench", "discrepancy_several", "native_fmu_hosts",
+    "install", "learned_law", "snippets_of_recordings", "examples", "readme", "toy", "site", "muscl", "nested_evidence",
+    "regression", "source_map", "hidden_bank", "ports", "discrepancy_bench", "discrepancy_several", "native_fmu_hosts",
     "discrepancy_partial", "hidden_animals", "naming_off_centre",
-    "snippets_of_fitting", "snippets_of_discrepancy", "snippets_of_recordings",
+    "snippets_of_fitting", "snippets_of_discrepancy",
     "cohort", "study", "native_fmu", "closed_loop", "filters", "profile", "notebooks", "native_balance",
     "discrepancy_walls", "discrepancy_workflow", "check_kinds", "cosimulation", "check", "fmu", "client_pythons",
 )  # fmt: skip

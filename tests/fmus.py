@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import inspect
 import os
 import pickle
 import subprocess
@@ -44,14 +45,21 @@ class Store:
         self._folder = folder
         self._found: dict[str, Path] = {}
 
-    def __call__(self, build: Callable[..., Path], *given: Any, **options: Any) -> Path:
-        """The file that ``build(*given, out=..., **options)`` makes, of the first process that asks for it."""
-        key = hashlib.sha256(pickle.dumps((build.__name__, given, options))).hexdigest()[:20]
+    def __call__(self, build: Callable[..., Path], network: Network, **options: Any) -> Path:
+        """The file that ``build(network, out=..., **options)`` makes, of the first process that asks for it.
+
+        Options equal to their defaults are left out: one FMU, however its build is written.
+        """
+        defaults = {name: p.default for name, p in inspect.signature(build).parameters.items()}
+        options = {name: value for name, value in sorted(options.items()) if value != defaults[name]}
+        if options.get("settings") == Settings():
+            del options["settings"]
+        key = hashlib.sha256(pickle.dumps((build.__name__, network, options))).hexdigest()[:20]
         if key not in self._found:
             place = self._folder / key
             if not place.is_dir():
                 aside = self._folder / f"{key}.{os.getpid()}"
-                build(*given, out=aside, **options)
+                build(network, out=aside, **options)
                 with contextlib.suppress(OSError):  # another process was faster
                     aside.rename(place)
             (self._found[key],) = place.iterdir()

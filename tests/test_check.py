@@ -25,6 +25,7 @@ from fitting.check.agreement import Waveform, compare_loops
 from fitting.check.fmu_check import CheckReport, check
 from fitting.check.fmu_run import RunFailed, _in_phase, fourier
 from fitting.inference.models.bench_network import bench_network
+from fitting.pages import check_page
 from fitting.pages.check_page import page, write_check
 from fitting.records.read.record import Record
 from fitting.results.parameter_set import ParameterSet, Value, read_set
@@ -85,14 +86,12 @@ def quiet(tmp_path_factory: pytest.TempPathFactory, truth: dict[str, Array]) -> 
 # --- networks -----------------------------------------------------------------------------------------------------
 
 
-def test_agrees_without_noise(
-    fmus: dict[str, Path], table1: ParameterSet, truth: dict[str, Array], quiet: Record
-) -> None:
+def test_agrees_without_noise(fmu: Path, table1: ParameterSet, truth: dict[str, Array], quiet: Record) -> None:
     """The solver's own beat: 3e-4 of the pulse at the sites, 1.5e-3 at the inlet; no noise, so nothing is whitened.
 
     What is left is the FMU's inflow, linear between its steps of 2 ms; the solver takes the true one at its stages.
     """
-    report = check(table1, fmus["coarse sheep"], quiet)
+    report = check(table1, fmu, quiet)
     assert [c.name for c in report.channels] == [name for name in truth if name != "inlet.Q"]
     assert all(c.largest <= (1.7e-3 if c.name == "inlet.P" else 3.5e-4) for c in report.channels)
     assert max(abs(loop.simulated / loop.measured - 1.0) for loop in report.loops) <= 5e-4
@@ -273,8 +272,10 @@ def test_page_escapes(report: CheckReport) -> None:
     assert "&lt;script&gt;" in text
 
 
-def test_report_is_not_written(tmp_path: Path, report: CheckReport) -> None:
-    """A file where the directory should be: one sentence with its path and what to do."""
+def test_report_is_not_written(tmp_path: Path, report: CheckReport, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file where the directory should be: one sentence with its path and what to do. Figures are not drawn here."""
+    monkeypatch.setattr(check_page, "figures", lambda report: {})
+    monkeypatch.setattr(check_page, "page", lambda report, drawings: "")
     (tmp_path / "taken").write_text("")
     with pytest.raises(ValueError, match=r"taken: is a file, not a folder; give another folder\."):
         write_check(report, tmp_path / "taken")

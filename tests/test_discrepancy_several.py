@@ -200,6 +200,7 @@ def test_time_that_is_over_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- the second state -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_state_that_separates() -> None:
     """Of a bent wall and a springpot another pressure makes more than another rate, and recorded it does."""
     _, (one, _), found = named(BENT, 2)

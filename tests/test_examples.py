@@ -83,6 +83,7 @@ def harmonics(demo: Outcome) -> dict[int, tuple[float, float, float]]:
     return {int(k): (float(frequency), float(before), float(after)) for k, frequency, before, after, _ in found}
 
 
+@pytest.mark.slow
 def test_demo_files(demo: Outcome) -> None:
     """The FMU and both figures exist, are whole, and are named in the output; nothing else is left."""
     assert {path.name for path in demo.out.iterdir()} == {"sheep.fmu", "sheep.png", "sheep.svg"}
@@ -95,6 +96,7 @@ def test_demo_files(demo: Outcome) -> None:
         assert str(path) in demo.output
 
 
+@pytest.mark.slow
 def test_demo_reaches_its_stop_time(demo: Outcome) -> None:
     """Both runs reach 6 beats of 0.5 s, and their last beat repeats the one before to the 2e-6 that 5 beats give."""
     found = re.findall(r"^(\w+) walls: reached (\S+) s .* repeats to (\S+)$", demo.output, flags=re.MULTILINE)
@@ -102,6 +104,7 @@ def test_demo_reaches_its_stop_time(demo: Outcome) -> None:
     assert all(float(change) < 2e-6 for _, _, change in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("walls", "column", "tolerance"), [("elastic", 1, 5e-4), ("viscoelastic", 2, 3e-5)])
 def test_demo_peaks(demo: Outcome, walls: str, column: int, tolerance: float) -> None:
     """The peaks of the FMU at its default settings; measured: 2.5e-4 elastic, 1.7e-5 viscoelastic."""
@@ -109,6 +112,7 @@ def test_demo_peaks(demo: Outcome, walls: str, column: int, tolerance: float) ->
     assert printed == pytest.approx({name: peaks[column - 1] for name, peaks in PEAKS.items()}, rel=tolerance)
 
 
+@pytest.mark.slow
 def test_demo_low_harmonics_are_raised(harmonics: dict[int, tuple[float, float, float]]) -> None:
     """Wall viscosity raises low harmonics here: k = 2 by a factor of 1.31 (measured 1.314)."""
     frequency, before, after = harmonics[2]
@@ -116,6 +120,7 @@ def test_demo_low_harmonics_are_raised(harmonics: dict[int, tuple[float, float, 
     assert after / before == pytest.approx(1.31, abs=0.005)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("frequency", "removed"), [(36.0, 0.84), (44.0, 0.95)])
 def test_demo_high_harmonics_are_damped(
     harmonics: dict[int, tuple[float, float, float]], frequency: float, removed: float
@@ -136,6 +141,7 @@ def test_demo_says_what_is_wrong(tmp_path: Path) -> None:
     assert len(outcome.errors.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_demo_prints_what_its_page_shows(demo: Outcome) -> None:
     """The copy of the output in docs/demo.md has the same rows, and its peaks and amplitudes agree to 1e-3."""
     shown = rows((ROOT / "docs" / "demo.md").read_text(encoding="utf-8"))

@@ -34,7 +34,7 @@ from solver.quantities.coordinate import SHIFT
 from solver.quantities.units import MMHG
 
 WK = ("R1", "C", "R2")
-ML, N, BEATS = 1e-6, 400, 12
+ML, N, BEATS = 1e-6, 320, 12
 PER_ML = MMHG / ML  # mmHg s/mL
 VENOUS = 5.0 * MMHG
 Array = np.ndarray
@@ -361,7 +361,7 @@ def test_sites_behind_one_another_or_not() -> None:
     """A path by delays where a tube explains the record; a fork by paths, which shares the flow as CA.Q says; what gets
     lost leaves by a side branch.
     """
-    channels = {**PAIR, "CA_P": np.roll(P_HUMAN, 10), "CA_Q": 0.2 * Q_HUMAN}  # 20 ms
+    channels = {**PAIR, "CA_P": np.roll(P_HUMAN, N // 40), "CA_Q": 0.2 * Q_HUMAN}  # 20 ms
     middle = onward(P_HUMAN, Q_HUMAN, 0.8, 0.06 * PER_ML, 0.02)
     row = first_model(beats(0.8, inlet_Q=Q_HUMAN, Ao_P=P_HUMAN, FA_P=P_END, CA_P=middle))
     assert [(j.inflow, j.outflow) for j in row.network.junctions] == [(("CA",), ("FA",))]

@@ -29,9 +29,9 @@ def fuzz(fmus: dict[str, Path], folder: Path, examples: int, steps: int, seed: i
 
 
 def test_fuzz(fmus: dict[str, Path], tmp_path: Path) -> None:
-    """Some 3000 calls: the process ends well, each refusal is one sentence, and bystanders give their bits."""
-    found = fuzz(fmus, tmp_path, examples=40, steps=60, seed=1)
-    assert found["calls"] > 2000
+    """Some 2000 calls: the process ends well, each refusal is one sentence, and bystanders give their bits."""
+    found = fuzz(fmus, tmp_path, examples=25, steps=60, seed=1)
+    assert found["calls"] > 1300
     assert 0.1 < found["refused"] / found["calls"] < 0.7
 
 

@@ -96,6 +96,7 @@ def test_a_part_of_another_segment_is_compared_with_a_part_of_one() -> None:
 # --- when no move can find a name -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_moves_end_where_the_catalogue_lacks_the_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stenosis in C that no law of those asked is, beside a sensor of wrong gain, 40 dB: the map needs a source in C
     and leaves noise, and no law leaves noise in its place. One round of moves is tried, and no other once the best

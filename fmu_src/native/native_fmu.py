@@ -31,7 +31,7 @@ def files(
     network: Network, settings: Settings, starts: Mapping[str, float | str], fmi: int, platforms: Sequence[str]
 ) -> dict[str, bytes]:
     """All files of arteries by path. Raises ValueError as ``build_fmu.build_native``."""
-    _check(fmi, platforms)
+    libraries = _libraries(network.name, fmi, platforms)
     network, settings, table, _ = given_arteries(network, settings, starts)
     about = About(
         network.name, in_one_line(network), __version__, "", 5 * network.inlet.T, settings.dt, settings.tolerance
@@ -41,12 +41,11 @@ def files(
         RESOURCE: resource.resource(network, settings, table),
         **document.documents(network, table, __version__, fmi),
     }
-    return _complete(about, table, own_files, fmi, platforms)
+    return _complete(about, table, own_files, fmi) | libraries
 
 
 def arithmetic_files(model: Model, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:
     """All files of a heart or a body by path. Raises ValueError as ``build_fmu.build_native``."""
-    _check(fmi, platforms)
     if model.subject is None:
         raise InputError(f"model {model.name}: is neither a heart nor a body; build arteries with build_native.")
     if model.fmi != fmi:
@@ -54,6 +53,7 @@ def arithmetic_files(model: Model, fmi: int, platforms: Sequence[str]) -> dict[s
             f"model {model.name}: its documents are those of fmi = {model.fmi}, the FMU is to have fmi = {fmi}; make "
             f"the model with fmi = {fmi}, too."
         )
+    libraries = _libraries(model.name, fmi, platforms)
     subject, component, e = model.subject, model.subject.make(), model.subject.experiment
     assert isinstance(component, Arithmetic)
     about = About(model.name, subject.description, __version__, "", e.stop_time, e.step_size, None)
@@ -62,20 +62,20 @@ def arithmetic_files(model: Model, fmi: int, platforms: Sequence[str]) -> dict[s
         RESOURCE: arithmetic_resource.resource(component, model.table),
         **model.documents,
     }
-    return _complete(about, model.table, own_files, fmi, platforms)
+    return _complete(about, model.table, own_files, fmi) | libraries
 
 
-def _check(fmi: int, platforms: Sequence[str]) -> None:
+def _libraries(name: str, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:
+    """The libraries by path, made first: without a compiler, nothing else needs to be done."""
     if fmi not in (2, 3):
         raise InputError(f"--fmi {fmi}: must be 2 or 3.")
     if not platforms and here() is None:
         raise InputError(f"this machine is none that FMUs are built for; give --platforms, of {', '.join(PLATFORMS)}.")
+    return binaries(name, fmi, list(platforms or [str(here())]))
 
 
-def _complete(
-    about: About, table: Sequence[Variable], own_files: Mapping[str, bytes], fmi: int, platforms: Sequence[str]
-) -> dict[str, bytes]:
-    """With what every FMU has: sources, description, GUID, binaries."""
+def _complete(about: About, table: Sequence[Variable], own_files: Mapping[str, bytes], fmi: int) -> dict[str, bytes]:
+    """With what every FMU has: sources, description, GUID."""
     found = {**own_files, **{f"sources/{path}": text for path, text in sources().items()}}
     describe = native_description.fmi2 if fmi == 2 else native_description.fmi3
     found[DESCRIPTION] = describe(about, table)
@@ -84,7 +84,7 @@ def _complete(
     guid = guid_of(found)
     found[RESOURCE] = with_guid(found[RESOURCE], guid)
     found[DESCRIPTION] = describe(replace(about, guid=guid), table)
-    return found | binaries(about.name, fmi, list(platforms or [str(here())]))
+    return found
 
 
 def guid_of(found: Mapping[str, bytes]) -> str:

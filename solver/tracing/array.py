@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from .recorder import CONSTANT, Buffer, Instruction, Operand, Recorder, Slot, Untraceable, View
+from .recorder import CONSTANT, Buffer, Instruction, Operand, Recorder, Slot, Untraceable, View, up_to
 
 Array = np.ndarray
 
@@ -185,7 +185,7 @@ class _Guard(Traced):
 
 def of(r: Recorder, slot: Slot, shape: tuple[int, ...]) -> Traced:
     """The numbers of a slot as an array."""
-    return Traced(r, Buffer(slot), np.arange(slot.size).reshape(shape))
+    return Traced(r, Buffer(slot), up_to(slot.size).reshape(shape), True)
 
 
 def array(r: Recorder, phase: int, shape: tuple[int, ...]) -> Traced:
@@ -207,6 +207,7 @@ ELEMENTWISE = (
     "isfinite add subtract multiply divide power maximum minimum greater greater_equal less less_equal equal not_equal "
     "logical_and logical_or where"
 ).split()
+_ELEMENTWISE = frozenset(ELEMENTWISE)
 _ALIASES = {
     "positive": "copy", "fabs": "absolute", "true_divide": "divide", "invert": "logical_not", "conjugate": "copy",
     "bitwise_and": "logical_and", "bitwise_or": "logical_or", "float_power": "power",
@@ -218,7 +219,9 @@ REDUCED = {"add": "sum", "maximum": "largest", "minimum": "least", "logical_and"
 
 def elementwise(r: Recorder, name: str, *values: Any) -> Traced:
     """An elementwise operation on ``values``, broadcast to one shape."""
-    shape = np.broadcast_shapes(*(np.shape(v) for v in values))
+    shapes = [v.index.shape if isinstance(v, View) else np.shape(v) for v in values]
+    different = {each for each in shapes if each}
+    shape = np.broadcast_shapes(*different) if len(different) > 1 else different.pop() if different else ()
     size = math.prod(shape)
     return of(r, r.emit(name, tuple(r.operand(v, shape) for v in values), (size,), size), shape)
 
@@ -227,7 +230,7 @@ def _elementwise(r: Recorder, name: str, inputs: Sequence[Any]) -> Traced:
     name = _ALIASES.get(name, name)
     if name == "power" and np.ndim(inputs[1]) == 0 and not isinstance(inputs[1], Traced) and inputs[1] in _POWERS:
         name, inputs = _POWERS[inputs[1]], inputs[:1]
-    if name not in ELEMENTWISE:
+    if name not in _ELEMENTWISE:
         raise Untraceable(f"np.{name} is not recorded")
     if name == "divide":  # many divisions share a divisor, whose reciprocal is computed once
         with np.errstate(divide="ignore"):

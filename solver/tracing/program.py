@@ -25,6 +25,7 @@ _OTHER = ("gather", "scatter", "sums", "product", "inverse", "sum", "largest", "
 OPERATIONS = (*ELEMENTWISE, *FUSED.values(), *_OTHER)
 _CODES = {name: code for code, name in enumerate(OPERATIONS, 1)}
 _CONSTANT, _FIXED, _WORK, _HELD = range(4)
+_GROUPED = {*ELEMENTWISE, "gather", "product"}  # operations that may be executed together
 _AT_ONCE = 256  # numbers of an operation
 
 
@@ -280,8 +281,9 @@ class _Places:
 
         It must then write a whole slot, and operands read at other places must be lasting: no other slot reuses them.
         """
-        outside = all(o.slot in self.lasting or o.slot.phase == CONSTANT for o in _apart(each) if not o.single)
-        if each.start or not outside or each.name not in (*ELEMENTWISE, "gather", "product"):
+        if each.start or each.name not in _GROUPED:
+            return 0
+        if any(o.slot not in self.lasting and o.slot.phase != CONSTANT for o in _apart(each) if not o.single):
             return 0
         if each.name == "product":
             count, m, k, n, *_ = each.sizes

@@ -6,6 +6,7 @@ parameter set, those on the state at the start of a stage once per stage, and on
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,10 +38,18 @@ class Buffer:
 
 
 class View:
-    """Numbers of a buffer : ``index`` contains their places, in the shape of an array."""
+    """Numbers of a buffer : ``index`` contains their places, in the shape of an array. whole : all, in order."""
 
-    def __init__(self, recorder: Recorder, buffer: Buffer, index: Array) -> None:
-        self.recorder, self.buffer, self.index = recorder, buffer, index
+    def __init__(self, recorder: Recorder, buffer: Buffer, index: Array, whole: bool = False) -> None:
+        self.recorder, self.buffer, self.index, self.whole = recorder, buffer, index, whole
+
+
+@lru_cache(maxsize=512)
+def up_to(size: int) -> Array:
+    """0, 1, ... size - 1."""
+    found = np.arange(size)
+    found.setflags(write=False)
+    return found
 
 
 class Operand(NamedTuple):
@@ -83,16 +92,23 @@ class Recorder:
     def operand(self, x: Any, shape: tuple[int, ...]) -> Operand:
         """x in a shape, as consecutive numbers; scattered ones are gathered."""
         if not isinstance(x, View):
+            if isinstance(x, (float, int)) and x == x and 0 not in shape:
+                return Operand(self.constant(x), 0, True)
             value = np.broadcast_to(np.asarray(x, float), shape)
             same = value.size > 0 and value.max() == value.min()
             return Operand(self.constant(value.flat[0] if same else value), 0, bool(same))
-        index, slot = (x.index if x.index.shape == shape else np.broadcast_to(x.index, shape)).ravel(), x.buffer.slot
+        slot, same = x.buffer.slot, x.index.shape == shape
+        if x.index.size == 1 and 0 not in shape:
+            return Operand(slot, int(x.index.flat[0]), True)
+        if same and x.whole:
+            return Operand(slot, 0, False)
+        index = (x.index if same else np.broadcast_to(x.index, shape)).ravel()
         if index.size == 0:
             return Operand(slot, 0, False)
         first = int(index[0])
         if index[0] == index[-1] and index.min() == index.max():
             return Operand(slot, first, True)
-        if index[-1] == first + index.size - 1 and (index == np.arange(first, first + index.size)).all():
+        if index[-1] == first + index.size - 1 and (index - first == up_to(index.size)).all():
             return Operand(slot, first, False)
         return Operand(self.emit("gather", (Operand(slot, 0, False),), (index.size,), index.size, index), 0, False)
 

@@ -24,6 +24,7 @@ Array = np.ndarray
 _SMOOTH = 0.05  # [1/s], strain rate within which Coulomb's friction changes sign
 _DESCRIBED = 5.0  # [s], viscosity per Coulomb stress that stands for it where the walls are linearised
 _CYCLES = 2  # of the tone over a record
+_GAUSS = np.polynomial.legendre.leggauss(16)
 
 
 @dataclass(frozen=True)
@@ -129,11 +130,10 @@ class Walls:
 
     def speed_integral(self, s: Array, rho: float) -> Array:
         """w = ∫ c/A dA from A0 = ∫₁ˢ √(2 P_el'/(ρ s)) ds [m/s], as c = √(s P_el'/(2ρ)); 16 Gauss points."""
-        x, weight = np.polynomial.legendre.leggauss(16)
         half = 0.5 * (s - 1.0)
         return half * sum(
             w * np.sqrt(2.0 * self.elastic_slope(y) / (rho * y))
-            for w, y in ((w, 1.0 + half * (1.0 + x)) for x, w in zip(x, weight, strict=True))
+            for w, y in ((w, 1.0 + half * (1.0 + x)) for x, w in zip(*_GAUSS, strict=True))
         )
 
 
