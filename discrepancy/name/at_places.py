@@ -146,9 +146,8 @@ def refitted(
         return []
     wide = problem.granted(at.AFAR)
     begin = base(wide, found)
-    known = {u.name: column for u, column in zip(found.unknowns, begin.J.T, strict=True)}
     members = [begin.with_laws(problem, laws) for laws in hypotheses]
-    seen = there(wide.searched_from(members, runs, known))
+    seen = there(wide.searched_from(members, runs, begin.columns))
     seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
     return there(problem.relaxed(problem.restated(seen, wide), runs, rough=True))
 
@@ -311,11 +310,15 @@ def with_moves(
             assert isinstance(weights, NetworkProblem)
             before, problem = problem, with_signals(weights, [])
             (best,) = problem.restated([best], before)
+        base = without(problem, best, rest, runs)
+        if base is None:
+            continue
         most = best.cost - at.SECOND if rest == best.terms else result.none.fit.cost
-        chosen = _promising_beside(problem, result, best, rest, most, left, runs, known)
+        chosen = _promising_beside(problem, result, best, base, most, left, runs, known)
         if chosen and left:
             wide = problem.granted(at.AFAR)
-            seen = problem.restated(there(wide.searched_from(chosen, runs)), wide)
+            columns = base.rewhitened(wide, problem).columns
+            seen = problem.restated(there(wide.searched_from(chosen, runs, columns)), wide)
             result = result.joined_by(problem.relaxed(seen, runs, rough=True)).polished(runs)
         elif chosen:
             result = result.joined_by(problem.searched_from(chosen, runs, best.columns, best.cost)).polished(runs)
@@ -325,13 +328,12 @@ def with_moves(
 
 
 def _promising_beside(
-    problem: NetworkProblem, result: Compared, best: Fit, rest: tuple[Term, ...], most: float, left: bool, runs: Runs,
+    problem: NetworkProblem, result: Compared, best: Fit, base: Base, most: float, left: bool, runs: Runs,
     responses: Responses,
 ) -> list[Member]:  # fmt: skip
-    """The starts of laws beside ``rest`` that promise a cost below ``most``, and one below that known of them."""
-    base, labels = without(problem, best, rest, runs), {t.label for t in rest}
-    if base is None:
-        return []
+    """The starts of laws beside those of ``base`` that promise a cost below ``most``, and one below that known of
+    them."""
+    rest, labels = base.member.terms, {t.label for t in base.member.terms}
     known, members = {n.key: n.fit.cost for n in result.ranked}, dict[tuple[str, bool], Member]()
     plain = [t for t in result.sought if t.label not in labels and joins(t, rest)]
     # a part of another segment may do what a part of one does

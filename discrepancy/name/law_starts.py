@@ -38,6 +38,15 @@ class Base:
     member: Member
     J: Array
 
+    @property
+    def columns(self) -> dict[str, Array]:
+        """(n,) derivatives by name of the unknown."""
+        return dict(zip((u.name for u in self.member.unknowns), self.J.T, strict=True))
+
+    def rewhitened(self, problem: NetworkProblem, before: NetworkProblem) -> Base:
+        """The same point with the weights of another problem of the record."""
+        return replace(self, J=problem.target.whiten(before.target.unwhiten(self.J)))
+
     def promised(self, problem: NetworkProblem, begun: Begun) -> Member:
         """The hypothesis with a law at its predicted minimum."""
         moved = replace(self, member=replace(self.member, x=self.member.x + begun.step))
