@@ -11,6 +11,7 @@ from small_network import term
 
 from fitting.inference.fit import Member
 from fitting.inference.hypothesis import Term, placed
+from fitting.inference.models.batches import kind_of
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
 
@@ -90,3 +91,8 @@ def test_more_members_than_a_batch_holds(problem: NetworkProblem) -> None:
         assert alone is not None and there is not None
         worst = max(worst, float((np.abs(there - alone).max(axis=0) / np.abs(alone).max(axis=0)).max()))
     assert worst < 2e-6
+
+
+def test_leaks_have_batches_of_their_own() -> None:
+    """With a leak in it, no beat of a batch starts at another one."""
+    assert kind_of((term("side_branch", "A"),)) != kind_of(()) == kind_of((term("wall_stiffness", "A"),))

@@ -33,6 +33,7 @@ RUNS = {
     "schemes": (["--small", "--rows", "rows.json", "--figure", "schemes.png"], "neumann"),
     "calibrations": (["--tubes", "2", "--json", "rows.json"], "intervals that hold the truth"),
     "late_flow": (["--animals", "1", "--delays", "0", "--json", "rows.json"], "calibrate says so"),
+    "first_model_nulls": (["--first", "5", "--animals", "1"], "something is named in 0 of 1"),
     "periods": (["--recordings", "40", "--json", "rows.json"], "peaks 3"),
     "convergence": (["--small", "--rows", "rows.json", "cca"], "CPU time and error"),
     "refinement": (["--small", "--rows", "rows.json", "cca"], "cca"),

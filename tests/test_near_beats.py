@@ -9,7 +9,10 @@ from test_native import values_of
 from solver import InputError, Network, Resistance, Windkessel, beat_harmonics
 from solver.laws import effects
 from solver.laws.effect import Array, Effect
+from solver.laws.effects import BY_NAME
 from solver.network.files import loads
+from solver.periodic import balance_program
+from solver.tracing.steps import Programs
 
 K = 8
 ROUGH, SHARP = 1e-5, 1e-10  # tolerances: of the compared beats, and of those they are compared with
@@ -96,6 +99,34 @@ def test_a_member_is_what_it_is_alone(sheep: Network) -> None:
     np.testing.assert_array_equal(whole[[1, 3]], pair)
     alone = beat_harmonics(sheep, names(sheep), K, parameters={n: x[:2] for n, x in moved.items()})
     np.testing.assert_array_equal(whole[:2], alone)
+
+
+@pytest.fixture
+def programs(monkeypatch: pytest.MonkeyPatch) -> Programs:
+    """The programs of balances, none at first."""
+    found = Programs()
+    monkeypatch.setattr(balance_program, "_programs", found)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("effect", "key", "size"), [("external_pressure", "P_ext", 5e2), ("nonlinear_elasticity", "ENL", 2e5)]
+)
+def test_one_program_solves_both(effect: str, key: str, size: float, sheep: Network, programs: Programs) -> None:
+    """An effect that is 0 in the beat at which another one starts stays in its equations, and changes nothing there."""
+    network = BY_NAME[effect].add(sheep, "CA", {key: 0.0})
+    moved = {f"CA.{key}": np.array([0.0, size])}
+    X = beat_harmonics(network, names(network), K, parameters=moved, near=[0, 0], backend="native")
+    assert len(programs.kept) == 1
+    plain = beat_harmonics(sheep, names(sheep), K, backend="native")[0]
+    np.testing.assert_allclose(X[0], plain, rtol=0.0, atol=1e-13 * np.abs(plain).max())
+
+
+def test_effects_that_change_the_same_numbers_share_a_program(sheep: Network, programs: Programs) -> None:
+    for effect in ("external_pressure", "wall_stiffness", "taper", "junction_loss"):
+        place = BY_NAME[effect].where(sheep)[0]
+        beat_harmonics(BY_NAME[effect].add(sheep, place, values_of(BY_NAME[effect])), ["CA.P"], K, backend="native")
+    assert len(programs.kept) == 1
 
 
 def test_parts_without_room_keep_their_starts(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from small_network import NAMES, term, terms
 
 from discrepancy.name import at_places
 from discrepancy.name.at_places import with_moves
+from discrepancy.name.law_starts import Responses
 from discrepancy.name.scoring import Compared
 from discrepancy.thresholds import RULED_OUT
 from fitting.inference.hypothesis import candidates, placed
@@ -57,8 +58,8 @@ def test_a_law_that_made_up_for_the_other_effect_is_replaced() -> None:
 
 def test_a_law_of_another_place_is_compared_with_the_best() -> None:
     """A stenosis in C, 40 dB, of which only the reflection at the end of C was asked: the stenosis, of all laws of the
-    catalogue, takes its place, K to 10 %, and the reflection is ruled out beside it. Nothing is simulated for moves
-    that were made before."""
+    catalogue, takes its place, K to 10 %, and the reflection is ruled out beside it. The same moves simulate no
+    response to a law again, with the same result, and nothing is simulated for moves that were made before."""
     hidden = BY_NAME["stenosis"].add(NETWORK, "C", {"K": 3.0})
     beat = simulate_periodic(hidden, inflow, T, settings=Settings(dt=T / 200, tolerance=1e-7), tolerance=1e-6)
     problem = network_problem(record({n: beat[n][:-1] for n in ("inlet.Q", *NAMES)}, 15, 0.01), NETWORK)
@@ -66,7 +67,10 @@ def test_a_law_of_another_place_is_compared_with_the_best() -> None:
     (none,) = problem.refit([()])
     (asked,) = problem.refit([(term("terminal_reflection", "C"),)], none)
     assert none is not None and asked is not None
-    found = with_moves(Compared.of(problem, [none, asked], {}, terms), Runs())
+    start, known, first, again = Compared.of(problem, [none, asked], {}, terms), Responses(), Meter(), Meter()
+    found = with_moves(start, Runs(first), known=known)
+    assert with_moves(start, Runs(again), known=known).best.score == pytest.approx(found.best.score, abs=1e-6)
+    assert len(known) > 20 and again.simulations < 0.6 * first.simulations
     assert found.best.label == "stenosis at C" and found.best.explains
     (K,) = (x * u.size for u, x in zip(found.best.fit.unknowns, found.best.fit.x, strict=True) if u.name == "C.K")
     np.testing.assert_allclose(K, 3.0, rtol=0.1)

@@ -28,7 +28,7 @@ from solver.laws.effect import ALL_PLACES, CHANNEL
 
 from .. import thresholds as at
 from .individual_walls import implausible
-from .law_starts import TYPICAL, Base, Begun, along, fewest, nearest
+from .law_starts import Base, Responses, along, key_of, nearest
 from .scoring import Compared, exact, names_of, promised, there
 
 _ROUNDS = 3  # at most, of moves from the best hypothesis, while they find a better one
@@ -52,7 +52,7 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
         for t in terms:
             if acts_at(t, place) or (place is mine and in_segment(t, place)):
                 for each in along(problem, t, place):
-                    chosen.setdefault((each.label, len(each.unknowns)), each)
+                    chosen.setdefault(key_of(each), each)
     return list(chosen.values())
 
 
@@ -75,9 +75,9 @@ def base(problem: NetworkProblem, found: SourceMap) -> Base:
 
 def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[Fit]:
     """Single laws of any place, refitted without the free sources of the map: one law may explain all of them."""
-    every = {(t.label, len(t.unknowns)): t for some in laws for t in some}
+    every = {key_of(t): t for some in laws for t in some}
     plain, walls = found.forced(problem, []), found.standing_out(())
-    chosen = fewest(nearest(plain, base(plain, walls), list(every.values()), runs))
+    chosen = nearest(plain, base(plain, walls), list(every.values()), runs)
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
@@ -94,7 +94,7 @@ def _beside(
     """The laws that may explain the record beside the sources of other places (their courses are those of the map),
     refitted; lowest cost first."""
     beside, walls = found.forced(problem, others), found.standing_out(others)
-    few = [[(b.term, b.x)] for b in fewest(nearest(beside, base(beside, walls), laws, runs))]
+    few = [[(b.term, b.x)] for b in nearest(beside, base(beside, walls), laws, runs)]
     fits = refitted(beside, walls, few, runs, explaining=True)
     if fits and not _explains(fits):  # the best one may explain it with other sizes in each segment, or at another part
         best = min(fits, key=lambda f: f.cost)
@@ -146,9 +146,8 @@ def refitted(
         return []
     wide = problem.granted(at.AFAR)
     begin = base(wide, found)
-    known = {u.name: column for u, column in zip(found.unknowns, begin.J.T, strict=True)}
     members = [begin.with_laws(problem, laws) for laws in hypotheses]
-    seen = there(wide.searched_from(members, runs, known))
+    seen = there(wide.searched_from(members, runs, begin.columns))
     seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
     return there(problem.relaxed(problem.restated(seen, wide), runs, rough=True))
 
@@ -167,7 +166,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := _also_promising(result, columns, runs))
         if implausible(result.none.fit):
             yield (result := _of_the_file(result, found, runs))
-    tried = set[str]()
+    tried, known = set[str](), Responses()
     for _ in range(_ROUNDS):
         best, left = result.best.key, _leaves(result)
         if left and result.best.fit.terms:
@@ -178,7 +177,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         # if one place accounts for all that acts, a law that explains only a part of it is the wrong one
         more = left and not (found.explains and len(found.places) == 1 and not result.best.explains)
         rests = _rests(_leading(result).terms, left, more)
-        yield (result := with_moves(result, runs, left, more, tried))
+        yield (result := with_moves(result, runs, left, more, tried, known))
         if result.best.key == best:
             break
         if not left:  # from there on, beside the same laws, the same others promise the same
@@ -254,7 +253,7 @@ def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     plain, walls = found.forced(problem, []), replace(found, x=np.zeros(len(found.x)))
     laws = [t for t in result.terms if t.rewires or t in result.sought]
     wide = plain.granted(at.AFAR)
-    chosen = promising(wide, base(wide, walls), laws, np.inf, runs)
+    chosen = nearest(wide, base(wide, walls), laws, runs)
     return result.joined_by(refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)).polished(runs)
 
 
@@ -289,19 +288,20 @@ def _finer(problem: Forward, fit: Fit, term: Term) -> list[Term]:
 
 
 def with_moves(
-    result: Compared, runs: Runs, left: bool = False, more: bool = False, tried: Collection[str] = ()
-) -> Compared:
+    result: Compared, runs: Runs, left: bool = False, more: bool = False, tried: Collection[str] = (),
+    known: Responses | None = None,
+) -> Compared:  # fmt: skip
     """Refit the laws that promise to explain the record instead of one law of the best hypothesis or all of them, and
     those whose search ended far above its predicted cost.
 
     left : the best leaves something; searches then start with a model error, and the moves end as soon as another
     hypothesis explains the record; the next round starts from it. more : another law may act beside it. tried : laws
-    beside which others were tried before.
+    beside which others were tried before. known : responses to laws in earlier moves; those of these are added.
     """
     best, first = _leading(result), result.best.key
     weights = result.problem
     assert isinstance(weights, NetworkProblem)
-    problem = with_signals(weights, [])  # without free sources
+    problem, known = with_signals(weights, []), {} if known is None else known  # without free sources
     for rest in _rests(best.terms, left, more):
         if names_of(rest) in tried:
             continue
@@ -310,11 +310,15 @@ def with_moves(
             assert isinstance(weights, NetworkProblem)
             before, problem = problem, with_signals(weights, [])
             (best,) = problem.restated([best], before)
+        base = without(problem, best, rest, runs)
+        if base is None:
+            continue
         most = best.cost - at.SECOND if rest == best.terms else result.none.fit.cost
-        chosen = _promising_beside(problem, result, best, rest, most, left, runs)
+        chosen = _promising_beside(problem, result, best, base, most, left, runs, known)
         if chosen and left:
             wide = problem.granted(at.AFAR)
-            seen = problem.restated(there(wide.searched_from(chosen, runs)), wide)
+            columns = base.rewhitened(wide, problem).columns
+            seen = problem.restated(there(wide.searched_from(chosen, runs, columns)), wide)
             result = result.joined_by(problem.relaxed(seen, runs, rough=True)).polished(runs)
         elif chosen:
             result = result.joined_by(problem.searched_from(chosen, runs, best.columns, best.cost)).polished(runs)
@@ -324,18 +328,18 @@ def with_moves(
 
 
 def _promising_beside(
-    problem: NetworkProblem, result: Compared, best: Fit, rest: tuple[Term, ...], most: float, left: bool, runs: Runs
-) -> list[Member]:
-    """The starts of laws beside ``rest`` that promise a cost below ``most``, and one below that known of them."""
-    base, labels = without(problem, best, rest, runs), {t.label for t in rest}
-    if base is None:
-        return []
+    problem: NetworkProblem, result: Compared, best: Fit, base: Base, most: float, left: bool, runs: Runs,
+    responses: Responses,
+) -> list[Member]:  # fmt: skip
+    """The starts of laws beside those of ``base`` that promise a cost below ``most``, and one below that known of
+    them."""
+    rest, labels = base.member.terms, {t.label for t in base.member.terms}
     known, members = {n.key: n.fit.cost for n in result.ranked}, dict[tuple[str, bool], Member]()
     plain = [t for t in result.sought if t.label not in labels and joins(t, rest)]
     # a part of another segment may do what a part of one does
     anywhere = left or any(t.moves_along for t in best.terms)
     laws = [each for t in plain for each in along(problem, t)] if anywhere else plain
-    for begun in promising(problem, base, laws, most, runs):
+    for begun in nearest(problem, base, laws, runs, most, responses):
         key = names_of((*rest, begun.term))
         if begun.left < known.get(key, np.inf) - at.RULED_OUT:
             members.setdefault((key, begun.term.moves_along), base.promised(problem, begun))
@@ -366,11 +370,3 @@ def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Run
             return None
         columns |= {unknowns[i].name: column for i, column in zip(missing, point.J.T, strict=True)}
     return Base(member, np.stack([columns[u.name] for u in unknowns], axis=1))
-
-
-def promising(problem: NetworkProblem, base: Base, laws: Sequence[Term], most: float, runs: Runs) -> list[Begun]:
-    """The laws with the lowest predicted cost, if below ``most``, each at its best size. The prediction is inaccurate
-    for strong effects, but ranks them among the first. One size screens all laws first; three times as many stay as are
-    refitted, because that is coarser."""
-    first = fewest(nearest(problem, base, laws, runs, TYPICAL, screening=True), most, 3 * at.FEW)
-    return fewest(nearest(problem, base, [b.term for b in first], runs), most) if first else []

@@ -27,8 +27,7 @@ from solver.laws.effect import WALL
 
 from .. import thresholds as at
 
-TYPICAL = (1.0,)  # starting sizes of a law, beside its own starts, where there are many laws
-SIZES = (0.3, *TYPICAL, 3.0)  # and where there are few
+_SMALLER = 0.3  # starting size of a law that has no beat at its typical size
 _FARTHER = 5.0  # limits the linear estimate of a size to this factor of the simulated size
 
 
@@ -38,6 +37,15 @@ class Base:
 
     member: Member
     J: Array
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """(n,) derivatives by name of the unknown."""
+        return dict(zip((u.name for u in self.member.unknowns), self.J.T, strict=True))
+
+    def rewhitened(self, problem: NetworkProblem, before: NetworkProblem) -> Base:
+        """The same point with the weights of another problem of the record."""
+        return replace(self, J=problem.target.whiten(before.target.unwhiten(self.J)))
 
     def promised(self, problem: NetworkProblem, begun: Begun) -> Member:
         """The hypothesis with a law at its predicted minimum."""
@@ -56,13 +64,18 @@ class Base:
 
 @dataclass(frozen=True)
 class Begun:
-    """A law with its starting values x. step : (p,) of the unknowns of the base. left : the cost predicted after the
-    step."""
+    """A law with its starting values x, predicted from simulated ones, ``tried``. step : (p,) of the unknowns of the
+    base. left : the cost predicted after the step."""
 
     term: Term
     x: Array
+    tried: Array
     step: Array
     left: float
+
+
+# by law: simulated starts, and the change (K+1, m) of the channels that each causes
+Responses = dict[tuple[str, int], list[tuple[Array, Array]]]
 
 
 def along(problem: NetworkProblem, term: Term, place: Place | None = None) -> list[Term]:
@@ -84,27 +97,59 @@ def along(problem: NetworkProblem, term: Term, place: Place | None = None) -> li
 
 
 def nearest(
-    problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, sizes: Sequence[float] = SIZES,
-    screening: bool = False,
+    problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, most: float = math.inf,
+    known: Responses | None = None,
 ) -> list[Begun]:  # fmt: skip
-    """Laws at the size of lowest predicted cost, linear in the size and in the unknowns of the base; lowest first.
+    """The laws to refit (:func:`fewest`), at the size of lowest predicted cost, which must be below ``most``.
 
-    problem : with the sources that act beside them. sizes : to simulate. screening : simulate one size only, since the
-    prediction is linear in it.
+    A prediction is linear in the size and in the unknowns of the base, so one simulation of a law gives it, but it is
+    inaccurate for strong effects. So the best laws, three times as many as are refitted, are simulated again at the
+    predicted size, and start at the better of both predictions. problem : with the sources that act beside them.
+    known : responses to laws about other points, which suffice for the first prediction; those to the other laws are
+    added.
     """
-    trials = [(t, x) for t in laws for x in (_one_size(t, sizes) if screening else _sizes(t, sizes))]
+    known = {} if known is None else known
+    new = [t for t in laws if key_of(t) not in known]
+    here = _simulated(problem, base, [(t, x) for t in new for x in _starts(t)], runs, {})
+    lost = [t for t in new if key_of(t) not in here]  # they have no beat at a typical size
+    _simulated(problem, base, [(t, x) for t in lost for x in _sizes(t, _SMALLER)], runs, here)
+    known |= {key: list(responses) for key, responses in here.items()}
+    few = fewest(_predicted(problem, base, laws, runs, known), most, 3 * at.FEW)
+    there = _simulated(problem, base, [(b.term, b.x) for b in few], runs, here)
+    found = _predicted(problem, base, [b.term for b in few], runs, there)
+    # a law that has no beat at the predicted size starts from the one that was simulated
+    found += [replace(b, x=b.tried) for b in few if key_of(b.term) not in there]
+    return fewest(sorted(found, key=lambda b: b.left), most)
+
+
+def key_of(term: Term) -> tuple[str, int]:
+    """The identity of a law; one with free position has more unknowns than the usual one."""
+    return term.label, len(term.unknowns)
+
+
+def _simulated(
+    problem: NetworkProblem, base: Base, trials: Sequence[tuple[Term, Array]], runs: Runs, known: Responses
+) -> Responses:
+    """``known`` with the responses to laws at some sizes; those without a beat have none."""
     members = [base.with_laws(problem, []), *(base.with_laws(problem, [each]) for each in trials)]
     near = [i if any(t.rewires for t in member.terms) else 0 for i, member in enumerate(members)]
-    none, *shown = problem.observe(members, runs, near)
+    none, *shown = problem.observe(members, runs, near) if trials else [None]
+    for (t, x), X in zip(trials, shown, strict=True):
+        if none is not None and X is not None:
+            known.setdefault(key_of(t), []).append((x, X - none))
+    return known
+
+
+def _predicted(problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, known: Responses) -> list[Begun]:
+    """Every law with a response at its best predicted size; lowest predicted cost first."""
+    (none,) = problem.observe([base.with_laws(problem, [])], runs) if laws else [None]
     if none is None:
         return []
-    z0, best = problem.residual(none), dict[int, Begun]()
-    for (t, x), X in zip(trials, shown, strict=True):
-        if X is not None:
-            begun = _promised(base, z0, problem.residual(X), t, x)
-            if id(t) not in best or begun.left < best[id(t)].left:
-                best[id(t)] = begun
-    return sorted(best.values(), key=lambda b: b.left)
+    z0, found = problem.residual(none), list[Begun]()
+    for t in (t for t in laws if key_of(t) in known):
+        each = [_promised(base, z0, problem.residual(none + dX), t, x) for x, dX in known[key_of(t)]]
+        found.append(min(each, key=lambda b: b.left))
+    return sorted(found, key=lambda b: b.left)
 
 
 def fewest(begun: Sequence[Begun], most: float = math.inf, n: int = at.FEW) -> list[Begun]:
@@ -125,34 +170,34 @@ def _promised(base: Base, z0: Array, z: Array, term: Term, x: Array) -> Begun:
     column = (z - z0) / x[lead] if x[lead] else np.zeros_like(z)
     prior = np.append(precisions(unknowns), 0.0)
     step = bounded_step(np.column_stack([base.J, column]), z, prior, np.append(now, x[lead]), low, high)
-    size = float(np.clip(x[lead] + step[-1], *sorted((x[lead] / _FARTHER, x[lead] * _FARTHER))))
+    size = x[lead] + step[-1]
+    size = math.copysign(np.clip(abs(size), *(abs(x[lead]) * np.array([1.0 / _FARTHER, _FARTHER]))), size)
     begin = np.where(sizes, x * (size / x[lead] if x[lead] else 1.0), x)
     left = z + base.J @ step[:-1] + column * step[-1]
-    return Begun(term, begin, step[:-1], float(left @ left) + penalty(prior[:-1], now + step[:-1]))
+    return Begun(term, begin, x, step[:-1], float(left @ left) + penalty(prior[:-1], now + step[:-1]))
 
 
-def _sizes(term: Term, sizes: Sequence[float]) -> list[Array]:
-    """Starting values of a law: its own starts, and the given sizes with both signs where the bounds allow them."""
+def _sizes(term: Term, size: float) -> list[Array]:
+    """Starting values of a law: its own starts, and a size with both signs where the bounds allow them."""
     low, high = bounds(term.unknowns)
     found = [np.array(start) for start in term.starts if len(start) == len(term.unknowns)]
     if effect_of(term).rewires:
         return [np.clip(x, low, high) for x in (*found, np.zeros(len(low)))]
-    starts = list(found) if term.moves_along else [np.zeros(len(term.unknowns))]
-    for start in starts:
-        for size in (sign * size for size in (sizes if len(starts) == 1 else TYPICAL) for sign in (1.0, -1.0)):
+    for start in list(found) if term.moves_along else [np.zeros(len(term.unknowns))]:
+        for signed in (size, -size):
             for which in _which(term):
                 x = start.copy()
-                x[which] = size
+                x[which] = signed
                 found.append(x)
     inside = [x for x in found if np.all((x >= low) & (x <= high))]
     return inside or [np.clip(found[0], low, high)]
 
 
-def _one_size(term: Term, sizes: Sequence[float]) -> list[Array]:
+def _starts(term: Term) -> list[Array]:
     """One of the starting values for each set of other parameters: that of the most typical size, positive if
     possible."""
     size, found = np.array([u.of_size for u in term.unknowns]), dict[tuple[Any, ...], Array]()
-    for x in sorted(_sizes(term, sizes), key=lambda x: (np.abs(np.abs(x[size]) - 1.0).sum(), *(x[size] < 0.0))):
+    for x in sorted(_sizes(term, 1.0), key=lambda x: (np.abs(np.abs(x[size]) - 1.0).sum(), *(x[size] < 0.0))):
         found.setdefault((*x[~size], *(x[size] != 0.0)), x)
     return list(found.values())
 

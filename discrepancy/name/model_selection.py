@@ -135,7 +135,8 @@ def nearest(found: Compared, runs: Runs) -> Fit | None:
 
 def compared_with(found: Compared, near: Fit, runs: Runs) -> Iterator[Compared]:
     """The comparison with the nearest model without effect, and with the best effects refitted from it. The latter are
-    skipped if its outliers are bounded, as these are beside the effects that replace them."""
+    skipped if its outliers are bounded, as these are beside the effects that replace them. Also where the best
+    hypothesis explains the record: a law of all walls may stand for a fit without effect that ended far away."""
     yield (found := found.with_none(near))
     if near.unknowns != tuple(found.problem.hypothesis(())):
         return

@@ -277,6 +277,8 @@ def exact(
     found = {i: settled(f) for i, f in enumerate(fits)}
     left = set(found)
     again = [i for score, i in order if score < order[0][0] + at.NEAR]
+    # every name is compared with the model without effect, so this is refitted first
+    again.sort(key=lambda i: len(fits[i].terms) > 0)
     while again := again[: at.FEW]:  # until no hypothesis that was not refitted scores better than the refitted ones
         left -= set(again)
         for i, fit in zip(again, sharp.refine([fits[i] for i in again], runs), strict=True):

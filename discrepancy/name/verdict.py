@@ -164,12 +164,21 @@ def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
 def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
     """Hypotheses that are also evaluated with an error of the model: no effect, and the most probable single effects,
     with each member of a pair that explains the record, so that a second effect must do better than such an error. In
-    a network whose best hypothesis explains the record, no effect and that one alone."""
+    a network whose best hypothesis explains the record, no effect and that one alone; in others the most probable one
+    and those that close half of the gap, as the rest cannot be named, and a search for their places takes seconds."""
     if found.problem.site is None and any(n is found.best for n in exact):
         return [found.none, *([found.best] if len(found.best.fit.terms) == 1 else [])]
     single = [n for n in found.ranked if len(n.fit.terms) == 1 and n.shown]
     alone = {t.label for n in exact if len(n.fit.terms) > 1 for t in n.fit.terms}
-    return [found.none, *single[: at.FEW], *(n for n in single[at.FEW :] if n.label in alone)]
+    few = single[: at.FEW]
+    if found.problem.site is None:
+        few = [n for n in few if n is few[0] or n.label in alone or _closed(found, n) >= at.PART_CLOSED]
+    return [found.none, *few, *(n for n in single[at.FEW :] if n.label in alone)]
+
+
+def _closed(found: Compared, n: Named) -> float:
+    """The fraction of the gap that a hypothesis closes."""
+    return 1.0 - math.sqrt(n.fit.chi2 / found.none.fit.chi2)
 
 
 def _class(order: Sequence[Named]) -> tuple[Named, ...]:
@@ -200,8 +209,7 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named], approximat
     verdict in the latter case, with the confidence of the best name."""
     problem, none, best = found.problem, found.none, next(n for n in ways if n.fit.terms)
     exact = next(n for n in found.ranked if n.key == best.key)
-    closed = 1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)
-    if closed < at.PART_CLOSED:
+    if _closed(found, exact) < at.PART_CLOSED:
         nearest = next(n for n in found.ranked if n.fit.terms)
         reason = f"{label_text(nearest.label)} comes nearest, but more remains: {_left(nearest.fit, problem)}"
         return replace(unknown, confidence=1.0 - unknown.confidence, reason=reason)

@@ -14,7 +14,7 @@ from typing import Any
 from solver.errors import InputError
 from solver.laws import effects
 from solver.laws.catalogue import quantities_of, value_of
-from solver.laws.effect import ALL_PLACES, Effect
+from solver.laws.effect import ALL_PLACES, OUTFLOW, Effect
 from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 from solver.quantities.quantity import Quantity
@@ -61,6 +61,11 @@ class Term:
     def remembers(self) -> bool:
         """True if it adds states to the solution."""
         return effect_of(self).remembers
+
+    @property
+    def leaks(self) -> bool:
+        """True if flow is lost along a segment; the beats of a batch with leaks do not start at others."""
+        return effect_of(self).source == OUTFLOW
 
     @property
     def moves_along(self) -> bool:

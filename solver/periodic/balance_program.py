@@ -75,9 +75,9 @@ class Sizes(NamedTuple):
 
 def recorded(model: Model) -> tuple[Recorded, list[Array]]:
     """The program of the balance of a model, and the numbers to bind. Raises Untraceable."""
-    (own, walls), tau = numbers(model), GAMMA * model.settings.dt
+    own, tau = numbers(model), GAMMA * model.settings.dt
     own = replace(own, mesh=replace(own.mesh, core=CORE))
-    return _programs.of((own, walls), tau, lambda r, x, leaves: _Recording(r, x[0], tau).balance(leaves, x[1]))
+    return _programs.of(own, tau, lambda r, m, leaves: _Recording(r, m, tau).balance(leaves))
 
 
 def past_of(model: Model, stress: Any, history: Any, tau: float) -> list[Any]:
@@ -133,12 +133,12 @@ class _Recording(Recording):
         m, tau = self.m, self.tau
         return Operators(tau, m.mass / tau, memory_of(m), loads_of(m, tau), None)  # type: ignore[arg-type]
 
-    def balance(self, leaves: Leaves, walls: Any) -> Recorded:
-        """The program; walls : at the sites."""
+    def balance(self, leaves: Leaves) -> Recorded:
+        """The program."""
         at_moments = self.o
         self.steady()
         self.o = at_moments
-        self.moments(walls)
+        self.moments()
         self.frequencies()
         return self.recorded(leaves, self.phases["linearise"])
 
@@ -155,7 +155,7 @@ class _Recording(Recording):
         self.refresh(stage)
         self.end(stage)
 
-    def moments(self, walls: Any) -> None:
+    def moments(self) -> None:
         """Residuals and outputs at a moment."""
         m, size, part = self.m, Sizes.of(self.m), self.m.layout.part
         now = self._moment("moment")
@@ -174,7 +174,7 @@ class _Recording(Recording):
         y, H, A_t = (now := self._moment("observe")).y, now.H, now.A_t
         state = State(0.0, y, A_t, H, y, y, m.layout, m.layout)
         least = [np.min(margin) for margin, _, _ in margins(m, m.layout.part(y, "A"), A_t, m.layout.part(y, "Q"))]
-        found = (reporter(m, walls).report(state), np.min(np.stack(least)).reshape(1, 1))
+        found = (reporter(m).report(state), np.min(np.stack(least)).reshape(1, 1))
         self.out["observed"] = np.concatenate(found, axis=1)
 
     def _moment(self, phase: str) -> _Moment:

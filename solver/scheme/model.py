@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -58,11 +58,11 @@ class Model:
     parameters : values that replace the network's own. layout : of the state vector: A (n_e, N) [m²]; Q (n_e, N+1)
     [m³/s]; P_C (n_outlets,) [Pa]; stress (m, n_e, N) [Pa], of the elements of walls with memory; history (m, n_e, N+1)
     [m/s], of a force with memory.
-    wall : (B, n_e, N). outlet_wall : (B, n_outlets). minus_J_inverse, kinetic : (B, n_e, N) -1/J and ½ρα. mass,
-    friction : (B, n_e, N+1) ρ w J and ρ w J C_f. end_kinetic : (B, n_e, N+1) ½ρ(α - k) at the element ends, times the
-    outward normal there. A_rest : (B, n_e, N). flow_floor, pressure_floor : (B,) corrections that are round-off;
-    impedance : (B,) ρ c0/A0, which converts flow into pressure. All are per member, so that a batch does not change a
-    member's solution.
+    wall : (B, n_e, N). outlet_wall : (B, n_outlets). site_wall : (B, n_sites). minus_J_inverse, kinetic : (B, n_e, N)
+    -1/J and ½ρα. mass, friction : (B, n_e, N+1) ρ w J and ρ w J C_f. end_kinetic : (B, n_e, N+1) ½ρ(α - k) at the
+    element ends, times the outward normal there. A_rest : (B, n_e, N). flow_floor, pressure_floor : (B,) corrections
+    that are round-off; impedance : (B,) ρ c0/A0, which converts flow into pressure. All are per member, so that a batch
+    does not change a member's solution.
     memo : operators by dt, made by :func:`~solver.scheme.stage.operators`.
     """
 
@@ -88,6 +88,7 @@ class Model:
     flow_floor: Array
     pressure_floor: Array
     impedance: Array
+    site_wall: Wall
     memo: dict[float, Any] = field(default_factory=dict, repr=False)
 
     def with_parameters(self, changed: Parameters) -> Model:
@@ -101,13 +102,16 @@ class Model:
         c = coefficients(self.network, parameters, checked=False)
         return _possible(lay_out(self.network, parameters, self.settings, c, self.mesh))
 
+    def members(self, index: Array) -> Model:
+        """The model of some of its parameter sets. Effects that are 0 in these stay, so that the equations are those of
+        the whole batch, and one program solves both."""
+        B = self.coefficients.B
+        own = {name: np.broadcast_to(value, B)[index] for name, value in self.parameters.items()}
+        return replace(_members(replace(self, parameters={}, memo={}), B, index), parameters=own)
+
     def repeated(self, times: int) -> Model:
         """A batch with all parameter sets repeated ``times`` times, one after the other."""
-        B, every = self.coefficients.B, dict[str, Array]()
-        for name, value in self.parameters.items():
-            every[name] = np.tile(np.broadcast_to(value, B), times)
-        c = coefficients(self.network, every, checked=False)
-        return _possible(lay_out(self.network, every, self.settings, c, self.mesh))
+        return self.members(np.tile(np.arange(self.coefficients.B), times))
 
     def at_rest(self) -> Array:
         """The state vector of a fluid at rest under P_0, with walls that have always been at rest."""
@@ -131,6 +135,25 @@ def build(
     L = c.L.max(axis=0) if lengths is None else np.array(lengths, float)
     mesh = build_mesh(network, L, settings.element_length, settings.degree, c.cuts)
     return _possible(lay_out(network, dict(parameters or {}), settings, c, mesh))
+
+
+def _members(x: Any, B: int, index: Array, axis: int | None = 0) -> Any:
+    """Frozen objects with some members of a batch of B. axis : of an array, by MEMBER_AXIS of its class; None if all
+    members share it."""
+    if isinstance(x, np.ndarray):
+        batched = axis is not None and x.dtype == float and x.ndim > axis and x.shape[axis] == B
+        return x.take(index, axis) if batched else x
+    if isinstance(x, tuple):
+        parts = [_members(part, B, index) for part in x]
+        return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
+    if isinstance(x, Mapping):
+        return {key: _members(value, B, index) for key, value in x.items()}
+    if not is_dataclass(x) or isinstance(x, (type, Network, Settings, Mesh, Layout)):
+        return x
+    axes: Mapping[str, int | None] = getattr(x, "MEMBER_AXIS", {})
+    return replace(
+        x, **{f.name: _members(getattr(x, f.name), B, index, axes.get(f.name, 0)) for f in fields(x) if f.init}
+    )
 
 
 def lay_out(
@@ -174,7 +197,15 @@ def lay_out(
         flow_floor=_ROUND_OFF * np.min(wall.A0 * wall.c0, axis=(1, 2)),
         pressure_floor=_ROUND_OFF * np.max(np.abs(wall.K), axis=(1, 2)),
         impedance=np.min(wall.rho * wall.c0 / wall.A0, axis=(1, 2)),
+        site_wall=c.wall_at(*sites_of(network)),
     )
+
+
+def sites_of(network: Network) -> tuple[Array, Array]:
+    """Segment and x/L of every site : (n_sites,)."""
+    index = {segment.name: i for i, segment in enumerate(network.segments)}
+    sites = network.sites
+    return np.array([index[site.segment] for site in sites], int), np.array([site.position for site in sites])
 
 
 def _inlets(network: Network, wall: Wall, mesh: Mesh, layout: Layout) -> Inlets:

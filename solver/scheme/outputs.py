@@ -8,9 +8,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from ..laws.wall import Wall
 from ..mesh.mesh import Layout, Samples
-from .model import Model
+from .model import Model, sites_of
 from .sdirk import SDIRK3
 from .step import State
 
@@ -31,14 +30,14 @@ class Reporter(Generic[S]):
         return self.report(state)
 
 
-def reporter(model: Model, wall: Wall | None = None, tables: bool = True) -> Reporter[State]:
+def reporter(model: Model, tables: bool = True) -> Reporter[State]:
     """Outputs of a network: P of each inlet (Q for a given P), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
     At a site A, ∂A/∂t and the effect of memory on the viscous stress are interpolated, and P follows from the wall law;
-    the nodal pressures are the multipliers H. wall : at the sites, default :func:`site_walls`. tables : include the
-    direct contributions of source tables at the time of the state.
+    the nodal pressures are the multipliers H. tables : include the direct contributions of source tables at the time of
+    the state.
     """
-    network, mesh, (segment, position) = model.network, model.mesh, _sites(model)
+    network, mesh, wall, (segment, position) = model.network, model.mesh, model.site_wall, sites_of(model.network)
     gauss, lobatto = mesh.sample_gauss(segment, position), mesh.sample_lobatto(segment, position)
     # for a state vector followed by ∂A/∂t and H
     joined = Layout({**model.layout.shapes, "A_t": model.layout.shapes["A"], "H": (mesh.n_nodes,)})
@@ -47,7 +46,6 @@ def reporter(model: Model, wall: Wall | None = None, tables: bool = True) -> Rep
     at_inlets = np.where(inlets.by_flow, H_columns[mesh.topology.inlets], inlets.first)
     at_outlets = np.stack([H_columns[mesh.topology.outlets], Q_columns[mesh.outlet_element, -1]], axis=1)
     ends = np.concatenate([at_inlets, at_outlets.ravel()])
-    wall = site_walls(model) if wall is None else wall
     n, first = len(segment), len(at_inlets)
     units = network.output_units()
 
@@ -73,17 +71,6 @@ def reporter(model: Model, wall: Wall | None = None, tables: bool = True) -> Rep
         return result
 
     return Reporter(tuple(units), tuple(units.values()), report)
-
-
-def site_walls(model: Model) -> Wall:
-    """The walls at the sites : (B, n_sites)."""
-    return model.coefficients.wall_at(*_sites(model))
-
-
-def _sites(model: Model) -> tuple[Array, Array]:
-    """Segment and x/L of every site : (n_sites,)."""
-    index, sites = {segment.name: i for i, segment in enumerate(model.network.segments)}, model.network.sites
-    return np.array([index[site.segment] for site in sites], int), np.array([site.position for site in sites])
 
 
 def inlet_answers(model: Model, state: State) -> Array:

@@ -20,7 +20,7 @@ from ..network.coefficients import changes, coefficients
 from ..network.description import Network
 from ..scheme.guards import VISCOSITY_REASON, margins
 from ..scheme.model import Model, Settings, lay_out
-from ..scheme.outputs import inlet_answers, site_walls, venous_flow, volume_weights
+from ..scheme.outputs import inlet_answers, venous_flow, volume_weights
 from ..scheme.sdirk import GAMMA
 from ..scheme.step import State
 from .array import Traced, array, later
@@ -62,18 +62,16 @@ def whole(network: Network, settings: Settings, bent: bool = False, shared: Shar
     """
     made = parts(network, settings, bent)
     recording = _Component(made.recorder, made.m, GAMMA * made.step)
-    program = recording.whole(made.walls, made.places, shared)
+    program = recording.whole(made.places, shared)
     return Whole(program, made.model, tuple(recording.reasons))
 
 
 class Parts(NamedTuple):
-    """A concrete model, a model m of traced coefficients, its walls at the sites and its step; places : inputs of the
-    first phase."""
+    """A concrete model, a model m of traced coefficients, and its step; places : inputs of the first phase."""
 
     recorder: Known
     model: Model
     m: Any
-    walls: Any
     step: Traced
     places: Mapping[str, Sequence[Traced]]
 
@@ -97,11 +95,10 @@ def parts(network: Network, settings: Settings, bent: bool) -> Parts:
     step, length = array(recorder, 0, ()), array(recorder, 0, ())
     recorder.give(step, settings.dt)
     recorder.give(length, settings.element_length)
-    walls = site_walls(m)
     recorder.lenient = False
     _same_mesh(recorder, mesh, made, length)
     places = {"parameters": [given], "dt": [step], "element_length": [length]}
-    return Parts(recorder, model, m, walls, step, places)
+    return Parts(recorder, model, m, step, places)
 
 
 def _bent(name: str, value: float) -> float:
@@ -132,9 +129,9 @@ class _Component(Recording):
         super().__init__(recorder, m, tau)
         self.reasons: list[tuple[str, str]] = []
 
-    def whole(self, walls: Any, places: Mapping[str, Sequence[Traced]], shared: Shared | None) -> Program:
+    def whole(self, places: Mapping[str, Sequence[Traced]], shared: Shared | None) -> Program:
         self.rest()
-        state, venous = self.steps(walls)
+        state, venous = self.steps()
         self.explain(venous)
         self.show(state)
         inputs = {**self.given, **places}

@@ -56,7 +56,7 @@ class _Derivative(Recording):
         Q = self.take("Q", "end", *self.shapes["Q"])
         A_t: Any = stage.start.area_rate(Q)
         self.out |= {"A_t": A_t, "end": stage.end(Q, A_t)}
-        self.shown(state, made.walls)
+        self.shown(state)
         inputs = {**self.given, **{name: [*each] for name, each in made.places.items()}}
         out = {name: elementwise(self.recorder, "copy", self.out[name]) for name in (*_LEFT, "Q_change", "H_change")}
         seeds = dict[Slot, Slot]()
@@ -83,7 +83,7 @@ class _Derivative(Recording):
         there.add_to(change, H_change)
         self.out |= {"Q_change": change, "H_change": H_change}
 
-    def shown(self, state: State, walls: Any) -> None:
+    def shown(self, state: State) -> None:
         """Outputs, and the volume."""
-        self.report(state, walls)
+        self.report(state)
         self.out["V"] = (volume_weights(self.m) * self.given["y_report"][0]).sum()

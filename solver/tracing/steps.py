@@ -20,7 +20,7 @@ from ..mesh.source_tables import NoTables
 from ..network.description import Network
 from ..scheme.guards import margins
 from ..scheme.model import Model
-from ..scheme.outputs import reporter, site_walls
+from ..scheme.outputs import reporter
 from ..scheme.sdirk import INFLOW_TIMES
 from ..scheme.stage import Operators, Stage, condense, largest, operators_about
 from ..scheme.step import State, tolerances
@@ -118,10 +118,12 @@ def _facts(x: Network | Mesh | Layout) -> Hashable:
     return x.element.N, x.core, x.n_nodes, *(getattr(x, name).tobytes() for name in _MESH)
 
 
-def numbers(model: Model) -> tuple[Any, ...]:
-    """All objects that a step and its outputs depend on."""
+def numbers(model: Model) -> Model:
+    """All objects that a step and its outputs depend on: not the terms of effects, which act through the other numbers,
+    so that effects which change the same numbers share a program."""
     tables = model.tables.given(np.zeros(len(model.tables.tables)))  # g(t) is an input, moment by moment
-    return replace(model, parameters={}, memo={}, mesh=replace(model.mesh, core=CORE), tables=tables), site_walls(model)
+    c = replace(model.coefficients, terms=(), batched=False)
+    return replace(model, parameters={}, memo={}, coefficients=c, mesh=replace(model.mesh, core=CORE), tables=tables)
 
 
 # --- recording -----------------------------------------------------------------------------------------------------
@@ -132,7 +134,7 @@ def recorded(model: Model, tau: float) -> tuple[Recorded, list[Array]]:
 
     Raises Untraceable with the operation that cannot be recorded.
     """
-    return _programs.of(numbers(model), tau, lambda r, own, leaves: Recording(r, own[0], tau).all(leaves, own[1]))
+    return _programs.of(numbers(model), tau, lambda r, m, leaves: Recording(r, m, tau).all(leaves))
 
 
 class Programs:
@@ -142,18 +144,18 @@ class Programs:
         self.kept: dict[Hashable, Recorded] = {}
 
     def of(
-        self, own: tuple[Any, ...], tau: float, record: Callable[[Recorder, tuple[Any, ...], Leaves], Recorded]
+        self, model: Model, tau: float, record: Callable[[Recorder, Any, Leaves], Recorded]
     ) -> tuple[Recorded, list[Array]]:
-        """The program for objects and the numbers in them. If none of the same kind is cached, ``record`` makes it from
-        traced objects. tau : the length of stages."""
+        """The program for a model of :func:`numbers`, and its numbers. If none of the same kind is cached, ``record``
+        makes it from a traced model. tau : the length of stages."""
         looked = Leaves()
-        looked.of(own)
+        looked.of(model)
         key = (tau, tuple(looked.kind), tuple(looked.classes))
         found = self.kept.pop(key, None)
         if found is None:
             recorder = Recorder()
             leaves = Leaves(recorder)
-            found = record(recorder, leaves.of(own), leaves)
+            found = record(recorder, leaves.of(model), leaves)
         while len(self.kept) >= _KEPT:
             self.kept.pop(next(iter(self.kept)), None)
         self.kept[key] = found
@@ -180,19 +182,19 @@ class Recording:
         H = np.broadcast_to(self.m.coefficients.P_0, (1, self.n_H))
         return operators_about(self.m, self.tau, self.m.at_rest(), H)
 
-    def all(self, leaves: Leaves, walls: Any) -> Recorded:
-        """The program; walls : at the sites."""
-        self.steps(walls)
+    def all(self, leaves: Leaves) -> Recorded:
+        """The program."""
+        self.steps()
         return self.recorded(leaves)
 
-    def steps(self, walls: Any) -> tuple[State, Any]:
+    def steps(self) -> tuple[State, Any]:
         """All phases of steps; returns the state at their start, and P_venous."""
         state, venous = self.prepare()
         stage = self.start(venous)
         self.correct(stage, "correct", "", self.o.at_rest)
         self.refresh(stage)
         self.end(stage)
-        self.report(state, walls)
+        self.report(state)
         return state, venous
 
     def recorded(self, leaves: Leaves, held: int | None = None) -> Recorded:
@@ -256,8 +258,8 @@ class Recording:
         least = [np.min(margin) for margin, _, _ in margins(m, *checked)]
         self.out |= {"A_t": A_t, "end": end, "margin": np.min(np.stack(least))}
 
-    def report(self, state: State, walls: Any) -> None:
+    def report(self, state: State) -> None:
         """The outputs of a state."""
         y, H = self.take("y_report", "report", self.m.layout.size), self.take("H_report", "report", self.n_H)
         moment = replace(state, y=y, A_t=self.take("A_t_report", "report", *self.shapes["A"]), H=H)
-        self.out["report"] = reporter(self.acting("g_report", "report"), walls).report(moment)
+        self.out["report"] = reporter(self.acting("g_report", "report")).report(moment)

@@ -94,8 +94,9 @@ def _elsewhere(batch: Batch) -> Answer:
 
 
 def kind_of(terms: Sequence[Term]) -> str:
-    """The kind of a hypothesis: those that share a mesh, outlets and states run in one batch."""
+    """The kind of a hypothesis: those that share a mesh, outlets, states and leaks run in one batch."""
     own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts or t.remembers]
+    own += ["leaks" for t in terms if t.leaks]
     return " ".join(sorted(set(own)))
 
 
