@@ -1,0 +1,101 @@
+"""Models that are only approximately right: each hypothesis with the model error that its own residual shows."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from test_first import N, beats, ejection, line
+from test_nearest import FREE, bent, loop
+
+from discrepancy import thresholds as at
+from discrepancy.name.approximate import approximated
+from discrepancy.name.model_selection import name
+from discrepancy.name.scoring import Compared
+from discrepancy.name.verdict import Naming
+from fitting.calibrate.network_calibration import calibrate
+from fitting.first.data import ERROR
+from fitting.first.model import first_model
+from fitting.first.spread import accuracy, spread
+from fitting.inference.fit import Member
+from fitting.inference.hypothesis import Term, candidates
+from fitting.inference.models.network import NetworkProblem
+from fitting.inference.models.network_record import network_problem
+from fitting.inference.runs import Runs
+from fitting.records.alignment.align import align
+from fitting.records.channels.noise import pulses
+from solver import load
+from solver.quantities.units import INFLOW, MMHG
+
+T = 0.8
+PER_ML = MMHG / 1e-6
+
+
+@cache
+def tube(late: float, bump: float = 0.0) -> tuple[NetworkProblem, tuple[Term, ...]]:
+    """A textbook tube with a Windkessel, its flow ``late`` [s], compared with its first model. bump : an error of the
+    second harmonic of the pressure that no model has, as a fraction of the pulsation."""
+    Q = ejection(T, 75e-6)
+    P, _ = line(Q, T, 0.06 * PER_ML, 0.05, (0.06 * PER_ML, 1.0 * PER_ML), 1.2e-6 / MMHG)
+    P = P + bump * P.std() * np.sqrt(2.0) * np.cos(10.0 * np.pi * np.arange(N) / N)
+    record = beats(T, 1, inlet_Q=np.roll(Q, round(late / T * N)), Ao_P=P)
+    network = first_model(record).network
+    names = ("Ao.P",)
+    problem = network_problem(record, network, names, prior=spread(network), accuracy=accuracy(network))
+    return problem, candidates(network, (*names, INFLOW), None, spread(network).free)
+
+
+def named(late: float, bump: float = 0.0) -> Naming:
+    problem, terms = tube(late, bump)
+    return name(problem, terms, Runs())
+
+
+def test_the_accuracy_of_a_first_model_is_in_its_weights() -> None:
+    """C' = C + (ERROR σ)² 1 at every harmonic, with σ the rms of the pulsation; no other network has such an error."""
+    problem, _ = tube(0.0)
+    exact = NetworkProblem.of(problem.beats, problem.simulator, Member((), (), np.zeros(0)), 0.0 * problem.error)
+    added = problem.target.covariance - exact.target.covariance
+    assert added[1:].real.ravel() == pytest.approx((ERROR * pulses(problem.beats, problem.signals)[0]) ** 2, rel=0.05)
+    assert accuracy(problem.network) == ERROR and accuracy(load("sheep")) == 0.0
+
+
+@pytest.mark.parametrize("late", [0.02, -0.02])
+def test_a_late_flow_is_named(late: float) -> None:
+    """One pressure cannot tell a late flow from an early pressure: the class holds both and nothing else. Size within 3
+    ms, as the first model's tube takes up a part."""
+    naming = named(late)
+    (term,) = naming.best.fit.terms
+    (lag,) = (u.moves[0][1] * x for u, x in zip(naming.best.fit.unknowns, naming.best.fit.x, strict=True)
+              if u in term.unknowns)  # fmt: skip
+    assert naming.verdict == "ambiguous"
+    assert {n.label for n in naming.members} == {f"channel_lag at {c}" for c in ("Ao.P", INFLOW)}
+    assert (-lag if term.place == "Ao.P" else lag) == pytest.approx(late, abs=0.003)
+    assert naming.confidence <= at.SUREST["partial"]
+
+
+@pytest.mark.parametrize("bump", [0.0, 0.003])
+def test_nothing_is_missing_within_the_accuracy(bump: float) -> None:
+    """A true model, and one that lacks 0.3 % of the pulsation, several times the noise: nothing, with its accuracy."""
+    naming = named(0.0, bump)
+    assert (naming.verdict, naming.accuracy, naming.members) == ("none", ERROR, ())
+    assert naming.confidence > 0.8
+
+
+def test_what_no_law_has_is_unknown() -> None:
+    """A tenth of the pulsation at one harmonic alone."""
+    naming = named(0.0, 0.1)
+    assert naming.verdict == "unknown" and not naming.base.explains and not naming.members
+
+
+def test_the_model_without_effect_is_that_of_a_calibration() -> None:
+    """A real record that one tube does not explain, from bent walls: rms of both pressures within 0.3 mmHg of those of
+    a calibration, whose priors differ; and the error that the residual shows, which the noise does not."""
+    measured, network, problem = loop()
+    found, approximate = approximated(Compared.of(problem, [bent()], {}, ()), Runs())
+    calibrated = calibrate(align(measured), network, FREE)
+    best = np.array([calibrated.rms[each] for each in problem.signals])
+    assert problem.rms(found.none.fit.z) == pytest.approx(best, abs=0.3 * MMHG)
+    (none,) = approximate
+    assert none.errors is not None and not found.none.explains
+    assert none.fit.chi2 == pytest.approx(len(none.fit.z), rel=0.3)
