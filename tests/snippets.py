@@ -64,7 +64,6 @@ SHORTER = {
     "docs/simulators.md": {'"steps": 900': '"steps": 100'},
     "docs/studies.md": {"--samples 64": "--samples 16"},
     "docs/tutorial-effect.md": {"sheep --channels AA.P,CA.P,FA.P": "cca --channels common_carotid_artery.P"},
-    "docs/tutorial-real.md": {'--time-limit "1 min"': '--time-limit "25 s"'},
 }
 # Python that changes the catalogue of its process
 APART = ("effects.ALL +=",)
