@@ -10,12 +10,12 @@ from test_first import N, beats, ejection, line
 from test_nearest import FREE, bent, loop
 
 from discrepancy import thresholds as at
-from discrepancy.name.approximate import approximated
+from discrepancy.name.approximate import compared_first_model, compared_with_errors
 from discrepancy.name.model_selection import name
 from discrepancy.name.scoring import Compared
 from discrepancy.name.verdict import Naming
 from fitting.calibrate.network_calibration import calibrate
-from fitting.first.data import ERROR
+from fitting.first.data import ACCURACY
 from fitting.first.model import first_model
 from fitting.first.spread import accuracy, spread
 from fitting.inference.fit import Member
@@ -35,7 +35,7 @@ PER_ML = MMHG / 1e-6
 @cache
 def tube(late: float, bump: float = 0.0) -> tuple[NetworkProblem, tuple[Term, ...]]:
     """A textbook tube with a Windkessel, its flow ``late`` [s], compared with its first model. bump : an error of the
-    second harmonic of the pressure that no model has, as a fraction of the pulsation."""
+    fifth harmonic of the pressure that no model has, as a fraction of the pulsation."""
     Q = ejection(T, 75e-6)
     P, _ = line(Q, T, 0.06 * PER_ML, 0.05, (0.06 * PER_ML, 1.0 * PER_ML), 1.2e-6 / MMHG)
     P = P + bump * P.std() * np.sqrt(2.0) * np.cos(10.0 * np.pi * np.arange(N) / N)
@@ -52,12 +52,14 @@ def named(late: float, bump: float = 0.0) -> Naming:
 
 
 def test_the_accuracy_of_a_first_model_is_in_its_weights() -> None:
-    """C' = C + (ERROR σ)² 1 at every harmonic, with σ the rms of the pulsation; no other network has such an error."""
+    """C' = C + (ACCURACY σ)² 1 at every harmonic, σ the rms of the pulsation; no other network has such an error."""
     problem, _ = tube(0.0)
     exact = NetworkProblem.of(problem.beats, problem.simulator, Member((), (), np.zeros(0)), 0.0 * problem.error)
     added = problem.target.covariance - exact.target.covariance
-    assert added[1:].real.ravel() == pytest.approx((ERROR * pulses(problem.beats, problem.signals)[0]) ** 2, rel=0.05)
-    assert accuracy(problem.network) == ERROR and accuracy(load("sheep")) == 0.0
+    assert added[1:].real.ravel() == pytest.approx(
+        (ACCURACY * pulses(problem.beats, problem.signals)[0]) ** 2, rel=0.05
+    )
+    assert accuracy(problem.network) == ACCURACY and accuracy(load("sheep")) == 0.0
 
 
 @pytest.mark.parametrize("late", [0.02, -0.02])
@@ -78,7 +80,7 @@ def test_a_late_flow_is_named(late: float) -> None:
 def test_nothing_is_missing_within_the_accuracy(bump: float) -> None:
     """A true model, and one that lacks 0.3 % of the pulsation, several times the noise: nothing, with its accuracy."""
     naming = named(0.0, bump)
-    assert (naming.verdict, naming.accuracy, naming.members) == ("none", ERROR, ())
+    assert (naming.verdict, naming.accuracy, naming.members) == ("none", ACCURACY, ())
     assert naming.confidence > 0.8
 
 
@@ -92,10 +94,48 @@ def test_the_model_without_effect_is_that_of_a_calibration() -> None:
     """A real record that one tube does not explain, from bent walls: rms of both pressures within 0.3 mmHg of those of
     a calibration, whose priors differ; and the error that the residual shows, which the noise does not."""
     measured, network, problem = loop()
-    found, approximate = approximated(Compared.of(problem, [bent()], {}, ()), Runs())
+    last = compared_with_errors(Compared.of(problem, [bent()], {}, ()), Runs())
+    found, (none,) = last.found, last.named
     calibrated = calibrate(align(measured), network, FREE)
     best = np.array([calibrated.rms[each] for each in problem.signals])
     assert problem.rms(found.none.fit.z) == pytest.approx(best, abs=0.3 * MMHG)
-    (none,) = approximate
     assert none.errors is not None and not found.none.explains
     assert none.fit.chi2 == pytest.approx(len(none.fit.z), rel=0.3)
+
+
+def test_hypotheses_with_their_errors() -> None:
+    """From one with an effect that leaves more than noise: each once, best first in ranks as in evidence, and the one
+    with the least error of them all explains most."""
+    problem, terms = tube(0.0, 0.1)
+    (none,) = problem.individual().refit([()])
+    assert none is not None
+    lag = next(t for t in terms if t.label == "channel_lag at Ao.P")
+    (fit,) = problem.individual().refit([(lag,)], none)
+    assert fit is not None
+    last = compared_with_errors(Compared.of(problem.individual(), [none, fit], {}, terms), Runs())
+    keys = [n.key for n in last.named]
+    assert len(set(keys)) == len(keys) and {"", lag.label} <= set(keys)
+    assert [n.score for n in last.named] == sorted(n.score for n in last.named)
+    assert [n.key for n in last.found.ranked] == [key for key in keys if key]
+    assert last.complete
+
+
+def test_time_is_over() -> None:
+    """The model without effect is fitted, whatever the limit; the comparison is not complete."""
+    problem, terms = tube(0.0, 0.1)
+    (none,) = problem.individual().refit([()])
+    assert none is not None
+    last = compared_with_errors(Compared.of(problem.individual(), [none], {}, terms), Runs(deadline=-1.0))
+    assert [n.key for n in last.named] == [""] and not last.complete
+
+
+def test_one_that_leaves_a_little_more_than_noise_competes() -> None:
+    """χ² within four standard deviations needs no error; what its low harmonics leave may be no noise all the same. It
+    has no exact score then, but one as something else, of the price ELSE."""
+    problem, terms = tube(0.0, 0.05)
+    last = compared_first_model(problem.individual(), terms, Runs())
+    none = last.found.none
+    assert not none.explains and at.MISFIT < none.misfit < 4.0
+    (own,) = (n for n in last.named if not n.key)
+    assert own.errors is not None and not own.errors.any()
+    assert own.score == pytest.approx(none.score + at.ELSE)

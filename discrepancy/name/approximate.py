@@ -11,19 +11,21 @@ evidence contains its volume,
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.inference.fit import Array, Fit, Member
+from fitting.inference.extended_network import allowed
+from fitting.inference.fit import Fit, Member
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.hypothesis import Term
 from fitting.inference.joint.joint_record import Several
 from fitting.inference.joint.model_error import granted, minimum, networks
 from fitting.inference.model_discrepancy import PART, Beside
 from fitting.inference.models.network import NetworkProblem
-from fitting.inference.runs import Runs
+from fitting.inference.runs import OutOfTime, Runs
+from fitting.inference.source_maps.beside import without_errors
 from fitting.inference.source_maps.source_map import LEVELS
 from fitting.inference.unknown import Unknown, absent
 from solver.errors import InputError
@@ -35,7 +37,7 @@ from .scoring import Compared, Named, apart, promised, there, weighed, with_erro
 @dataclass(frozen=True)
 class Approximate:
     """A hypothesis fitted with its model error. fit : whitened by the noise alone. named : scored and whitened with the
-    error; None if there is no error, because only noise is left."""
+    error; None if only noise is left."""
 
     fit: Fit
     named: Named | None = None
@@ -46,45 +48,64 @@ class Approximate:
         return -np.inf if self.named is None else self.named.score
 
 
-def of_first(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> tuple[Compared, list[Named]]:
+@dataclass(frozen=True)
+class Comparison:
+    """found : with hypotheses at the points that they have with their model errors. named : these hypotheses, scored
+    with their errors; without those that leave only noise. complete : False if the time limit ended it."""
+
+    found: Compared
+    named: tuple[Named, ...] = ()
+    complete: bool = True
+
+
+def compared_first_model(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> Comparison:
     """The comparison for a first model, which is approximate by its construction: no law is sought at single places, as
     for a network whose arteries are those of the subject.
 
     Raises InputError if the model as given cannot be simulated with this record.
     """
-    none = from_afar(problem, problem.hypothesis(()), runs)
+    unlimited = replace(runs, deadline=None)
+    none = from_afar(problem, problem.hypothesis(()), unlimited)
     if none is None:
         raise InputError("the model as given cannot be simulated with this record")
-    sharp = problem.sharpened(none, runs)
-    (base,) = there([_computed(sharp, none, runs)]) or sharp.restated([none], problem)
-    return _compared(sharp, Compared.of(sharp, [base], {}, terms), [base], [], runs)
+    sharp = problem.sharpened(none, unlimited)
+    (base,) = there([_with_derivatives(sharp, none, unlimited)]) or sharp.restated([none], problem)
+    return _with_errors(sharp, Compared.of(sharp, [base], {}, terms), [base], [], runs)
 
 
-def approximated(found: Compared, runs: Runs) -> tuple[Compared, list[Named]]:
-    """The comparison with hypotheses fitted with their own model errors, and these as they are scored with them: the
-    model without effect, the effects that promise most beside it, and the best hypothesis so far."""
-    problem = found.problem
+def compared_with_errors(found: Compared, runs: Runs) -> Comparison:
+    """The comparison of the model without effect, the effects that promise most beside it, and the best hypothesis so
+    far, each fitted with its own model error."""
+    problem, unlimited = found.problem, replace(runs, deadline=None)
     assert isinstance(problem, NetworkProblem)
-    starts = [_computed(problem, found.none.fit, runs), from_afar(problem, found.none.fit.unknowns, runs)]
-    best = [_computed(problem, found.best.fit, runs)] if found.best.fit.terms else []
-    return _compared(problem, found, there(starts), there(best), runs)
+    none = _with_derivatives(problem, found.none.fit, unlimited)
+    starts = there([none, from_afar(problem, found.none.fit.unknowns, unlimited)])
+    best = [_with_derivatives(problem, found.best.fit, unlimited)] if found.best.fit.terms else []
+    return _with_errors(problem, found, starts, there(best), runs) if starts else Comparison(found)
 
 
-def _compared(
+def _with_errors(
     problem: NetworkProblem, found: Compared, starts: Sequence[Fit], others: Sequence[Fit], runs: Runs
-) -> tuple[Compared, list[Named]]:
-    """starts : of the model without effect. others : fits with effects. The derivatives at the model without effect,
-    weighted with its model error, promise the evidence of every candidate."""
-    base = min((_with_error(problem, fit, found.terms, runs) for fit in starts), key=lambda a: a.score)
-    columns = problem.columns(base.fit, found.sought, runs)
-    wide = problem if base.named is None else problem.widened(np.asarray(base.named.errors))
-    (none,) = wide.restated([base.fit], problem)
-    promising = _promising(wide, none, found.sought, wide.rewhitened(columns, problem), runs)
-    fits = [*others, *problem.restated(promising, wide)]
-    each = [base, *(_with_error(problem, fit, found.terms, runs) for fit in fits)]
-    exact = problem.refine([a.fit for a in each if a.named is None], runs)
-    found = _moved(replace(found, columns=columns), each).joined_by(exact)
-    return found, [a.named for a in each if a.named is not None]
+) -> Comparison:
+    """starts : of the model without effect, which is fitted whatever the time limit. others : fits with effects. The
+    derivatives at the model without effect, weighted with its model error, promise the evidence of every candidate."""
+    unlimited, complete = replace(runs, deadline=None), True
+    bases = there([_fitted(problem, fit, found.terms, unlimited) for fit in starts])
+    if not bases:
+        return Comparison(found)
+    each = [min(bases, key=lambda a: a.score)]
+    try:
+        found = replace(found, columns=problem.columns(each[0].fit, found.sought, runs))
+        for fit in (*others, *_promising(problem, each[0], found, runs)):
+            each += there([_fitted(problem, fit, found.terms, runs)])
+    except OutOfTime:
+        complete = False
+    noise = there(problem.refine([a.fit for a in each if a.named is None], unlimited))
+    own = dict[str, Named]()
+    for n in sorted((a.named for a in each if a.named is not None), key=lambda n: n.score):
+        own.setdefault(n.key, n)
+    found = _at_these_points(found.joined_by(noise), [*map(Approximate, noise), *(a for a in each if a.named)])
+    return Comparison(found, tuple(own.values()), complete)
 
 
 def from_afar(problem: NetworkProblem, unknowns: tuple[Unknown, ...], runs: Runs) -> Fit | None:
@@ -100,40 +121,48 @@ def from_afar(problem: NetworkProblem, unknowns: tuple[Unknown, ...], runs: Runs
     return None if fit is None else problem.restated([fit], wide)[0]
 
 
-def _computed(problem: NetworkProblem, fit: Fit, runs: Runs) -> Fit | None:
-    """A fit with the residual and derivatives at its point, which may be predicted ones; None if it has no beat."""
+def _with_derivatives(problem: NetworkProblem, fit: Fit, runs: Runs) -> Fit | None:
+    """A fit with residual and derivatives simulated at its point; they may have been predicted. None if it has no
+    beat."""
     (point,) = problem.points([Trial(fit.member, np.arange(len(fit.x)), None, 0.0 * fit.x)], runs)
     return None if point is None else replace(fit, z=point.z, J=point.J, derived_at=fit.x)
 
 
-def _promising(
-    problem: NetworkProblem, none: Fit, terms: Sequence[Term], columns: Mapping[str, Array], runs: Runs
-) -> list[Fit]:
-    """The effects that promise more evidence than ``none``, at most FEW, refitted. columns : of the terms there."""
-    without, gained = promised(none, terms, columns)
+def _promising(problem: NetworkProblem, base: Approximate, found: Compared, runs: Runs) -> list[Fit]:
+    """The effects that promise more evidence than none, at most FEW, refitted with the model error of ``base``, the
+    model without effect, at which ``found`` has its columns; whitened by the noise alone."""
+    wide = problem if base.named is None else problem.widened(np.asarray(base.named.errors))
+    (none,) = wide.restated([base.fit], problem)
+    columns = wide.rewhitened(found.columns, problem)
+    without, gained = promised(none, found.sought, columns)
     best = [(term,) for score, term in gained if score < without][: at.FEW]
-    return there(problem.refit(best, none, runs, columns))
+    return problem.restated(there(wide.refit(best, none, runs, columns)), wide)
 
 
-def _with_error(problem: NetworkProblem, fit: Fit, terms: Sequence[Term], runs: Runs) -> Approximate:
-    """A hypothesis refitted with its model error."""
+def _fitted(problem: NetworkProblem, fit: Fit, terms: Sequence[Term], runs: Runs) -> Approximate | None:
+    """A hypothesis refitted with its model error; None if a parameter left its range."""
     whole = Several((problem,), ("",))
     ended = minimum(whole, fit, problem.rules, runs)
-    if not ended.errors.any():
-        return Approximate(ended.fit)
+    if allowed(problem.network, ended.fit) is None:
+        return None
+    exact = weighed(problem, ended.fit, terms)
+    if not ended.errors.any():  # its test is that of the linear problem
+        beside = without_errors(problem, ended.fit)
+        return Approximate(ended.fit, None if exact.explains else with_errors(exact, beside))
     (wide,) = networks(granted(whole, ended.errors))
     (seen,) = wide.restated([ended.fit], problem)
     seen = replace(seen, log_volume=wide.target.log_volume - problem.target.log_volume)
-    cost = PART * float(np.count_nonzero(ended.errors))
-    beside = Beside(seen, np.asarray(wide.model_error), cost)
-    return Approximate(ended.fit, with_errors(weighed(problem, ended.fit, terms), beside))
+    cost = PART * len({*ended.errors.tolist()} - {0.0})  # equal ones are one
+    return Approximate(ended.fit, with_errors(exact, Beside(seen, np.asarray(wide.model_error), cost)))
 
 
-def _moved(found: Compared, each: Sequence[Approximate]) -> Compared:
-    """The comparison with hypotheses at the points that they have with their model errors, most probable first."""
+def _at_these_points(found: Compared, each: Sequence[Approximate]) -> Compared:
+    """The comparison of these hypotheses at these points, most probable first, and of all others that leave only noise:
+    elsewhere, what is left was minimised with other weights."""
     best = dict[str, Named]()
-    for a in sorted(each, key=lambda a: a.score):
-        exact = weighed(found.problem, a.fit, found.terms)
+    weighted = ((a, weighed(found.problem, a.fit, found.terms)) for a in each)
+    for _, exact in sorted(weighted, key=lambda pair: (pair[0].score, pair[1].score)):
         best.setdefault(exact.key, exact)
     none = best.pop("", found.none)
-    return replace(found, none=none, ranked=apart([*best.values(), *(n for n in found.ranked if n.key not in best)]))
+    named = [*best.values(), *(n for n in found.ranked if n.key not in best and n.explains)]
+    return replace(found, none=none, ranked=apart(sorted(named, key=lambda n: not n.shown)))

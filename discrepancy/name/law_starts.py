@@ -115,8 +115,9 @@ def nearest(
     _simulated(problem, base, [(t, x) for t in lost for x in _sizes(t, _SMALLER)], runs, here)
     known |= {key: list(responses) for key, responses in here.items()}
     few = fewest(_predicted(problem, base, laws, runs, known), most, 3 * at.FEW)
-    there = _simulated(problem, base, [(b.term, b.x) for b in few], runs, here)
-    found = _predicted(problem, base, [b.term for b in few], runs, there)
+    there = _simulated(problem, base, [(b.term, b.x) for b in few], runs, {})
+    again = {key: [*here.get(key, []), *responses] for key, responses in there.items()}
+    found = _predicted(problem, base, [b.term for b in few], runs, again)
     # a law that has no beat at the predicted size starts from the one that was simulated
     found += [replace(b, x=b.tried) for b in few if key_of(b.term) not in there]
     return fewest(sorted(found, key=lambda b: b.left), most)

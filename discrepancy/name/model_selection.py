@@ -2,7 +2,8 @@
 
 In a network, the source map (:mod:`fitting.inference.source_maps.source_map`) first locates where something acts, with
 individual walls. Then the laws of the catalogue are fitted there (:mod:`discrepancy.name.at_places`). A parameter that
-is an outlier of its kind is no wall deviation (:mod:`discrepancy.name.individual_walls`).
+is an outlier of its kind is no wall deviation (:mod:`discrepancy.name.individual_walls`). If nothing leaves only noise,
+hypotheses are compared with their own model errors (:mod:`discrepancy.name.approximate`); in a first model at once.
 
 On a bench, a refit costs a tenth of a second, so every effect of the wall and its sensors is refitted, and every pair
 if no single effect explains the record. The best single effect does not reveal the pair: a lag beside a slow catheter
@@ -38,14 +39,15 @@ from solver.errors import InputError
 
 from .. import thresholds as at
 from ..options import COMMON
-from .approximate import approximated, from_afar, of_first
+from .approximate import Comparison, compared_first_model, compared_with_errors, from_afar
 from .at_places import named_at
 from .individual_walls import set_apart
 from .intervals import profiled
 from .scoring import Compared, Named, exact, last_of, names_of, there
 from .verdict import Naming, decided
 
-_MAPPED = 0.6  # of the time limit: most that the source map may take
+_SEARCHED = 0.8  # of the time limit: most that the search may take
+_MAPPED = 0.6  # of that: most that the source map may take
 _NO_SIZE = 0.05  # of x: a smaller effect did not lower the cost itself
 
 
@@ -60,27 +62,30 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     whole, terms = problem if walls == COMMON else problem.individual(), tuple(terms)
     found = None
     if isinstance(whole, NetworkProblem) and whole.accuracy:
-        return _of_first(whole, terms, runs)
+        return _verdict_on_first_model(whole, terms, runs)
+    first = runs.part(_SEARCHED) if isinstance(whole, NetworkProblem) else runs
     if isinstance(whole, NetworkProblem):
-        found = source_map(whole, runs.part(_MAPPED))
-        search = named_at(whole.at((), found.unknowns, found.x), found, terms, runs)
+        found = source_map(whole, first.part(_MAPPED))
+        search = named_at(whole.at((), found.unknowns, found.x), found, terms, first)
     else:
-        search = _of_bench(whole, terms, runs)
-    known, complete = last_of(_with_what_stands_out(search, runs))
-    unlimited, near, approximate = replace(runs, deadline=None), None, list[Named]()
+        search = _of_bench(whole, terms, first)
+    known, complete = last_of(_with_what_stands_out(search, first))
+    near, last = None, Comparison(known)
     if not known.best.explains and isinstance(whole, NetworkProblem):
-        known, approximate = approximated(known, unlimited)
-    elif (near := nearest(known, unlimited)) is not None:
+        last = compared_with_errors(known, runs)
+        near = None if last.found.best.explains else last.found.none.fit
+    elif (near := nearest(known, replace(runs, deadline=None))) is not None:
         known, ended = last_of(compared_with(known, near, runs))
-        near, complete = known.none.fit, complete and ended
-    naming = decided(known, terms, _freed(known, found, runs), complete, approximate)
+        near, last = known.none.fit, Comparison(known, complete=ended)
+    freed = _freed(last.found, found, runs)
+    naming = decided(last.found, terms, freed, complete and last.complete, last.named)
     return replace(profiled(naming, runs), map=found, nearest=near)
 
 
-def _of_first(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> Naming:
+def _verdict_on_first_model(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> Naming:
     """The verdict on a first model. The source map only shows where something acts that no law explains."""
-    known, approximate = of_first(problem, terms, replace(runs, deadline=None))
-    naming, found = decided(known, terms, lambda n: None, approximate=approximate), None
+    last, found = compared_first_model(problem, terms, runs.part(_SEARCHED)), None
+    naming = decided(last.found, terms, lambda n: None, last.complete, last.named)
     if naming.verdict in ("partial", "unknown"):
         with suppress(OutOfTime):
             found = source_map(problem, runs.part(_MAPPED))

@@ -1,8 +1,9 @@
 """Hypotheses on one record: the score of each, and all that were fitted so far, ranked under one weighting.
 
 The score is -2 ln of evidence times prior. Every hypothesis is evaluated exactly and with model discrepancy. That is
-free terms at places in a network (:mod:`fitting.inference.source_maps.beside`), and a random error of the wall law on a
-bench (:mod:`fitting.inference.model_discrepancy`). The model without effect but with discrepancy is "something else".
+free terms at places in a network (:mod:`fitting.inference.source_maps.beside`), or an error of its channels
+(:mod:`discrepancy.name.approximate`), and a random error of the wall law on a bench
+(:mod:`fitting.inference.model_discrepancy`). The model without effect but with discrepancy is "something else".
 The prior consists of a few prices: effects are equally likely beforehand, and so are the places of one effect, so that
 many candidates do not make a discovery likelier.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,6 +27,8 @@ from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import free, precision
 
 from .. import thresholds as at
+
+Each = TypeVar("Each")
 
 
 @dataclass(frozen=True)
@@ -245,7 +249,7 @@ class Compared:
         return self if self.best.explains else self.joined_by(self.problem.refine([self.best.fit], runs))
 
 
-def there(fits: Sequence[Fit | None]) -> list[Fit]:
+def there(fits: Sequence[Each | None]) -> list[Each]:
     """The fits that succeeded."""
     return [f for f in fits if f is not None]
 

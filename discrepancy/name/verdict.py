@@ -35,8 +35,8 @@ class Naming:
     nothing acts at any place; for unknown, that the nearest effect does not act, small if it acts but leaves most of
     the gap. reason : for unknown; for partial, the remaining gap. complete : the search was completed. reaches :
     profile intervals of the best by unknown (:func:`discrepancy.name.intervals.profiled`). map : source map of a
-    network. nearest : the best model without effect if even that is far from the record; a name must do better
-    (:mod:`discrepancy.name.model_selection`).
+    network; None for a first model that an effect, or none, explains. nearest : the best model without effect if that
+    is far from the record; a name must do better (:mod:`discrepancy.name.model_selection`).
     """
 
     verdict: str
@@ -96,7 +96,7 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximat
     exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
     held = ((n, beside(n)) for n in _held_loosely(found, exact))
     loose = [with_errors(n, errors) for n, errors in held if errors is not None]
-    ways = ranked([*exact, *(n for n in loose if not _by_a_law(n, exact)), *approximate])
+    ways = ranked([*exact, *(n for n in loose if not _by_a_law(n, exact)), *_with_shown(approximate)])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
     if none.explains:
         ways = _with_aliases(ways)
@@ -210,20 +210,24 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named], approximat
     problem, none, best = found.problem, found.none, next(n for n in ways if n.fit.terms)
     exact = next(n for n in found.ranked if n.key == best.key)
     if _closed(found, exact) < at.PART_CLOSED:
-        nearest = next(n for n in found.ranked if n.fit.terms)
-        reason = f"{label_text(nearest.label)} comes nearest, but more remains: {_left(nearest.fit, problem)}"
+        reason = f"{label_text(best.label)} comes nearest, but more remains: {_left(exact.fit, problem)}"
         return replace(unknown, confidence=1.0 - unknown.confidence, reason=reason)
     assert best.errors is not None
     own = {n.key: n.errors for n in approximate if n.errors is not None}
     wide = problem.widened(own.get(best.key, best.errors))
     held = [none, exact, *(n for n in found.ranked if n is not exact)]
     fits = wide.restated([n.fit for n in held], problem)
-    # what was fitted with its own error stays there: the error of the best is too small for it
+    # hypotheses fitted with their own error keep their point: the error of the best one is too small for them
     fits = [f if n.key in own else settled(f) for n, f in zip(held, fits, strict=True)]
     none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(held, fits, strict=True))
-    chance = {n.key: n.probability for n in ways if n.errors is not None}
-    order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in apart([first, *ranked(rest)]))
-    labels = {n.key for n in _class([n for n in ways if n.errors is not None and n.fit.terms])}
+    loose = [n for n in ways if n.errors is not None]
+    chance = {n.key: sum(m.probability for m in loose if m.key == n.key) for n in loose}
+    above = {n.key: n.score - best.score for n in reversed(loose)}  # each with its own errors
+    order = tuple(
+        replace(n, probability=chance.get(n.key, 0.0), above_best=above.get(n.key, n.above_best))
+        for n in apart([first, *ranked(rest)])
+    )
+    labels = {n.key for n in _class([n for n in loose if n.fit.terms])}
     anew = wide.columns(none.fit, found.terms) if wide.site else wide.rewhitened(found.columns, problem)
     return replace(
         unknown, verdict="partial", problem=wide, base=none, ranked=order, columns=anew,

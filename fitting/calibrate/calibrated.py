@@ -53,7 +53,7 @@ class Calibration:
 
     values, ci95 : SI, by FMU variable name, common to the recordings. shrinkage : posterior over prior standard
     deviation, None without a prior. chi2, dof : of the data, by their noise alone. model_errors : of means and of
-    harmonics, relative to each channel's pulsation (rms; :mod:`fitting.inference.joint.calibration`), 0 if the model
+    harmonics, relative to each channel's pulsation (rms; :mod:`fitting.inference.joint.model_error`), 0 if the model
     explains the record; the covariance includes them. singular_values : of the whitened Jacobian in prior units,
     largest first, 0 below its own error. report : undetermined parameters, active bounds, misfit, one sentence each.
     history : cost after each iteration of both searches. simulations : number of simulated parameter sets. others : the

@@ -6,7 +6,7 @@ relative to the network's own values and Gaussian priors of standard deviation s
     |z(x)|² + Σ (x_i/s_i)²
 
 One batch of harmonic balances gives z and its derivatives, by finite differences. A model error of the channels
-represents missing physics; its size is estimated alternately with x (:mod:`fitting.inference.joint.calibration`). A
+represents missing physics; its size is estimated alternately with x (:mod:`fitting.inference.joint.model_error`). A
 first search approaches the minimum. There, a halved element length measures the solver's own error, and the response to
 the inflow's noise is computed; a second search with these weights gives the result.
 """

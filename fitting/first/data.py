@@ -13,9 +13,9 @@ from .waves import heard
 Array = np.ndarray
 
 _HARMONICS = 16  # at most: they hold the pulse
-# Of the pulsation: an error of the model in each harmonic, also in a study. First models leave 0.04 to 0.46 % (rms over
-# the harmonics) of 16 virtual animals in which nothing is hidden
-ERROR = 0.005
+# Of the pulsation: the error of the model at each harmonic, in its fit and in a study. Judgement: above the 0.04 to
+# 0.46 % (rms over harmonics) that first models leave of 16 virtual animals in which nothing is hidden
+ACCURACY = 0.005
 
 
 class Data:
@@ -39,7 +39,7 @@ class Data:
             noise = np.sqrt(self.beats.covariance((name,))[: len(self.k), 0, 0].real)
         noise[0] = 0.0 if name == self.root else np.inf  # breathing moves single beats; zeros elsewhere may be off
         size = self.size(name)
-        return np.asarray(np.hypot(noise, ERROR * size) + 1e-12 * size)
+        return np.asarray(np.hypot(noise, ACCURACY * size) + 1e-12 * size)
 
     def size(self, name: str) -> float:
         """rms of the pulsation of a channel."""

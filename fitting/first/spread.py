@@ -11,7 +11,7 @@ from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 
 from ..inference.prior import Calibrated, along
-from .data import ERROR
+from .data import ACCURACY
 from .text import REFERENCE
 from .tubes import TAPER_ERROR, TAPERED, keyed
 
@@ -26,9 +26,9 @@ def is_first(network: Network) -> bool:
 
 
 def accuracy(network: Network) -> float:
-    """The error of a network in each harmonic, as a fraction of a channel's pulsation: what a first model lacks by its
-    construction; 0 for any other network."""
-    return ERROR if is_first(network) else 0.0
+    """The stated error of a network at each harmonic, as a fraction of a channel's pulsation; 0 unless it is a first
+    model."""
+    return ACCURACY if is_first(network) else 0.0
 
 
 def spread(network: Network) -> Calibrated:

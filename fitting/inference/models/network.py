@@ -180,7 +180,7 @@ class NetworkProblem(Single):
         return sensor_noise(self.beats, self.signals, self.response, self.felt)
 
     def covariance(self, beats: Beats) -> Array:
-        """(K+1, m, m) of sensors, inflow and solver."""
+        """(K+1, m, m) of sensors, inflow, solver and network."""
         return self.target.covariance
 
     # --- hypotheses ---------------------------------------------------------------------------------------------------
