@@ -213,8 +213,8 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named], approximat
         reason = f"{label_text(best.label)} comes nearest, but more remains: {_left(exact.fit, problem)}"
         return replace(unknown, confidence=1.0 - unknown.confidence, reason=reason)
     assert best.errors is not None
-    own = {n.key: n.errors for n in approximate if n.errors is not None}
-    wide = problem.widened(own.get(best.key, best.errors))
+    wide = problem.widened(best.errors)
+    own = set[str]() if best.places else {n.key for n in approximate}
     held = [none, exact, *(n for n in found.ranked if n is not exact)]
     fits = wide.restated([n.fit for n in held], problem)
     # hypotheses fitted with their own error keep their point: the error of the best one is too small for them
