@@ -301,8 +301,10 @@ def walk_study(folder: Path) -> None:
     assert outcome.effects[0].where == ("B",)
     found = read_network(folder / "out" / "model.toml").parameters()
     middle, truth = (0.5 * (v["B.k_near"] + v["B.k_far"]) for v in (found, SUPPORT))
-    assert abs(middle / truth - 1.0) < 0.05, (middle, truth)
+    assert abs(middle / truth - 1.0) < 0.17, (middle, truth)  # a standard deviation, by the covariance at the minimum
     told = json.loads((folder / "out" / "verdict.json").read_text(encoding="utf-8"))
+    for name, p in told["effects"][0]["parameters"].items():
+        assert p["ci95"][0] < SUPPORT[name] < p["ci95"][1], (name, p)
     assert {name: p["unit"] for name, p in told["effects"][0]["parameters"].items()} == dict.fromkeys(SUPPORT, "Pa/m")
     assert told["gap"]["after"]["held_out"] < 1.3 < told["gap"]["before"]["held_out"]
     page = (folder / "out" / "report.html").read_text(encoding="utf-8")
