@@ -65,7 +65,7 @@ def compared_first_model(problem: NetworkProblem, terms: tuple[Term, ...], runs:
     Raises InputError if the model as given cannot be simulated with this record.
     """
     unlimited = replace(runs, deadline=None)
-    none = from_afar(problem, problem.hypothesis(()), unlimited)
+    none = from_afar(problem, problem.hypothesis(()), unlimited) or problem.refit([()], runs=unlimited)[0]
     if none is None:
         raise InputError("the model as given cannot be simulated with this record")
     sharp = problem.sharpened(none, unlimited)
