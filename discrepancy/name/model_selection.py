@@ -33,7 +33,7 @@ from fitting.inference.model_discrepancy import Beside
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import OutOfTime, Runs
-from fitting.inference.source_maps.beside import found_beside, map_beside, without_errors
+from fitting.inference.source_maps.beside import found_beside, map_beside
 from fitting.inference.source_maps.source_map import SourceMap, source_map
 from solver.errors import InputError
 
@@ -94,8 +94,7 @@ def _verdict_on_first_model(problem: NetworkProblem, terms: tuple[Term, ...], ru
 
 def _freed(found: Compared, where: SourceMap | None, runs: Runs) -> Callable[[Named], Beside | None]:
     """A function that adds model discrepancy to a hypothesis. On a bench, it is an error of the wall law. In a network,
-    it is free sources: those of the map if the hypothesis has no effect, otherwise those that the evidence selects. If
-    none is selected, a hypothesis with an effect that leaves more than noise competes unchanged."""
+    it is free sources: those of the map if the hypothesis has no effect, otherwise those that the evidence selects."""
     problem, runs = found.problem, replace(runs, deadline=None)
     if isinstance(problem, Bench):
         return lambda n: problem.beside(n.fit)
@@ -103,8 +102,7 @@ def _freed(found: Compared, where: SourceMap | None, runs: Runs) -> Callable[[Na
 
     def beside(n: Named) -> Beside | None:
         if n.fit.terms or where is None:
-            none = None if n.explains else without_errors(problem, n.fit)
-            return found_beside(problem, n.fit) or none
+            return found_beside(problem, n.fit)
         return map_beside(problem, n.fit, where, runs) if where.signals else None
 
     return beside

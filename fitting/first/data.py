@@ -14,7 +14,7 @@ Array = np.ndarray
 
 _HARMONICS = 16  # at most: they hold the pulse
 # Of the pulsation: the error of the model at each harmonic, in its fit and in a study. Judgement: above the 0.04 to
-# 0.46 % (rms over harmonics) that first models leave of 16 virtual animals in which nothing is hidden
+# 0.46 % (rms over harmonics) that first models leave of 15 virtual animals in which nothing is hidden
 ACCURACY = 0.005
 
 
