@@ -360,7 +360,7 @@ def _refitted(whole: Several, study: Study, fit: Fit) -> Fit:
     )
     member = Member(fit.terms, (*held, *more), np.append(x, np.zeros(len(more))))
     one = Several((study.problem,), (f"{study.fitted.source} alone",))
-    (found,) = one.searched([member], Runs())
+    (found,) = one.searched_from([member], Runs())
     if found is None:
         raise InputError("the model cannot be simulated with it")
     return found

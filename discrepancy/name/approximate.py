@@ -18,14 +18,12 @@ import numpy as np
 
 from fitting.inference.extended_network import allowed
 from fitting.inference.fit import Fit, Member
+from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.hypothesis import Term
-from fitting.inference.joint.joint_record import Several
-from fitting.inference.joint.model_error import granted, minimum, networks
+from fitting.inference.joint.model_error import Networks, covariances, granted, joint, log_volume, minimum
 from fitting.inference.model_discrepancy import PART, Beside
-from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import OutOfTime, Runs
-from fitting.inference.source_maps.beside import without_errors
 from fitting.inference.source_maps.source_map import LEVELS
 from fitting.inference.unknown import Unknown, absent
 from solver.errors import InputError
@@ -58,7 +56,7 @@ class Comparison:
     complete: bool = True
 
 
-def compared_first_model(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> Comparison:
+def compared_first_model(problem: Networks, terms: tuple[Term, ...], runs: Runs) -> Comparison:
     """The comparison for a first model, which is approximate by its construction: no law is sought at single places, as
     for a network whose arteries are those of the subject.
 
@@ -68,8 +66,9 @@ def compared_first_model(problem: NetworkProblem, terms: tuple[Term, ...], runs:
     none = from_afar(problem, problem.hypothesis(()), unlimited) or problem.refit([()], runs=unlimited)[0]
     if none is None:
         raise InputError("the model as given cannot be simulated with this record")
-    sharp = problem.sharpened(none, unlimited)
-    (base,) = there([_with_derivatives(sharp, none, unlimited)]) or sharp.restated([none], problem)
+    sharp: Networks = problem.sharpened(none, unlimited)
+    whole: Forward = sharp
+    (base,) = there([_with_derivatives(sharp, none, unlimited)]) or whole.restated([none], problem)
     return _with_errors(sharp, Compared.of(sharp, [base], {}, terms), [base], [], runs)
 
 
@@ -77,7 +76,7 @@ def compared_with_errors(found: Compared, runs: Runs) -> Comparison:
     """The comparison of the model without effect, the effects that promise most beside it, and the best hypothesis so
     far, each fitted with its own model error."""
     problem, unlimited = found.problem, replace(runs, deadline=None)
-    assert isinstance(problem, NetworkProblem)
+    assert isinstance(problem, Networks)
     none = _with_derivatives(problem, found.none.fit, unlimited)
     starts = there([none, from_afar(problem, found.none.fit.unknowns, unlimited)])
     best = [_with_derivatives(problem, found.best.fit, unlimited)] if found.best.fit.terms else []
@@ -85,7 +84,7 @@ def compared_with_errors(found: Compared, runs: Runs) -> Comparison:
 
 
 def _with_errors(
-    problem: NetworkProblem, found: Compared, starts: Sequence[Fit], others: Sequence[Fit], runs: Runs
+    problem: Networks, found: Compared, starts: Sequence[Fit], others: Sequence[Fit], runs: Runs
 ) -> Comparison:
     """starts : of the model without effect, which is fitted whatever the time limit. others : fits with effects. The
     derivatives at the model without effect, weighted with its model error, promise the evidence of every candidate."""
@@ -108,30 +107,34 @@ def _with_errors(
     return Comparison(found, tuple(own.values()), complete)
 
 
-def from_afar(problem: NetworkProblem, unknowns: tuple[Unknown, ...], runs: Runs) -> Fit | None:
+def from_afar(problem: Networks, unknowns: tuple[Unknown, ...], runs: Runs) -> Fit | None:
     """The model without effect, fitted from the network's own values while a model error shrinks; whitened by the noise
     alone. None if these values cannot be simulated."""
-    member, fit, wide = Member((), unknowns, absent(unknowns)), None, problem
+    member, fit = Member((), unknowns, absent(unknowns)), None
+    whole: Forward = problem
     for level in LEVELS[1:-1]:
-        wide = problem.granted(level, alike=True)
+        wide = granted(problem, np.full(2, level))
         (fit,) = wide.searched_from([member], runs)
         if fit is None:
             return None
         member = fit.member
-    return None if fit is None else problem.restated([fit], wide)[0]
+    return None if fit is None else whole.restated([fit], wide)[0]
 
 
-def _with_derivatives(problem: NetworkProblem, fit: Fit, runs: Runs) -> Fit | None:
+def _with_derivatives(problem: Forward, fit: Fit, runs: Runs) -> Fit | None:
     """A fit with residual and derivatives simulated at its point; they may have been predicted. None if it has no
     beat."""
     (point,) = problem.points([Trial(fit.member, np.arange(len(fit.x)), None, 0.0 * fit.x)], runs)
     return None if point is None else replace(fit, z=point.z, J=point.J, derived_at=fit.x)
 
 
-def _promising(problem: NetworkProblem, base: Approximate, found: Compared, runs: Runs) -> list[Fit]:
+def _promising(problem: Forward, base: Approximate, found: Compared, runs: Runs) -> list[Fit]:
     """The effects that promise more evidence than none, at most FEW, refitted with the model error of ``base``, the
     model without effect, at which ``found`` has its columns; whitened by the noise alone."""
-    wide = problem if base.named is None else problem.widened(np.asarray(base.named.errors))
+    wide = problem
+    if base.named is not None:
+        assert base.named.errors is not None
+        wide = problem.widened(base.named.errors)
     (none,) = wide.restated([base.fit], problem)
     columns = wide.rewhitened(found.columns, problem)
     without, gained = promised(none, found.sought, columns)
@@ -139,21 +142,21 @@ def _promising(problem: NetworkProblem, base: Approximate, found: Compared, runs
     return problem.restated(there(wide.refit(best, none, runs, columns)), wide)
 
 
-def _fitted(problem: NetworkProblem, fit: Fit, terms: Sequence[Term], runs: Runs) -> Approximate | None:
+def _fitted(problem: Networks, fit: Fit, terms: Sequence[Term], runs: Runs) -> Approximate | None:
     """A hypothesis refitted with its model error; None if a parameter left its range."""
-    whole = Several((problem,), ("",))
+    whole = joint(problem)
     ended = minimum(whole, fit, problem.rules, runs)
-    if allowed(problem.network, ended.fit) is None:
+    if any(allowed(problem.network, whole.of(ended.fit, i)) is None for i in range(len(whole.parts))):
         return None
     exact = weighed(problem, ended.fit, terms)
-    if not ended.errors.any():  # its test is that of the linear problem
-        beside = without_errors(problem, ended.fit)
-        return Approximate(ended.fit, None if exact.explains else with_errors(exact, beside))
-    (wide,) = networks(granted(whole, ended.errors))
-    (seen,) = wide.restated([ended.fit], problem)
-    seen = replace(seen, log_volume=wide.target.log_volume - problem.target.log_volume)
+    if exact.explains and not ended.errors.any():  # the latter is a test of the linear problem
+        return Approximate(ended.fit)
+    wide = granted(problem, ended.errors)
+    weighted: Forward = wide
+    (seen,) = weighted.restated([ended.fit], problem)
+    seen = replace(seen, log_volume=log_volume(wide) - log_volume(problem))
     cost = PART * len({*ended.errors.tolist()} - {0.0})  # equal ones are one
-    return Approximate(ended.fit, with_errors(exact, Beside(seen, np.asarray(wide.model_error), cost)))
+    return Approximate(ended.fit, with_errors(exact, Beside(seen, covariances(wide), cost)))
 
 
 def _at_these_points(found: Compared, each: Sequence[Approximate]) -> Compared:

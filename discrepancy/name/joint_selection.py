@@ -16,13 +16,14 @@ import numpy as np
 from fitting.calibrate.first_search import ENOUGH, FAR, OTHER_STARTS
 from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term
-from fitting.inference.joint.joint_record import Several
+from fitting.inference.joint.joint_record import Several, derivatives
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.source_maps.source_map import is_noise
 from fitting.inference.unknown import bounds, starting_points
 from solver.errors import InputError
 
 from .. import thresholds as at
+from .approximate import Comparison, compared_first_model, compared_with_errors
 from .individual_walls import set_apart
 from .intervals import profiled
 from .model_selection import coupled
@@ -41,11 +42,18 @@ def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs:
     It is incomplete if the time limit ended one of these, or the comparison.
     Raises OutOfTime if the limit is reached before the model without effect was refitted to all recordings.
     """
-    known, complete = last_of(_stages(problem, alone, terms, runs))
-    complete &= all(naming.complete for naming in alone)
-    several, none = known.problem, known.none.fit
+    complete = all(naming.complete for naming in alone)
+    if problem.accuracy:
+        last = compared_first_model(problem, terms, runs)
+    else:
+        known, ended = last_of(_stages(problem, alone, terms, runs))
+        complete &= ended
+        sought = problem.site is None and not known.best.explains
+        last = compared_with_errors(known, runs) if sought else Comparison(known)
+    several, none = last.found.problem, last.found.none.fit
     assert isinstance(several, Several)
-    naming = profiled(decided(known, terms, lambda n: several.beside(n.fit), complete), runs)
+    freed = (lambda n: None) if problem.accuracy else (lambda n: several.beside(n.fit))
+    naming = profiled(decided(last.found, terms, freed, complete and last.complete, last.named), runs)
     return replace(naming, nearest=none if _far(several, none) else None)
 
 
@@ -80,7 +88,7 @@ def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
     """
     members = [*problem.begin(()), *_of_each(problem, (), alone)]
     first = problem.nearest([members], runs)[0]
-    found = there(problem.searched([first], runs))
+    found = there(problem.searched_from([first], runs))
     if found and not _far(problem, found[0]):
         return found[0]
     share = runs.part(_ELSEWHERE) if found else runs
@@ -91,7 +99,7 @@ def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
         others = [*(m for m in members if m is not first), *(Member((), first.unknowns, x) for x in more)]
         nearest = np.argsort(problem.costs(others, share))[:ENOUGH]
         for start in (*fresh, *(others[i] for i in nearest)):
-            found += there(problem.searched([start], share))
+            found += there(problem.searched_from([start], share))
             if found and not _far(problem, found[-1]):
                 break
     if not found:
@@ -148,15 +156,13 @@ def _refitted(
     runs: Runs,
 ) -> list[Fit]:  # fmt: skip
     """Hypotheses refitted to all recordings, each from the start of lowest cost: without effect, or a single fit."""
-    choices, known = [], base.columns
+    choices, known = [], derivatives(base, hypotheses, columns)
     for terms in hypotheses:
         own = [{n.key: n.fit for n in naming.ranked}.get(names_of(terms)) for naming in alone]
         fits = [naming.base.fit if fit is None else fit for fit, naming in zip(own, alone, strict=True)]
         begun = [m for m, fit in zip(_of_each(problem, terms, fits), [*own, base], strict=True) if fit is not None]
         choices.append([*problem.begin(terms, base), *begun])
-        for t in (t for t in terms if t.label in columns and columns[t.label].shape[1] == len(t.unknowns)):
-            known |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
-    return there(problem.searched(problem.nearest(choices, runs, base), runs, columns=known))
+    return there(problem.searched_from(problem.nearest(choices, runs, base), runs, known))
 
 
 def _with_one_more(found: Compared, runs: Runs) -> Iterator[Compared]:

@@ -202,14 +202,14 @@ class Several(Forward):
             J[rows, np.isin(by, self.own(unknowns, i)[1])] = each.J
         return J
 
-    def searched(
-        self, members: Sequence[Member], runs: Runs, known: float = np.inf, columns: Mapping[str, Array] | None = None
+    def searched_from(
+        self, members: Sequence[Member], runs: Runs, known: Mapping[str, Array] | None = None, cost: float = np.inf
     ) -> list[Fit | None]:
-        """Fit hypotheses from given starting points. known : a cost, as in :meth:`refit`. columns : whitened
-        derivatives (n,) by unknown, which save the first simulations."""
-        rules = self.rules if known < np.inf else replace(self.rules, hopeless=np.inf)
-        searches = [Search(m, rules, known=columns if rules.fresh else None) for m in members]
-        return self._ended(searches, runs, known)
+        """Fit hypotheses from given starting points. known : whitened derivatives (n,) by unknown, which save the first
+        simulations. cost : of a hypothesis, as in :meth:`refit`."""
+        rules = self.rules if cost < np.inf else replace(self.rules, hopeless=np.inf)
+        searches = [Search(m, rules, known=known if rules.fresh else None) for m in members]
+        return self._ended(searches, runs, cost)
 
     def _ended(self, searches: Sequence[Search], runs: Runs, known: float = np.inf) -> list[Fit | None]:
         search(partial(self.points, runs=runs), searches, known)
@@ -245,7 +245,9 @@ class Several(Forward):
     def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
               columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
         runs = runs or Runs()
-        return self.searched(self.nearest([self.begin(t, start) for t in hypotheses], runs, start), runs, known)
+        members = self.nearest([self.begin(t, start) for t in hypotheses], runs, start)
+        own = derivatives(start, hypotheses, columns) if start and columns else None
+        return self.searched_from(members, runs, own, known)
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         rules = replace(self.fine, hopeless=np.inf)
@@ -335,6 +337,15 @@ class Several(Forward):
 
     def shows(self, fit: Fit) -> bool:
         return all(part.shows(self.of(fit, i)) for i, part in enumerate(self.parts))
+
+
+def derivatives(
+    start: Fit, hypotheses: Sequence[tuple[Term, ...]], columns: Mapping[str, Array]
+) -> dict[str, Array]:
+    """The whitened derivatives (n,) of a fit by its unknowns and by those of the terms that ``columns`` has."""
+    terms = [t for terms in hypotheses for t in terms if t.label in columns]
+    new = [t for t in terms if columns[t.label].shape[1] == len(t.unknowns)]
+    return start.columns | {u.name: columns[t.label][:, i] for t in new for i, u in enumerate(t.unknowns)}
 
 
 def _beside(part: Single, fit: Fit) -> Beside | None:

@@ -16,6 +16,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from ..model_discrepancy import Block, estimated, settled
 from ..models.network import NetworkProblem
 from ..runs import Runs
 from .joint_record import Several
+
+Networks = NetworkProblem | Several
+Problem = TypeVar("Problem", bound=NetworkProblem | Several)
 
 # Of the pulsation (rms): largest error of the means of several recordings, 1 or 2 mmHg of a pressure. A zero that is
 # off by more is common to the recordings and can be freed. Without a limit the few means are given up for the
@@ -63,22 +67,41 @@ def minimum(whole: Several, fit: Fit, rules: Rules, runs: Runs) -> Ended:
         found = Search(begun.member, rules, Point(begun.z, begun.J))
         search(partial(wide.points, runs=runs), [found])
         (fit,) = whole.restated([found.fit(*whole.entries)], wide)
-        pairs = zip(networks(wide), networks(whole), strict=True)
-        volume = sum(part.target.log_volume - exact.target.log_volume for part, exact in pairs)
+        volume = log_volume(wide) - log_volume(whole)
         history = [*history, *(cost + volume for cost in found.history)]
         converged = found.converged or found.cost - found.promised() < _NEGLIGIBLE
     return Ended(fit, errors, tuple(history), converged)
 
 
-def networks(whole: Several) -> tuple[NetworkProblem, ...]:
+def joint(problem: Networks) -> Several:
+    """One or several recordings of a network as several."""
+    return problem if isinstance(problem, Several) else Several((problem,), ("",))
+
+
+def networks(problem: Networks) -> tuple[NetworkProblem, ...]:
     """The recordings of a network."""
-    return tuple(part for part in whole.parts if isinstance(part, NetworkProblem))
+    return tuple(part for part in joint(problem).parts if isinstance(part, NetworkProblem))
 
 
-def granted(whole: Several, errors: Array) -> Several:
+def granted(problem: Problem, errors: Array) -> Problem:
     """The recordings with model errors (2,) in the covariance of their data."""
-    parts = [part.granted(errors[np.minimum(np.arange(part.K + 1), 1)], alike=True) for part in networks(whole)]
-    return replace(whole, parts=tuple(parts))
+    wide: Any
+    if isinstance(problem, Several):
+        wide = replace(problem, parts=tuple(granted(part, errors) for part in networks(problem)))
+    else:
+        wide = problem.granted(errors[np.minimum(np.arange(problem.K + 1), 1)], alike=True)
+    return wide
+
+
+def covariances(problem: Networks) -> Any:
+    """The covariance of the model errors, as the argument of ``widened``: of each recording if there are several."""
+    each = tuple(np.asarray(part.model_error) for part in networks(problem))
+    return each if isinstance(problem, Several) else each[0]
+
+
+def log_volume(problem: Networks) -> float:
+    """ln det of the covariance of all data."""
+    return sum(part.target.log_volume for part in networks(problem))
 
 
 def model_errors(whole: Several, fit: Fit) -> Array:

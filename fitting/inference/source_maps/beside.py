@@ -53,12 +53,6 @@ def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
     return _integrated_out(model, point, fit) if any(a.law for a in point.active) else None
 
 
-def without_errors(problem: NetworkProblem, fit: Fit) -> Beside:
-    """The fit without model discrepancy."""
-    m = len(problem.signals)
-    return Beside(fit, np.zeros((problem.K + 1, m, m)), 0.0)
-
-
 def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs) -> Beside | None:
     """The subject of the source map with its free sources; None if it cannot be simulated, or if the small waves have
     no solution. none : gives order and signal; its x, z and J are replaced."""
