@@ -11,6 +11,7 @@ from test_nearest import FREE, bent, loop
 
 from discrepancy import thresholds as at
 from discrepancy.name.approximate import compared_first_model, compared_with_errors
+from discrepancy.name.joint_selection import name_together
 from discrepancy.name.model_selection import name
 from discrepancy.name.scoring import Compared
 from discrepancy.name.verdict import Naming
@@ -20,10 +21,12 @@ from fitting.first.model import first_model
 from fitting.first.spread import accuracy, spread
 from fitting.inference.fit import Member
 from fitting.inference.hypothesis import Term, candidates
+from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import Runs
 from fitting.records.alignment.align import align
+from fitting.records.alignment.beats import Beats
 from fitting.records.channels.noise import pulses
 from solver import load
 from solver.quantities.units import INFLOW, MMHG
@@ -32,15 +35,19 @@ T = 0.8
 PER_ML = MMHG / 1e-6
 
 
-@cache
-def tube(late: float, bump: float = 0.0) -> tuple[NetworkProblem, tuple[Term, ...]]:
-    """A textbook tube with a Windkessel, its flow ``late`` [s], compared with its first model. bump : an error of the
-    fifth harmonic of the pressure that no model has, as a fraction of the pulsation."""
+def recorded(late: float, bump: float = 0.0, T: float = T) -> Beats:
+    """A textbook tube with a Windkessel under beats of a duration, its flow ``late`` [s]. bump : as of :func:`tube`."""
     Q = ejection(T, 75e-6)
     P, _ = line(Q, T, 0.06 * PER_ML, 0.05, (0.06 * PER_ML, 1.0 * PER_ML), 1.2e-6 / MMHG)
     P = P + bump * P.std() * np.sqrt(2.0) * np.cos(10.0 * np.pi * np.arange(N) / N)
-    record = beats(T, 1, inlet_Q=np.roll(Q, round(late / T * N)), Ao_P=P)
-    network = first_model(record).network
+    return beats(T, 1, inlet_Q=np.roll(Q, round(late / T * N)), Ao_P=P)
+
+
+@cache
+def tube(late: float, bump: float = 0.0, T: float = T) -> tuple[NetworkProblem, tuple[Term, ...]]:
+    """The tube compared with the first model of its beats of T. bump : an error of the fifth harmonic of the pressure
+    that no model has, as a fraction of the pulsation."""
+    record, network = recorded(late, bump, T), first_model(recorded(late, bump)).network
     names = ("Ao.P",)
     problem = network_problem(record, network, names, prior=spread(network), accuracy=accuracy(network))
     return problem, candidates(network, (*names, INFLOW), None, spread(network).free)
@@ -49,6 +56,13 @@ def tube(late: float, bump: float = 0.0) -> tuple[NetworkProblem, tuple[Term, ..
 def named(late: float, bump: float = 0.0) -> Naming:
     problem, terms = tube(late, bump)
     return name(problem, terms, Runs())
+
+
+def delay(naming: Naming) -> float:
+    """The delay [s] of the flow behind the pressure, by the best name, a lag of either."""
+    (term,), fit = naming.best.fit.terms, naming.best.fit
+    (lag,) = (u.moves[0][1] * x for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns)
+    return -lag if term.place == "Ao.P" else lag
 
 
 def test_the_accuracy_of_a_first_model_is_in_its_weights() -> None:
@@ -67,12 +81,9 @@ def test_a_late_flow_is_named(late: float) -> None:
     """One pressure cannot tell a late flow from an early pressure: the class holds both and nothing else. Size within 3
     ms, as the first model's tube takes up a part."""
     naming = named(late)
-    (term,) = naming.best.fit.terms
-    (lag,) = (u.moves[0][1] * x for u, x in zip(naming.best.fit.unknowns, naming.best.fit.x, strict=True)
-              if u in term.unknowns)  # fmt: skip
     assert naming.verdict == "ambiguous"
     assert {n.label for n in naming.members} == {f"channel_lag at {c}" for c in ("Ao.P", INFLOW)}
-    assert (-lag if term.place == "Ao.P" else lag) == pytest.approx(late, abs=0.003)
+    assert delay(naming) == pytest.approx(late, abs=0.003)
     assert naming.confidence <= at.SUREST["partial"]
 
 
@@ -82,6 +93,27 @@ def test_nothing_is_missing_within_the_accuracy(bump: float) -> None:
     naming = named(0.0, bump)
     assert (naming.verdict, naming.accuracy, naming.members) == ("none", ACCURACY, ())
     assert naming.confidence > 0.8
+
+
+@pytest.mark.slow
+def test_recordings_with_a_late_flow() -> None:
+    """Two heart rates: a late flow delays each pressure by the same time, as an early pressure does. The lag within 2
+    ms of the truth; each recording alone and both together have the same class."""
+    each = [tube(0.02), tube(0.02, T=0.6)]
+    alone = [name(problem, terms, Runs()) for problem, terms in each]
+    whole = Several(tuple(problem for problem, _ in each), ("slow", "fast")).individual()
+    naming = name_together(whole, alone, each[0][1], Runs())
+    assert naming.verdict == "ambiguous"
+    assert {n.label for n in naming.members} == {n.label for a in alone for n in a.members}
+    assert delay(naming) == pytest.approx(0.02, abs=0.002)
+
+
+def test_recordings_in_which_nothing_is_missing() -> None:
+    """Two heart rates of the tube that the first model is."""
+    each = [tube(0.0), tube(0.0, T=0.6)]
+    whole = Several(tuple(problem for problem, _ in each), ("slow", "fast")).individual()
+    naming = name_together(whole, [name(problem, terms, Runs()) for problem, terms in each], each[0][1], Runs())
+    assert (naming.verdict, naming.accuracy, naming.members) == ("none", ACCURACY, ())
 
 
 def test_what_no_law_has_is_unknown() -> None:

@@ -56,9 +56,11 @@ class Comparison:
     complete: bool = True
 
 
-def compared_first_model(problem: Networks, terms: tuple[Term, ...], runs: Runs) -> Comparison:
+def compared_first_model(
+    problem: Networks, terms: tuple[Term, ...], runs: Runs, likely: Sequence[tuple[Term, ...]] = ()
+) -> Comparison:
     """The comparison for a first model, which is approximate by its construction: no law is sought at single places, as
-    for a network whose arteries are those of the subject.
+    for a network whose arteries are those of the subject. likely : hypotheses that are fitted in any case.
 
     Raises InputError if the model as given cannot be simulated with this record.
     """
@@ -69,7 +71,7 @@ def compared_first_model(problem: Networks, terms: tuple[Term, ...], runs: Runs)
     sharp: Networks = problem.sharpened(none, unlimited)
     whole: Forward = sharp
     (base,) = there([_with_derivatives(sharp, none, unlimited)]) or whole.restated([none], problem)
-    return _with_errors(sharp, Compared.of(sharp, [base], {}, terms), [base], [], runs)
+    return _with_errors(sharp, Compared.of(sharp, [base], {}, terms), [base], [], runs, likely)
 
 
 def compared_with_errors(found: Compared, runs: Runs) -> Comparison:
@@ -84,7 +86,12 @@ def compared_with_errors(found: Compared, runs: Runs) -> Comparison:
 
 
 def _with_errors(
-    problem: Networks, found: Compared, starts: Sequence[Fit], others: Sequence[Fit], runs: Runs
+    problem: Networks,
+    found: Compared,
+    starts: Sequence[Fit],
+    others: Sequence[Fit],
+    runs: Runs,
+    likely: Sequence[tuple[Term, ...]] = (),
 ) -> Comparison:
     """starts : of the model without effect, which is fitted whatever the time limit. others : fits with effects. The
     derivatives at the model without effect, weighted with its model error, promise the evidence of every candidate."""
@@ -95,7 +102,7 @@ def _with_errors(
     each = [min(bases, key=lambda a: a.score)]
     try:
         found = replace(found, columns=problem.columns(each[0].fit, found.sought, runs))
-        for fit in (*others, *_promising(problem, each[0], found, runs)):
+        for fit in (*others, *_promising(problem, each[0], found, runs, likely)):
             each += there([_fitted(problem, fit, found.terms, runs)])
     except OutOfTime:
         complete = False
@@ -128,9 +135,11 @@ def _with_derivatives(problem: Forward, fit: Fit, runs: Runs) -> Fit | None:
     return None if point is None else replace(fit, z=point.z, J=point.J, derived_at=fit.x)
 
 
-def _promising(problem: Forward, base: Approximate, found: Compared, runs: Runs) -> list[Fit]:
-    """The effects that promise more evidence than none, at most FEW, refitted with the model error of ``base``, the
-    model without effect, at which ``found`` has its columns; whitened by the noise alone."""
+def _promising(
+    problem: Forward, base: Approximate, found: Compared, runs: Runs, likely: Sequence[tuple[Term, ...]]
+) -> list[Fit]:
+    """Likely hypotheses and the effects that promise more evidence than none, at most FEW, refitted with the model
+    error of ``base``, the model without effect, at which ``found`` has its columns; whitened by the noise alone."""
     wide = problem
     if base.named is not None:
         assert base.named.errors is not None
@@ -138,7 +147,7 @@ def _promising(problem: Forward, base: Approximate, found: Compared, runs: Runs)
     (none,) = wide.restated([base.fit], problem)
     columns = wide.rewhitened(found.columns, problem)
     without, gained = promised(none, found.sought, columns)
-    best = [(term,) for score, term in gained if score < without][: at.FEW]
+    best = list(dict.fromkeys([*likely, *[(term,) for score, term in gained if score < without][: at.FEW]]))
     return problem.restated(there(wide.refit(best, none, runs, columns)), wide)
 
 

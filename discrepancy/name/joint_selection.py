@@ -8,22 +8,21 @@ by one evidence. A second heart rate separates viscosity and relaxation, which o
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from fitting.calibrate.first_search import ENOUGH, FAR, OTHER_STARTS
+from fitting.calibrate.first_search import FAR
 from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term
 from fitting.inference.joint.joint_record import Several, derivatives
-from fitting.inference.runs import OutOfTime, Runs
+from fitting.inference.runs import Runs
 from fitting.inference.source_maps.source_map import is_noise
-from fitting.inference.unknown import bounds, starting_points
+from fitting.inference.unknown import bounds
 from solver.errors import InputError
 
 from .. import thresholds as at
-from .approximate import Comparison, compared_first_model, compared_with_errors
+from .approximate import Comparison, compared_first_model, compared_with_errors, from_afar
 from .individual_walls import set_apart
 from .intervals import profiled
 from .model_selection import coupled
@@ -31,9 +30,6 @@ from .scoring import Compared, exact, last_of, names_of, promised, there
 from .verdict import Naming, decided
 
 Terms = tuple[Term, ...]
-
-_SEED = 1
-_ELSEWHERE = 0.4  # of the time left: most that searches from other starts may take
 
 
 def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs) -> Naming:
@@ -44,7 +40,7 @@ def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs:
     """
     complete = all(naming.complete for naming in alone)
     if problem.accuracy:
-        last = compared_first_model(problem, terms, runs)
+        last = compared_first_model(problem, terms, runs, [n.fit.terms for naming in alone for n in naming.members])
     else:
         known, ended = last_of(_stages(problem, alone, terms, runs))
         complete &= ended
@@ -82,26 +78,12 @@ def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
     """The model without effect, fitted from the start of lowest cost: as given, a fit to one recording, or the mean of
     these.
 
-    If it ends far from the recordings, it is fitted again, until one fit comes near: from fits to each recording that
-    start at the file's values (a wrong model's map distorts walls), and from the three nearest of all other starts,
-    with those of a calibration.
+    If that ends far from the recordings, the fit from afar is tried, too (:func:`.approximate.from_afar`).
     """
     members = [*problem.begin(()), *_of_each(problem, (), alone)]
-    first = problem.nearest([members], runs)[0]
-    found = there(problem.searched_from([first], runs))
-    if found and not _far(problem, found[0]):
-        return found[0]
-    share = runs.part(_ELSEWHERE) if found else runs
-    with suppress(OutOfTime):
-        anew = [part.refit([()], runs=share)[0] for part in problem.parts]
-        fresh = _of_each(problem, (), [b if a is None else a for a, b in zip(anew, alone, strict=True)])
-        more = starting_points(first.unknowns, 1 + OTHER_STARTS, _SEED)[1:]
-        others = [*(m for m in members if m is not first), *(Member((), first.unknowns, x) for x in more)]
-        nearest = np.argsort(problem.costs(others, share))[:ENOUGH]
-        for start in (*fresh, *(others[i] for i in nearest)):
-            found += there(problem.searched_from([start], share))
-            if found and not _far(problem, found[-1]):
-                break
+    found = there(problem.searched_from(problem.nearest([members], runs), runs))
+    if not found or _far(problem, found[0]):
+        found += there([from_afar(problem, problem.hypothesis(()), runs)])
     if not found:
         runs.check()
         raise InputError("the model as given cannot be simulated with these recordings")

@@ -11,7 +11,6 @@ import numpy as np
 from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.hypothesis import Term
-from fitting.inference.joint.model_error import Networks, joint
 from fitting.inference.model_discrepancy import Beside, settled
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.source_maps.source_map import SourceMap
@@ -182,14 +181,6 @@ def _closed(found: Compared, n: Named) -> float:
     return 1.0 - math.sqrt(n.fit.chi2 / found.none.fit.chi2)
 
 
-def _closed_of_pulsation(found: Compared, n: Named) -> float:
-    """The same in fractions of the pulsation: what a hypothesis with a model error of the channels explains."""
-    problem = found.problem
-    assert isinstance(problem, Networks)
-    whole = joint(problem)
-    return 1.0 - whole.left_of_pulsation(n.fit) / whole.left_of_pulsation(found.none.fit)
-
-
 def _class(order: Sequence[Named]) -> tuple[Named, ...]:
     """The hypotheses that cannot be ruled out, each name once."""
     names = dict[frozenset[tuple[str, tuple[str, ...]]], Named]()
@@ -218,16 +209,14 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named], approximat
     verdict in the latter case, with the confidence of the best name."""
     problem, none, best = found.problem, found.none, next(n for n in ways if n.fit.terms)
     exact = next(n for n in found.ranked if n.key == best.key)
-    own = {n.key for n in approximate}
-    if (_closed_of_pulsation if best.key in own else _closed)(found, exact) < at.PART_CLOSED:
+    if _closed(found, exact) < at.PART_CLOSED:
         reason = f"{label_text(best.label)} comes nearest, but more remains: {_left(exact.fit, problem)}"
         return replace(unknown, confidence=1.0 - unknown.confidence, reason=reason)
     assert best.errors is not None
     wide = problem.widened(best.errors)
+    own = set[str]() if best.places else {n.key for n in approximate}
     held = [none, exact, *(n for n in found.ranked if n is not exact)]
     fits = wide.restated([n.fit for n in held], problem)
-    if best.places:
-        own = set()
     # hypotheses fitted with their own error keep their point: the error of the best one is too small for them
     fits = [f if n.key in own else settled(f) for n, f in zip(held, fits, strict=True)]
     none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(held, fits, strict=True))

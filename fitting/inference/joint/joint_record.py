@@ -339,9 +339,7 @@ class Several(Forward):
         return all(part.shows(self.of(fit, i)) for i, part in enumerate(self.parts))
 
 
-def derivatives(
-    start: Fit, hypotheses: Sequence[tuple[Term, ...]], columns: Mapping[str, Array]
-) -> dict[str, Array]:
+def derivatives(start: Fit, hypotheses: Sequence[tuple[Term, ...]], columns: Mapping[str, Array]) -> dict[str, Array]:
     """The whitened derivatives (n,) of a fit by its unknowns and by those of the terms that ``columns`` has."""
     terms = [t for terms in hypotheses for t in terms if t.label in columns]
     new = [t for t in terms if columns[t.label].shape[1] == len(t.unknowns)]
