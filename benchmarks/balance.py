@@ -10,20 +10,12 @@ here is asserted: see tests/test_harmonics.py and tests/test_native_balance.py.
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
 from functools import partial
-from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
 
-from benchmarks.table import Row, Small, best, show
+from benchmarks.table import JsonFile, Row, Small, best, show
 from solver import Network, Settings, beat_harmonics, load, repeating_beat
 
 SHEEP = load("sheep")
@@ -65,7 +57,7 @@ def rows_of(name: str, network: Network, batches: tuple[int, ...]) -> list[Row]:
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
     small: Small = False,
 ) -> None:
     """Measure and print."""

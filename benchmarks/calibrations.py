@@ -12,25 +12,18 @@ it, and failures, and measures the CPU time of each calibration.
 
 from __future__ import annotations
 
-import json
-import os
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.table import JsonFile, store, tabulate
 from fitting.calibrate.multistart import calibrate_from
 from fitting.records.alignment.beats import Beats
 from solver import Inlet, Network, Segment, Site, Windkessel, beat_harmonics
-from solver.network.files import write_whole
 
 Array = np.ndarray
 
@@ -72,6 +65,12 @@ def ejected(t: Array, T: float, size: float) -> Array:
     return size * (np.where(u < 0.35, np.sin(np.pi * u / 0.35), 0.0) - 0.15 * np.exp(-(((u - 0.39) / 0.03) ** 2)))
 
 
+def noisy(rng: np.random.Generator, name: str, T: float, waves: Mapping[str, Array]) -> Beats:
+    """The recording of waves, with white noise relative to each."""
+    values = {key: x + NOISE * x.std() * rng.normal(size=(BEATS, SAMPLES)) for key, x in waves.items()}
+    return Beats(name, "0" * 64, T, values, np.zeros(BEATS))
+
+
 def make(seed: int, factor: float = 3.0) -> Made:
     """The recording of a number."""
     rng = np.random.default_rng([27, seed])
@@ -89,11 +88,10 @@ def make(seed: int, factor: float = 3.0) -> Made:
     X = beat_harmonics(true, CHANNELS, SAMPLES // 2 - 1, lambda t: ejected(t, T, size), T, tolerance=1e-8)[0]
     waves = dict(zip(CHANNELS, np.fft.irfft(X, SAMPLES, axis=0, norm="forward").T, strict=True))
     waves = {"inlet.Q": ejected(np.arange(SAMPLES) * (T / SAMPLES), T, size), **waves}
-    shape = (BEATS, SAMPLES)
-    values = {name: wave + NOISE * wave.std() * rng.normal(size=shape) for name, wave in waves.items()}
+    beats = noisy(rng, f"tube {seed}", T, waves)
     known = true.parameters()
     off = {name: known[name] * factor ** float(rng.choice([-1.0, 1.0])) for name in NUMBERS}
-    return Made(Beats(f"tube {seed}", "0" * 64, T, values, np.zeros(BEATS)), true, true.with_parameters(off), RC)
+    return Made(beats, true, true.with_parameters(off), RC)
 
 
 def judge(seed: int, factor: float, starts: int) -> Row:
@@ -110,23 +108,24 @@ def judge(seed: int, factor: float, starts: int) -> Row:
     return Row(seed, made.RC, within, found.chi2 / found.dof, seconds, "", said)
 
 
-def show(rows: Sequence[Row], console: Console) -> None:
+def show(rows: Sequence[Row]) -> None:
     """The counts, then the failures."""
     ended = [row for row in rows if not row.failed]
     seconds = [row.seconds for row in rows]
     far = [row for row in ended if row.chi2 > FAR]
-    table = Table("of calibrations from afar", "")
-    table.add_row("tubes", str(len(rows)))
-    table.add_row("failed", str(len(rows) - len(ended)))
-    table.add_row("ends far from the truth", str(len(far)))
-    table.add_row("intervals that hold the truth", f"{np.mean([row.within for row in rows]) / len(NUMBERS):.1%}")
-    table.add_row("begun elsewhere", str(sum(bool(row.said) for row in ended)))
-    table.add_row("CPU time, median and longest", f"{np.median(seconds):.2f} s, {max(seconds):.2f} s")
-    console.print(table)
+    cells = (
+        ("tubes", len(rows)),
+        ("failed", len(rows) - len(ended)),
+        ("ends far from the truth", len(far)),
+        ("intervals that hold the truth", f"{np.mean([row.within for row in rows]) / len(NUMBERS):.1%}"),
+        ("begun elsewhere", sum(bool(row.said) for row in ended)),
+        ("CPU time, median and longest", f"{np.median(seconds):.2f} s, {max(seconds):.2f} s"),
+    )
+    tabulate("", ("of calibrations from afar", ""), cells)
     for row in rows:
         if row.failed or row in far or row.said:
-            console.print(f"tube {row.seed}: RC {row.RC:.2g} s, {row.within} within, χ²/dof {row.chi2:.3g}, "
-                          f"{row.seconds:.2f} s. {row.failed or '; '.join(row.said)}", highlight=False)  # fmt: skip
+            print(f"tube {row.seed}: RC {row.RC:.2g} s, {row.within} within, χ²/dof {row.chi2:.3g}, "
+                  f"{row.seconds:.2f} s. {row.failed or '; '.join(row.said)}")  # fmt: skip
 
 
 def main(
@@ -134,13 +133,12 @@ def main(
     first: Annotated[int, typer.Option(min=0, help="The number of the first.")] = 0,
     factor: Annotated[float, typer.Option(min=1.0, help="By which each number is off where it begins.")] = 3.0,
     starts: Annotated[int, typer.Option(min=1, help="Starts of each calibration.")] = 1,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
     rows = [judge(seed, factor, starts) for seed in range(first, first + tubes)]
-    show(rows, Console(width=150))
-    if json_file is not None:
-        write_whole(json_file, json.dumps([asdict(row) for row in rows]) + "\n")
+    show(rows)
+    store(json_file, rows)
 
 
 if __name__ == "__main__":

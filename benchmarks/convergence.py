@@ -9,25 +9,16 @@ median and largest over the vessels. CPU time of one thread. FILE stores the mea
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import json
 import time
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.table import Table
 
-from arterial_fmu.cli.terminal.console import right, show
-from benchmarks.table import Small
+from benchmarks.table import Small, continued, tabulate
 from solver import Network, NonPhysicalState, NotPeriodic, Settings, Waveforms, load, simulate_periodic
-from solver.network.files import write_whole
 
 NETWORKS = ("cca", "uta", "ibif", "wang55", "matthys37", "circle_of_willis", "adan56")
 FINE = (1 / 4, 1 / 8)  # of the default step of 1 ms and of the default element of 5 cm
@@ -63,15 +54,25 @@ def errors(result: Waveforms, fine: Waveforms) -> dict[str, list[float]]:
     return found
 
 
-def measured(network: Network, fine: Waveforms, step: float, length: float) -> dict[str, Any]:
+@cache
+def fine(name: str, step: float, length: float) -> Waveforms:
+    """The solution that a network's others are compared with."""
+    network, begun = load(name), time.process_time()
+    found = simulate_periodic(network, settings=settings_of(network, step, length, ITERATION), tolerance=PERIODIC)
+    print("fine", name, found.beats, found.change, time.process_time() - begun, flush=True)
+    return found
+
+
+def measured(finest: tuple[float, float], name: str, step: float, length: float) -> dict[str, Any]:
     """One row; without errors if the simulation failed."""
-    settings, row = settings_of(network, step, length), {"network": network.name, "step": step, "length": length}
+    network, row = load(name), {"network": name, "step": step, "length": length}
+    settings = settings_of(network, step, length)
     try:
         paid = cost(network, settings) if step >= 1 and length >= 1 else {}
         result = simulate_periodic(network, settings=settings, tolerance=PERIODIC, max_beats=20)
     except (NonPhysicalState, NotPeriodic) as error:
         return {**row, "P": [], "Q": [], "failed": str(error)}
-    return {**row, **paid, **errors(result, fine)}
+    return {**row, **paid, **errors(result, fine(name, *finest))}
 
 
 def shown(errors: list[float]) -> str:
@@ -82,18 +83,21 @@ def shown(errors: list[float]) -> str:
 def tables(rows: list[dict[str, Any]]) -> None:
     """Errors by step and element, and the cost."""
     steps = [f"{step:g} ms, {5 * length:g} cm" for step, length in FACTORS]
-    table = Table("network", "", *map(right, steps), title="rms over pulse: median and largest of the vessels")
-    for name in dict.fromkeys(row["network"] for row in rows):
-        own = {(row["step"], row["length"]): row for row in rows if row["network"] == name}
-        for signal in "PQ":
-            table.add_row(name, signal, *(shown(own[key][signal]) if key in own else "" for key in FACTORS))
-    show(table)
-    titles = ("network", "dt", "element", "a beat, s", "until periodic, s", "beats", "P", "Q")
-    table = Table(*map(right, titles), title="CPU time and error: median and largest of the vessels")
-    for row in (row for row in rows if "beat" in row):
-        numbers = f"{row['beat']:.2f}", f"{row['periodic']:.2f}", f"{row['beats']:g}", shown(row["P"]), shown(row["Q"])
-        table.add_row(row["network"], f"{row['step']:g} ms", f"{5 * row['length']:g} cm", *numbers)
-    show(table)
+    own = {(row["network"], row["step"], row["length"]): row for row in rows}
+    names = dict.fromkeys(row["network"] for row in rows)
+    cells = [
+        (name, signal, *(shown(own[name, *key][signal]) if (name, *key) in own else "" for key in FACTORS))
+        for name in names
+        for signal in "PQ"
+    ]
+    tabulate("rms over pulse: median and largest of the vessels", ("network", "", *steps), cells, left=2)
+    cells = [
+        (r["network"], f"{r['step']:g} ms", f"{5 * r['length']:g} cm", f"{r['beat']:.2f}", f"{r['periodic']:.2f}",
+         f"{r['beats']:g}", shown(r["P"]), shown(r["Q"]))
+        for r in rows if "beat" in r
+    ]  # fmt: skip
+    columns = ("network", "dt", "element", "a beat, s", "until periodic, s", "beats", "P", "Q")
+    tabulate("CPU time and error: median and largest of the vessels", columns, cells)
 
 
 def main(
@@ -104,24 +108,10 @@ def main(
     small: Small = False,
 ) -> None:
     """Measure the missing rows, and print."""
-    found = json.loads(rows.read_text()) if rows.is_file() else []
-    done = {(row["network"], row["step"], row["length"]) for row in found}
-    rows.parent.mkdir(parents=True, exist_ok=True)
-    cases = FACTORS[:1] + COARSE[:1] if small else FACTORS + COARSE
+    factors = FACTORS[:1] + COARSE[:1] if small else FACTORS + COARSE
+    cases = [(name, *each) for name in networks or NETWORKS for each in factors]
     finest = FACTORS[1] if small else FINE
-    for name in networks or NETWORKS:
-        left = [case for case in cases if (name, *case) not in done]
-        if left:
-            network = load(name)
-            begun = time.process_time()
-            settings = settings_of(network, finest[0], finest[1], ITERATION)
-            fine = simulate_periodic(network, settings=settings, tolerance=PERIODIC)
-            print("fine", name, fine.beats, fine.change, time.process_time() - begun, flush=True)
-        for case in left:
-            found.append(measured(network, fine, *case))
-            write_whole(rows, json.dumps(found, indent=1) + "\n")
-            print({k: (v if not isinstance(v, list) else shown(v)) for k, v in found[-1].items()}, flush=True)
-    tables(found)
+    tables(continued(rows, ("network", "step", "length"), cases, partial(measured, finest)))
 
 
 if __name__ == "__main__":

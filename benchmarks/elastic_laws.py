@@ -10,23 +10,13 @@ in %; of 100 recordings, 90 to 99 are covered in 95 % of cases.
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import json
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.table import JsonFile, store, tabulate
 from benchmarks.wall_fits import Case, recording, series
 from fitting.records.alignment.align import align
 from fitting.records.virtual import VirtualWall, table_wall
@@ -34,7 +24,6 @@ from fitting.wall.indices import E_inc
 from fitting.wall.site_fit import fit
 from fitting.wall.wall_fit import WallFit
 from solver.laws.wall_laws import ELASTIC_LAWS
-from solver.network.files import write_whole
 
 NAMES = ("E_inc", "E", "R0", "phi0", "phiNL")
 
@@ -92,34 +81,23 @@ def measure(kind: Kind, law: str, dB: float, seeds: int) -> dict[str, Any]:
     return {"wall": kind.name, "law": law, "dB": dB, "strain": strain, **rates, **shown}
 
 
-def rows(seeds: int, levels: list[float]) -> Iterator[dict[str, Any]]:
-    """One wall, law and level of noise after the other."""
-    for dB in levels:
-        for kind in KINDS:
-            for law in ELASTIC_LAWS:
-                yield measure(kind, law, dB, seeds)
-
-
 def main(
     seeds: Annotated[int, typer.Option(help="Recordings per wall, law and level of noise.")] = 100,
     dB: Annotated[list[float], typer.Option("--dB", help="Noise; may be repeated.")] = [40.0, 30.0],  # noqa: B006
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
-    found = list(rows(seeds, dB))
-    title = "coverage of 95 % intervals in %: regression alone → both laws weighed"
-    columns = ("wall", "true law", "dB", "strain %", "decided\nright %", "decided\nwrong %")
-    table = Table(*columns, *NAMES, "φNL ≠ 0\nfalse %", title=title)
+    found = [measure(kind, law, level, seeds) for level in dB for kind in KINDS for law in ELASTIC_LAWS]
+    columns = ("wall", "true law", "dB", "strain %", "decided\nright %", "decided\nwrong %", *NAMES, "φNL ≠ 0\nfalse %")
+    cells = []
     for row in found:
         before, after = row["before"], row["after"]
         pairs = [f"{before.get(n, np.nan):.0f} → {after[n]:.0f}" for n in NAMES]
         false = f"{100 - before.get('phiNL', np.nan):.0f} → {100 - after['phiNL']:.0f}"
-        strain = f"{100 * row['strain']:.1f}"
-        decided = f"{row['right']:.0f}", f"{row['wrong']:.0f}"
-        table.add_row(row["wall"], row["law"], f"{row['dB']:g}", strain, *decided, *pairs, false)
-    Console(width=150).print(table)
-    if json_file is not None:
-        write_whole(json_file, json.dumps(found, indent=1) + "\n")
+        numbers = f"{row['dB']:g}", f"{100 * row['strain']:.1f}", f"{row['right']:.0f}", f"{row['wrong']:.0f}"
+        cells.append((row["wall"], row["law"], *numbers, *pairs, false))
+    tabulate("coverage of 95 % intervals in %: regression alone → both laws weighed", columns, cells, left=2)
+    store(json_file, found)
 
 
 if __name__ == "__main__":

@@ -10,16 +10,14 @@ pressures, and the search of ``discover`` judges the recording by it. Every name
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import replace
 from typing import Annotated
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import numpy as np
 import typer
 
+import benchmarks.table  # noqa: F401  (one thread)
 from benchmarks.hidden.row import borne_out, held_out
 from discrepancy.find.study import prepare
 from discrepancy.name.model_selection import name as named_by

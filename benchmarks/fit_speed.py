@@ -7,21 +7,13 @@ CPU time of one thread. All recordings are virtual (synthetic), 40 dB of noise. 
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import platform
 import tempfile
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
 
-from benchmarks.table import Row, Small, best, show
+from benchmarks.table import MACHINE, JsonFile, Row, Small, best, show
 from fitting.calibrate.network_calibration import Calibration, calibrate
 from fitting.cohort.file import read_cohort
 from fitting.cohort.fits import MODELS, fit_cohort
@@ -95,15 +87,13 @@ def calibration_row() -> Row:
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
     small: Small = False,
 ) -> None:
     """Measure and print."""
     with tempfile.TemporaryDirectory() as folder:
         rows = [*site_rows(Path(folder), 1 if small else REPEATS), calibration_row()]
-    show(
-        rows, f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread", json_file
-    )
+    show(rows, MACHINE, json_file)
 
 
 if __name__ == "__main__":

@@ -16,11 +16,10 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from benchmarks.table import Row, Small, show
+from benchmarks.table import JsonFile, Row, Small, show
 from build_fmu import build
 from solver import load
 
@@ -55,7 +54,7 @@ def rows(rounds: int) -> list[Row]:
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
     small: Small = False,
 ) -> None:
     """Measure and print."""

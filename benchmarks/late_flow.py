@@ -12,27 +12,21 @@ Each animal is recorded with every delay [ms] of the flow meter, early and late.
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
+from operator import attrgetter
 from typing import Annotated
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
-from scipy.stats import beta
 
-from benchmarks.calibrations import BEATS, NOISE, RHO, SAMPLES, ejected
+from benchmarks.calibrations import RHO, SAMPLES, ejected, noisy
+from benchmarks.hidden.counts import share
+from benchmarks.table import JsonFile, store, tabulate
 from fitting.calibrate.network_calibration import calibrate
 from fitting.first.model import first_model
 from fitting.records.alignment.beats import Beats
 from solver import Inlet, Junction, Network, Segment, Site, Windkessel, beat_harmonics
-from solver.network.files import write_whole
 
 Array = np.ndarray
 
@@ -49,6 +43,9 @@ class Row:
     delay: float
     first: bool
     calibrate: bool
+
+
+FIRST, CALIBRATED = attrgetter("first"), attrgetter("calibrate")
 
 
 def fork(rng: np.random.Generator) -> tuple[Network, float]:
@@ -77,8 +74,7 @@ def recorded(seed: int, delay: float) -> Beats:
     T, t = true.inlet.T, np.arange(SAMPLES) * (true.inlet.T / SAMPLES)
     X = beat_harmonics(true, [ROOT], SAMPLES // 2 - 1, lambda t: ejected(t, T, size), T, tolerance=1e-8)[0]
     waves = {"inlet.Q": ejected(t - delay, T, size), ROOT: np.fft.irfft(X[:, 0], SAMPLES, norm="forward")}
-    values = {n: x + NOISE * x.std() * rng.normal(size=(BEATS, SAMPLES)) for n, x in waves.items()}
-    return Beats(f"fork {seed}", "0" * 64, T, values, np.zeros(BEATS))
+    return noisy(rng, f"fork {seed}", T, waves)
 
 
 def judge(seed: int, delay: float) -> Row:
@@ -95,30 +91,21 @@ def told(notes: Sequence[str], delay: float) -> bool:
     return any("inlet.Q" in note and any(word in note for word in words) for note in notes)
 
 
-def share(found: Sequence[bool]) -> str:
-    """The share of those that are true, with its 95 % bounds of Clopper and Pearson."""
-    k, n = sum(found), len(found)
-    low = 0.0 if k == 0 else float(beta.ppf(0.025, k, n - k + 1))
-    high = 1.0 if k == n else float(beta.ppf(0.975, k + 1, n - k))
-    return f"{k}/{n} = {k / n:.0%} ({low:.0%} to {high:.0%})"
-
-
 def main(
     animals: Annotated[int, typer.Option(min=1, help="How many.")] = 40,
     first: Annotated[int, typer.Option(min=0, help="The number of the first.")] = 0,
     delays: Annotated[str, typer.Option(help="Of the flow meter [ms].")] = "0 -20 -10 10 20",
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
     each = [float(x) for x in delays.split()]
     rows = [judge(seed, delay) for seed in range(first, first + animals) for delay in each]
-    table = Table("delay of inlet.Q [ms]", "first says so", "calibrate says so")
-    for delay in each:
-        own = [row for row in rows if row.delay == delay]
-        table.add_row(f"{delay:g}", share([row.first for row in own]), share([row.calibrate for row in own]))
-    Console(width=120).print(table)
-    if json_file is not None:
-        write_whole(json_file, json.dumps([asdict(row) for row in rows]) + "\n")
+    cells = [
+        (f"{delay:g}", *(share([r for r in rows if r.delay == delay], test) for test in (FIRST, CALIBRATED)))
+        for delay in each
+    ]
+    tabulate("", ("delay of inlet.Q [ms]", "first says so", "calibrate says so"), cells, width=120)
+    store(json_file, rows)
 
 
 if __name__ == "__main__":

@@ -11,13 +11,6 @@ three groups of the bank's plan, hide nothing; a law is asked for whatever their
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import json
 import math
 import tempfile
 from collections.abc import Callable
@@ -28,10 +21,8 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from benchmarks.table import Small
+from benchmarks.table import JsonFile, Small, store, tabulate
 from discrepancy.add.learning import Learnt, in_range, learns, learnt, stands
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.outcome import LearnedLaw
@@ -48,7 +39,7 @@ from fitting.inference.runs import Runs
 from fitting.records.read.record import Record
 from solver.laws.effects import BY_NAME
 from solver.network.description import Network
-from solver.network.files import write_network, write_whole
+from solver.network.files import write_network
 from tests.judged import judge
 from tests.truth.anatomy import anatomy
 from tests.truth.beat import Beat, at_phase
@@ -183,27 +174,26 @@ def main(
     null_records: Annotated[int, typer.Option("--nulls", help="Records that hide nothing.")] = 100,
     dB: Annotated[float, typer.Option("--dB", help="Noise.")] = 40.0,
     small: Small = False,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
     walls, sites = (HIDDEN[:1], SITES[:1]) if small else (HIDDEN, SITES)
     found = [row(site, h, dB, seed) for h in walls for site in sites for seed in range(seeds)]
     columns = ("hidden", "site", "d′", "verdict", "law", "FMU, held out", "held out: law, true", "unseen: law, true")
-    table = Table(*columns, title="gap of what is named → of the learned law, and of the true one")
+    lines = []
     for r in found:
         cells = [r["hidden"], r["site"], f"{r['d_prime']:.0f}", r["verdict"], " + ".join(r["law"] or ["–"])]
         if r["law"]:
             cells.append(f"{r['fmu'][0]:.2f} → {r['fmu'][1]:.2f}")
             cells += [f"{a:.2f} → {b:.2f}, {c:.2f}" for a, b, c in (r["held_out"], r["unseen"])]
-        table.add_row(*cells)
-    Console(width=150).print(table)
+        lines.append(cells)
+    tabulate("gap of what is named → of the learned law, and of the true one", columns, lines)
     near = [r["held_out"][1] <= 1.3 * r["held_out"][2] for r in found if r["law"] and r["d_prime"] >= 30.0]
     seen = sum(r["d_prime"] >= 30.0 for r in found)
-    Console(width=150).print(f"d′ >= 30: law within 1.3 times the true one's gap in {sum(near)} of {seen} records")
+    print(f"d′ >= 30: law within 1.3 times the true one's gap in {sum(near)} of {seen} records")
     empty = [null(*each) for each in nulls(null_records)]
-    Console(width=150).print(f"nulls with a learned law: {sum(r['law'] is not None for r in empty)} of {len(empty)}")
-    if json_file is not None:
-        write_whole(json_file, json.dumps({"records": found, "nulls": empty}, indent=1) + "\n")
+    print(f"nulls with a learned law: {sum(r['law'] is not None for r in empty)} of {len(empty)}")
+    store(json_file, {"records": found, "nulls": empty})
 
 
 if __name__ == "__main__":

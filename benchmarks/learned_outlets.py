@@ -12,22 +12,13 @@ an R_t that swings, would leave. Nothing is asserted.
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import json
 import time
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from benchmarks.learned import fmu_of, record_of, rms
+from benchmarks.table import JsonFile, store, tabulate
 from discrepancy.add.described import NOTHING, described, with_network
 from discrepancy.add.learning import learnt, stands
 from discrepancy.find.study import prepare
@@ -37,7 +28,6 @@ from fitting.inference.extended_network import extended
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import Runs
 from fitting.inference.source_maps.source_map import source_map
-from solver.network.files import write_whole
 from tests.truth.detect import detect
 from tests.truth.plan import GROUPS, seed_of, whole
 from tests.truth.records import Case, make
@@ -76,26 +66,13 @@ def row(index: int, case: Case) -> Row | None:
 
 def main(
     records: Annotated[int, typer.Option(help="Visible ones that are judged.")] = 10,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
     plan = whole("network", "outside_walls", GROUPS["outside_walls"].tuning)
     cases = [(i, c) for i, c in enumerate(plan) if c.effects[0].name == "swinging_outlet"]
-    table = Table(title="an outlet that swings with time: gap to held-out beats, 1 is noise")
-    for column in (
-        "record",
-        "outlet",
-        "channels, dB",
-        "d′",
-        "map",
-        "before",
-        "law",
-        "with it",
-        "tables",
-        "held out",
-        "s",
-    ):
-        table.add_column(column)
+    columns = ("record", "outlet", "channels, dB", "d′", "map", "before", "law", "with it", "tables", "held out", "s")
+    lines = []
     found = list[Row]()
     for index, case in cases:
         if len(found) == records:
@@ -107,12 +84,11 @@ def main(
         gaps = [f"{r[key]:.2f}" if r[key] else "–" for key in ("law_gap", "tables")]
         what = f"{r['channels']}, {r['dB']:.0f}", f"{r['d_prime']:.0f}", "; ".join(r["map"]), f"{r['before']:.2f}"
         held = " → ".join(f"{x:.2f}" if x else "–" for x in r["held_out"])
-        table.add_row(str(index), r["place"], *what, " ".join(r["law"] or ["–"]), *gaps, held, f"{r['seconds']:.0f}")
-        if json_file is not None:
-            write_whole(json_file, json.dumps(found, indent=1) + "\n")
-    Console(width=170).print(table)
+        lines.append((index, r["place"], *what, " ".join(r["law"] or ["–"]), *gaps, held, f"{r['seconds']:.0f}"))
+        store(json_file, found)
+    tabulate("an outlet that swings with time: gap to held-out beats, 1 is noise", columns, lines, width=170)
     near = sum((r["held_out"][1] or 99.0) <= 1.3 for r in found)
-    Console(width=170).print(f"tables within 1.3 times the noise: {near} of {len(found)}")
+    print(f"tables within 1.3 times the noise: {near} of {len(found)}")
 
 
 if __name__ == "__main__":

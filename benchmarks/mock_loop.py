@@ -19,25 +19,17 @@ network, also of effects that it lacks. Nothing is asserted.
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import json
 import re
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.table import JsonFile, store, tabulate
 from fitting.calibrate.network_calibration import Calibration, calibrate
 from fitting.first.model import first_model
 from fitting.inference.models.simulator import HARMONICS_BEYOND, Simulator
@@ -51,7 +43,7 @@ from fitting.records.read.record import read_record
 from fitting.results.parameter_set import unit_of
 from solver import Settings
 from solver.network.description import Network
-from solver.network.files import parse_quantity, read_network, write_whole
+from solver.network.files import parse_quantity, read_network
 from solver.quantities.legible import number
 from solver.quantities.units import INFLOW, MMHG
 
@@ -156,7 +148,7 @@ def measured(path: Path, given: Network | None, free: Sequence[str]) -> tuple[Ro
 
 
 def together(paths: Sequence[Path], fit: Sequence[int], judge: Sequence[int], network: Network,
-             free: Sequence[str], console: Console) -> tuple[list[Judged], Calibration]:  # fmt: skip
+             free: Sequence[str]) -> tuple[list[Judged], Calibration]:  # fmt: skip
     """One calibration of some steps, judged on each and on others, with its zeros of sensors; by ratios: of the fitted
     step whose mean flow is nearest."""
     steady = {step(path): path for path in paths if path.stem.startswith("NV_") and "SVV" not in path.stem}
@@ -170,9 +162,9 @@ def together(paths: Sequence[Path], fit: Sequence[int], judge: Sequence[int], ne
         near = min(others, key=lambda other: abs(other.mean(INFLOW).mean() - each.mean(INFLOW).mean()))
         said = f"{steady[i].stem}, {'fitted' if i in fit else 'held out'}"
         judged.append(Judged(near.source, said, *left(each, found), by_ratios(near, each)))
-    show((), judged, console)
-    console.print(f"{seconds:.0f} s", *(f"{name} = {number(value, 3)}" for name, value in result.values.items()),
-                  *result.report, sep="\n")  # fmt: skip
+    show((), judged)
+    print(f"{seconds:.0f} s", *(f"{name} = {number(value, 3)}" for name, value in result.values.items()),
+          *result.report, sep="\n")  # fmt: skip
     return judged, result
 
 
@@ -198,26 +190,21 @@ def both(pair: Pair) -> str:
     return " / ".join(number(each, 2) for each in pair)
 
 
-def show(rows: Sequence[Row], judged: Sequence[Judged], console: Console) -> None:
+def show(rows: Sequence[Row], judged: Sequence[Judged]) -> None:
     """Both tables."""
-    table = Table(title=f"rms of {' / '.join(CHANNELS)} in mmHg; CPU seconds")
-    for column in ("file", "beats", "read, s", "first, s", "rms of first", "calibrated, s", "χ²/dof", "rms",
-                   "pulsation", "of the mean beat", "not determined"):  # fmt: skip
-        table.add_column(column, justify="left" if column == "file" else "right")
-    for r in rows:
-        table.add_row(
-            r.file, f"{r.beats} of {r.period:.3f} s", f"{r.read:.2f}", f"{r.first:.2f}", both(r.first_rms),
-            f"{r.calibrated:.1f}" + ("" if r.settled else " (not settled)"), number(r.chi2), both(r.rms),
-            both(r.pulsation), both(r.scatter), ", ".join(r.undetermined),
-        )  # fmt: skip
+    columns = ("file", "beats", "read, s", "first, s", "rms of first", "calibrated, s", "χ²/dof", "rms", "pulsation",
+               "of the mean beat", "not determined")  # fmt: skip
+    cells = [
+        (r.file, f"{r.beats} of {r.period:.3f} s", f"{r.read:.2f}", f"{r.first:.2f}", both(r.first_rms),
+         f"{r.calibrated:.1f}" + ("" if r.settled else " (not settled)"), number(r.chi2), both(r.rms),
+         both(r.pulsation), both(r.scatter), ", ".join(r.undetermined))
+        for r in rows
+    ]  # fmt: skip
     if rows:
-        console.print(table)
-    table = Table(title="fitted, judged: mmHg; by ratios: of the fitted step")
-    for column in ("fitted", "judged on", "rms", "pulsation", "by ratios P/Q", "error of the mean"):
-        table.add_column(column, justify="right")
-    for j in judged:
-        table.add_row(j.fitted, j.file, both(j.rms), both(j.pulsation), both(j.ratios), both(j.mean))
-    console.print(table)
+        tabulate(f"rms of {' / '.join(CHANNELS)} in mmHg; CPU seconds", columns, cells, width=190)
+    others = ("fitted", "judged on", "rms", "pulsation", "by ratios P/Q", "error of the mean")
+    found = [(j.fitted, j.file, both(j.rms), both(j.pulsation), both(j.ratios), both(j.mean)) for j in judged]
+    tabulate("fitted, judged: mmHg; by ratios: of the fitted step", others, found, left=0, width=190)
 
 
 def main(
@@ -228,7 +215,7 @@ def main(
     judge: Annotated[str, typer.Option(help="Normovolemic steps that they are judged on.")] = "6,14,18",
     joint: Annotated[bool, typer.Option("--together", help="One calibration of all steps of --fit.")] = False,
     given_numbers: Annotated[list[str] | None, typer.Option("--set", help="NAME=VALUE of the network.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write all numbers to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
     paths = sorted(folder.glob("*.csv"), key=lambda path: (path.stem.partition("_step")[0], step(path), path.stem))
@@ -241,10 +228,8 @@ def main(
             typer.echo("--together: give the network with --network.", err=True)
             raise typer.Exit(2)
         fitted, others = ([int(i) for i in text.split(",")] for text in (fit, judge))
-        judged, result = together(paths, fitted, others, given, free or FREE, Console(width=190))
-        if json_file is not None:
-            content = {"judged": [asdict(each) for each in judged], "values": dict(result.values)}
-            write_whole(json_file, json.dumps(content, indent=1) + "\n")
+        judged, result = together(paths, fitted, others, given, free or FREE)
+        store(json_file, {"judged": judged, "values": dict(result.values)})
         return
     found = [measured(path, given, free or FREE) for path in paths]
     steady = {step(path): each for path, each in zip(paths, found, strict=True)
@@ -253,10 +238,8 @@ def main(
              if int(a) in steady and int(b) in steady]  # fmt: skip
     judged = [Judged(a[0].file, b[0].file, *left(b[1], a[2]), by_ratios(a[1], b[1])) for a, b in pairs]
     rows = [row for row, _, _ in found]
-    show(rows, judged, Console(width=190))
-    if json_file is not None:
-        content = {"files": [asdict(each) for each in rows], "judged": [asdict(each) for each in judged]}
-        write_whole(json_file, json.dumps(content, indent=1) + "\n")
+    show(rows, judged)
+    store(json_file, {"files": rows, "judged": judged})
 
 
 if __name__ == "__main__":

@@ -10,12 +10,6 @@ Nothing is asserted.
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
 import json
 import resource
 import subprocess
@@ -26,10 +20,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from benchmarks.mock_loop import CHANNELS, COLUMNS, FILTERS, FREE, Clock, both
+from benchmarks.table import JsonFile, store, tabulate
 from fitting.calibrate.multistart import calibrate_from
 from fitting.first.model import first_model
 from fitting.records.alignment.align import align
@@ -37,7 +30,7 @@ from fitting.records.channels.filters import with_filters
 from fitting.records.read.columns import Reading
 from fitting.records.read.record import read_record
 from solver.network.description import Network
-from solver.network.files import read_network, write_network, write_whole
+from solver.network.files import read_network, write_network
 from solver.quantities.units import MMHG
 
 Row = dict[str, Any]
@@ -90,7 +83,7 @@ def main(
     network: Annotated[Path | None, typer.Option(help="Network file in place of first models.")] = None,
     files: Annotated[int | None, typer.Option(help="Of the folder, the first ones; default: all.")] = None,
     kept: Annotated[Path | None, typer.Option(help="Folder for the studies; default: none is kept.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write all numbers to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
     rows, given = list[Row](), None if network is None else read_network(network)
@@ -100,16 +93,15 @@ def main(
         for path in sorted(folder.glob("*.csv"))[:files]:
             rows.append(studied(path, limit, kept or Path(made), given))
             rows[-1] |= from_many(path, starts) if starts else {}
-            if json_file is not None:
-                write_whole(json_file, json.dumps(rows, indent=1) + "\n")
-    table = Table(title=f"rms of {' / '.join(CHANNELS)} in mmHg, held out; seconds of one core")
-    for column in ("file", "verdict", "CPU, s", "wall, s", "rms before", "rms after", "named or acting", "starts, s"):
-        table.add_column(column)
+            store(json_file, rows)
+    columns = ("file", "verdict", "CPU, s", "wall, s", "rms before", "rms after", "named or acting", "starts, s")
+    lines = []
     for r in rows:
         said = [r.get("verdict", "–") + ("" if r.get("complete") else ", incomplete"), f"{r['cpu']:.0f}"]
         rms = [both(r["rms_before"]), both(r["rms_after"]), named(r)] if "verdict" in r else ["–"] * 3
-        table.add_row(r["file"], *said, f"{r['wall']:.0f}", *rms, f"{r.get('starts_cpu', 0.0):.0f}")
-    Console(width=190).print(table)
+        lines.append((r["file"], *said, f"{r['wall']:.0f}", *rms, f"{r.get('starts_cpu', 0.0):.0f}"))
+    title = f"rms of {' / '.join(CHANNELS)} in mmHg, held out; seconds of one core"
+    tabulate(title, columns, lines, left=len(columns), width=190)
 
 
 if __name__ == "__main__":

@@ -9,23 +9,15 @@ first model of a kind, binding that of each further one. Nothing here is asserte
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import platform
 import time
 from functools import partial
-from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import typer
 
 from benchmarks.size import fork, tree
-from benchmarks.table import Row, Small, best, show
+from benchmarks.table import MACHINE, JsonFile, Row, Small, best, show
 from solver import Network, Settings, beat_harmonics, load
 from solver.network.coefficients import Parameters
 from solver.network.inflow import drives_of
@@ -96,7 +88,7 @@ def balance_row(network: Network, repeats: int) -> Row:
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
     small: Small = False,
 ) -> None:
     """Measure and print."""
@@ -125,9 +117,7 @@ def main(
         rows.append(Row(what, 1e6 * cost.native, "us", None, note))
     balances = ("sheep",) if small else ("sheep", "human", "circle_of_willis", "adan56")
     rows += [balance_row(load(name), 2 if small else STRETCHES) for name in balances]
-    show(
-        rows, f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread", json_file
-    )
+    show(rows, MACHINE, json_file)
 
 
 if __name__ == "__main__":

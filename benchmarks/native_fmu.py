@@ -14,15 +14,15 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
 import fmpy
 import numpy as np
 import typer
 
-from benchmarks.table import Row, Small, show
+from benchmarks.table import JsonFile, Row, Small, show
 from build_fmu import build, build_model, build_native, build_native_model
 from fmu_src.contents.models import body_model, heart_model
 from solver import load
@@ -33,7 +33,7 @@ READ = 40  # outputs
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
     small: Small = False,
 ) -> None:
     """Measure and print."""
@@ -85,16 +85,22 @@ def measured(fmu: Path, host: Path, steps: int, times: int) -> tuple[float, floa
     return float(cold), float(step), float(memory)
 
 
-def python_step(fmu: Path, steps: int) -> float:
-    """CPU seconds of a step of the other FMU."""
+def opened(fmu: Path, integers: Mapping[str, int] = {}) -> tuple[Any, dict[str, int], list[int]]:  # noqa: B006
+    """An initialised instance, its variables by name, and the outputs that are read."""
     folder, description = fmpy.extract(os.fspath(fmu)), fmpy.read_model_description(os.fspath(fmu))
     slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation")
     vr = {v.name: v.valueReference for v in description.modelVariables}
-    outputs = [v.valueReference for v in description.modelVariables if v.causality == "output"][:READ]
     slave.setupExperiment(startTime=0.0)
-    slave.setInteger([vr["inlet.interpolation"]], [2])
+    for name, value in integers.items():
+        slave.setInteger([vr[name]], [value])
     slave.enterInitializationMode()
     slave.exitInitializationMode()
+    return slave, vr, [v.valueReference for v in description.modelVariables if v.causality == "output"][:READ]
+
+
+def python_step(fmu: Path, steps: int) -> float:
+    """CPU seconds of a step of the other FMU."""
+    slave, vr, outputs = opened(fmu, {"inlet.interpolation": 2})
     start = time.process_time()
     for i in range(steps):
         slave.setReal([vr["inlet.Q"]], [55e-6 * max(0.0, float(np.sin(2 * np.pi * (i + 1) * 1e-3 / 0.5)))])
@@ -105,13 +111,7 @@ def python_step(fmu: Path, steps: int) -> float:
 
 def turns(fmus: Sequence[Path], steps: int) -> list[float]:
     """CPU seconds of a step of each heart or body: the least of ten blocks of steps, by turns."""
-    slaves = []
-    for fmu in fmus:
-        description = fmpy.read_model_description(os.fspath(fmu))
-        slaves.append(fmpy.instantiate_fmu(fmpy.extract(os.fspath(fmu)), description, fmi_type="CoSimulation"))
-        slaves[-1].setupExperiment(startTime=0.0)
-        slaves[-1].enterInitializationMode()
-        slaves[-1].exitInitializationMode()
+    slaves = [opened(fmu)[0] for fmu in fmus]
     found = np.empty((10, len(fmus)))
     for block in range(len(found)):
         for k, slave in enumerate(slaves):

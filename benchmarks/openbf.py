@@ -8,11 +8,6 @@ contains openBF's results in its own format, <network>/<vessel>_P.csv and _Q.csv
 
 from __future__ import annotations
 
-import os
-
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
 import csv
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -21,9 +16,8 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.table import Table
 
-from arterial_fmu.cli.terminal.console import right, show
+from benchmarks.table import tabulate
 from solver import Settings, Site, Waveforms, load, simulate, simulate_periodic
 from solver.network.description import Network
 from solver.network.files import parse_quantity
@@ -121,6 +115,19 @@ SWITCHES: dict[str, Callable[[Network], Network]] = {
 }
 
 
+def tabulate_errors(network: Network, rows: Mapping[str, dict[str, tuple[float, float, float]]]) -> None:
+    """A row for each signal of what was switched: median, and worst, of the sizes of its errors."""
+    cells = []
+    for label, errors in rows.items():
+        for signal in "PQ":
+            each = 100.0 * np.abs([e for key, e in errors.items() if key.endswith(signal)])
+            middle, most = np.median(each, axis=0), each.max(axis=0)
+            numbers = middle[0], most[0], middle[1], middle[2], most[2]
+            cells.append((label if signal == "P" else "", signal, *(f"{x:.2f}" for x in numbers)))
+    columns = ("switched", "signal", "shape", "worst", "mean", "pulse", "worst")
+    tabulate(f"{network.name}, % of pulse", columns, cells, left=2)
+
+
 def main(
     data: Annotated[Path | None, typer.Option(help="openBF's results, a directory per network.")] = None,
     figure: Annotated[Path | None, typer.Option(help="Draw the waveforms here.")] = None,
@@ -137,9 +144,6 @@ def main(
     for name in networks.split(","):
         network = load(name)
         found = reference(network, data)
-        table = Table(
-            "switched", "signal", *map(right, ("shape", "worst", "mean", "pulse", "worst")), title=f"{name}, % of pulse"
-        )
         rows: dict[str, dict[str, tuple[float, float, float]]] = {}
         for label, switch in SWITCHES.items():
             other = switch(with_sites(network))
@@ -154,13 +158,7 @@ def main(
                 rows["the same, time: 0.6 ms later"] = compared(same, found, later=6e-4)
             if not switch_all:
                 break
-        for label, errors in rows.items():
-            for signal in "PQ":
-                each = 100.0 * np.array([e for key, e in errors.items() if key.endswith(signal)])
-                middle = np.median(np.abs(each), axis=0)
-                numbers = (middle[0], each[:, 0].max(), middle[1], middle[2], np.abs(each[:, 2]).max())
-                table.add_row(label if signal == "P" else "", signal, *(f"{x:.2f}" for x in numbers))
-        show(table)
+        tabulate_errors(network, rows)
     if figure is not None:
         _draw(drawn, figure)
 

@@ -13,11 +13,6 @@ empty Windkessels and end at the beat that openBF recorded, which is the referen
 
 from __future__ import annotations
 
-import os
-
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,10 +20,8 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from openbf import PLACES, compared, last_beat, reference, with_sites  # type: ignore[import-not-found]
-from rich.table import Table
+from openbf import PLACES, compared, last_beat, reference, tabulate_errors, with_sites  # type: ignore[import-not-found]
 
-from arterial_fmu.cli.terminal.console import right, show
 from solver import Network, Settings, Waveforms, Windkessel, load
 from solver.muscl.slopes import van_albada
 
@@ -211,21 +204,9 @@ def main(
     for i, name in enumerate(networks.split(",")):
         network, results = load(name), dict[str, Waveforms]()
         found = {key: x for key, x in reference(network, data).items() if key[-1] in "PQ"}
-        table = Table(
-            "switched",
-            "signal",
-            *map(right, ("shape", "worst", "mean", "pulse", "worst")),
-            title=f"{network.name}, % of pulse",
-        )
         for label, run in list(SWITCHES.items())[: None if switch_all else 2]:
             results[label] = run(network, max(t[-1] for t, _ in found.values()))
-            errors = compared(results[label], found)
-            for signal in "PQ":
-                each = 100.0 * np.abs([e for key, e in errors.items() if key.endswith(signal)])
-                middle = np.median(each, axis=0)
-                numbers = middle[0], each[:, 0].max(), middle[1], middle[2], each[:, 2].max()
-                table.add_row(label if signal == "P" else "", signal, *(f"{x:.2f}" for x in numbers))
-        show(table)
+        tabulate_errors(network, {label: compared(result, found) for label, result in results.items()})
         if i == 0 and figure is not None:
             draw(results, found, figure)
 

@@ -17,25 +17,18 @@ doubtful. The exit code is 1 if one is wrong without a note.
 
 from __future__ import annotations
 
-import json
-import os
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Annotated
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 from scipy.signal import lfilter
 
+from benchmarks.table import JsonFile, store, tabulate
 from fitting.records.alignment.period import usual_period
-from solver.network.files import write_whole
 
 Array = np.ndarray
 
@@ -190,29 +183,28 @@ def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
     return found
 
 
-def show(rows: Sequence[Row], console: Console) -> None:
+def show(rows: Sequence[Row]) -> None:
     """A row a group: how many are of each kind, without and with a note; then those that are wrong without one."""
     kinds = [kind for kind in (*RATIOS, "other", "refused") if any(row.kind == kind for row in rows)]
-    table = Table("recordings", "", *kinds, title="the period found: without a note + with one")
+    cells = []
     for name, part in groups(rows).items():
         counts = Counter((row.kind, row.noted) for row in part)
-        table.add_row(name, str(len(part)), *(f"{counts[kind, False]} + {counts[kind, True]}" for kind in kinds))
-    console.print(table)
+        cells.append((name, len(part), *(f"{counts[kind, False]} + {counts[kind, True]}" for kind in kinds)))
+    tabulate("the period found: without a note + with one", ("recordings", "", *kinds), cells)
     for row in (each for each in rows if each.silent):
-        console.print(f"wrong without a note: recording {row.seed}, {row.kind}", highlight=False)
+        print(f"wrong without a note: recording {row.seed}, {row.kind}")
 
 
 def main(
     recordings: Annotated[int, typer.Option(min=1, help="How many.")] = 1000,
     first: Annotated[int, typer.Option(min=0, help="The number of the first.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
     rows = measure(first, recordings, processes)
-    show(rows, Console(width=150))
-    if json_file is not None:
-        write_whole(json_file, json.dumps([asdict(row) for row in rows]) + "\n")
+    show(rows)
+    store(json_file, rows)
     raise typer.Exit(1 if any(row.silent for row in rows) else 0)
 
 

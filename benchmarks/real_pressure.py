@@ -16,23 +16,21 @@ tell whether it matters where a window begins. The exit code is 1 where a share 
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from benchmarks.hidden.counts import Share
+from benchmarks.hidden.counts import share
+from benchmarks.table import JsonFile, store, tabulate
 from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats
 from fitting.records.read.record import Record, read_record
-from solver.network.files import write_whole
 
 LENGTHS = (15.0, 30.0)  # of windows [s]
 TARGET = 0.95  # of the windows
@@ -124,11 +122,6 @@ def windows(path: Path, seconds: float, every: float) -> Iterator[Window]:
                 yield Window(*at, found.T, found.n_beats, cut_again(record, found))
 
 
-def share(found: Sequence[Window], what: str) -> Share:
-    """How many windows are usable, agree, or are the same."""
-    return Share(sum(getattr(each, what) for each in found), len(found))
-
-
 def groups(found: Sequence[Window]) -> dict[tuple[str, float], list[Window]]:
     """The windows of each file and length, and those of all files if there are several."""
     files = list(dict.fromkeys(each.file for each in found))
@@ -143,26 +136,23 @@ def groups(found: Sequence[Window]) -> dict[tuple[str, float], list[Window]]:
     }
 
 
-def show(found: Sequence[Window], console: Console) -> None:
+def show(found: Sequence[Window]) -> None:
     """A row a file and length; then a line for each window that missed something."""
-    table = Table(title="windows of measured arterial pressure: share % (of all windows; 95 % interval)")
-    table.add_column("file")
-    for column in ("window", "windows", "fewest beats", *(f"{text}\n>= {TARGET:.0%}" for text in SHARES.values())):
-        table.add_column(column, justify="right")
+    cells = []
     for (name, seconds), part in groups(found).items():
         least = min((each.beats for each in part if each.usable), default=0)
-        cells = (f"{seconds:g} s", str(len(part)), str(least), *(str(share(part, what)) for what in SHARES))
-        table.add_row(name, *cells)
-    console.print(table)
+        cells.append((name, f"{seconds:g} s", len(part), least, *(share(part, attrgetter(what)) for what in SHARES)))
+    columns = ("file", "window", "windows", "fewest beats", *(f"{text}\n>= {TARGET:.0%}" for text in SHARES.values()))
+    tabulate("windows of measured arterial pressure: share % (of all windows; 95 % interval)", columns, cells)
     for each in found:
         where = f"{each.file}, {each.seconds:g} s from {each.begin:g} s"
         if not each.usable:
-            console.print(f"refused: {where}: {each.refused}", highlight=False, markup=False)
+            print(f"refused: {where}: {each.refused}")
         elif not each.agrees:
             times = f"a period of {each.period:.3g} s, upstrokes every {each.counted:.3g} s"
-            console.print(f"another rate: {where}: {times}", highlight=False, markup=False)
+            print(f"another rate: {where}: {times}")
         elif not each.same:
-            console.print(f"other beats with its own period given: {where}", highlight=False, markup=False)
+            print(f"other beats with its own period given: {where}")
 
 
 def main(
@@ -170,7 +160,7 @@ def main(
     every: Annotated[
         float | None, typer.Option(min=0.1, help="Between windows' beginnings [s]; default: a length.")
     ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the windows to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
     paths = sorted(folder.glob("*.csv"))
@@ -186,10 +176,9 @@ def main(
             err=True,
         )
         raise typer.Exit(2)
-    show(found, Console(width=150))
-    if json_file is not None:
-        write_whole(json_file, json.dumps([asdict(each) for each in found], indent=1) + "\n")
-    met = all(share(part, what).value >= TARGET for part in groups(found).values() for what in SHARES)
+    show(found)
+    store(json_file, found)
+    met = all(share(part, attrgetter(what)).value >= TARGET for part in groups(found).values() for what in SHARES)
     raise typer.Exit(0 if met else 1)
 
 

@@ -20,7 +20,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.table import Row, show
+from benchmarks.table import JsonFile, Row, show
 from fitting.records.read.record import write_record
 
 PERIOD, STEP = 0.4724, 0.005
@@ -92,7 +92,7 @@ def rows(path: Path) -> list[Row]:
 def main(
     samples: Annotated[int, typer.Option(help="Samples a channel.")] = 1_000_000,
     channels: Annotated[int, typer.Option(help="Channels.")] = 30,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
     with tempfile.TemporaryDirectory() as folder:

@@ -10,26 +10,17 @@ viscoelastic ones, which is that of the human network. FILE keeps what was measu
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import json
 import time
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.table import Table
 
-from arterial_fmu.cli.terminal.console import right, show
-from benchmarks.table import Small
+from benchmarks.table import Small, continued, tabulate
 from solver import Network, NonPhysicalState, Settings, load
 from solver.network.coefficients import Parameters
-from solver.network.files import write_whole
 from solver.network.inflow import drives_of
 from solver.scheme.model import Model, build
 from solver.scheme.sdirk import INFLOW_TIMES
@@ -61,10 +52,10 @@ def highest(model: Model, Q: np.ndarray) -> np.ndarray:
     return np.abs(np.linalg.solve(legendre, Q[..., None])[..., -1, 0])
 
 
-def run(network: Network, kind: str, dt: float, length: float, beats: int = BEATS) -> dict[str, Any]:
+def run(name: str, kind: str, dt: float, length: float, beats: int = BEATS) -> dict[str, Any]:
     """One row: the part of the highest degree and where it is largest, or when and where the run broke down."""
-    settings = Settings(dt=1e-3 * dt, element_length=length * Settings().element_length)
-    row: dict[str, Any] = {"network": network.name, "walls": kind, "dt": dt, "length": length}
+    network, settings = load(name), Settings(dt=1e-3 * dt, element_length=length * Settings().element_length)
+    row: dict[str, Any] = {"network": name, "walls": kind, "dt": dt, "length": length}
     model = build(network, walls(network, kind), settings)
     backend, drives = Backend.of("auto", model, settings.dt), drives_of(network, None, 1)
     n, begun, state = round(network.inlet.T / settings.dt), time.process_time(), initial_state(model)
@@ -105,23 +96,15 @@ def main(
     small: Small = False,
 ) -> None:
     """Measure what is not yet in the rows, and print."""
-    found = json.loads(rows.read_text()) if rows.is_file() else []
-    done = {(row["network"], row["walls"], row["dt"], row["length"]) for row in found}
-    rows.parent.mkdir(parents=True, exist_ok=True)
     cases = [(kind, dt, length) for kind in ("elastic", "viscoelastic") for length in LENGTHS for dt in STEPS]
-    for name in networks or NETWORKS:
-        for case in cases[:1] if small else cases:
-            if (name, *case) not in done:
-                found.append(run(load(name), *case, beats=1 if small else BEATS))
-                write_whole(rows, json.dumps(found, indent=1) + "\n")
+    each = [(name, *case) for name in networks or NETWORKS for case in (cases[:1] if small else cases)]
+    keys = ("network", "walls", "dt", "length")
+    found = continued(rows, keys, each, partial(run, beats=1 if small else BEATS))
     columns = [f"{dt:g} ms, {5 * length:g} cm" for length in LENGTHS for dt in STEPS]
-    table = Table("network", "walls", *map(right, columns), title="highest degree, part of the flow; or broken down")
-    own = {(row["network"], row["walls"], row["dt"], row["length"]): row for row in found}
-    for name in dict.fromkeys(row["network"] for row in found):
-        for kind in ("elastic", "viscoelastic"):
-            keys = [(name, kind, dt, length) for length in LENGTHS for dt in STEPS]
-            table.add_row(name, kind, *(shown(own.get(key)) for key in keys))
-    show(table)
+    own = {tuple(row[key] for key in keys): row for row in found}
+    lines = dict.fromkeys((row["network"], kind) for row in found for kind in ("elastic", "viscoelastic"))
+    cells = [(*line, *(shown(own.get((*line, dt, length))) for length in LENGTHS for dt in STEPS)) for line in lines]
+    tabulate("highest degree, part of the flow; or broken down", ("network", "walls", *columns), cells, left=2)
 
 
 def shown(row: dict[str, Any] | None) -> str:

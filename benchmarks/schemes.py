@@ -8,14 +8,7 @@ tests/data, and CPU time of a beat, one thread. FILE stores the measurements, so
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
 import csv
-import json
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,12 +16,9 @@ from typing import Annotated, Any
 import matplotlib.pyplot as plt
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from benchmarks.table import Small
+from benchmarks.table import Small, continued, tabulate
 from solver import MusclSettings, Settings, Waveforms, load, simulate
-from solver.network.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 FOUR = ("MD.P", "MD.Q", "CA.P", "CA.Q")
@@ -48,8 +38,8 @@ DEFAULTS = {
 }
 
 
-def cases() -> list[tuple[str, str, Any]]:
-    """Line, wall and settings. In elastic walls both kinds of ends are the same to the last bit."""
+def cases() -> dict[tuple[str, str, str], Settings | MusclSettings]:
+    """The settings by line, wall and name. In elastic walls both kinds of ends are the same to the last bit."""
     found: list[tuple[str, str, Any]] = [("default", wall, s) for wall in WALLS for s in DEFAULTS[wall]]
     for cell in (1e-3 * cell for cell in CELLS):
         found += [(ends, "viscoelastic", MusclSettings(cell=cell, ends=ends)) for ends in ("coupled", "neumann")]
@@ -58,7 +48,7 @@ def cases() -> list[tuple[str, str, Any]]:
             settings = MusclSettings(cell=cell, ends="neumann", slopes=slopes)
             found.append((f"neumann, {slopes} slopes", "viscoelastic", settings))
             found.append((f"coupled, {slopes} slopes", "elastic", MusclSettings(cell=cell, slopes=slopes)))
-    return found
+    return {(line, wall, name_of(settings)): settings for line, wall, settings in found}
 
 
 def name_of(settings: Settings | MusclSettings) -> str:
@@ -86,28 +76,26 @@ def errors(result: Waveforms, file: str) -> dict[str, float]:
     return found
 
 
-def measured(line: str, wall: str, settings: Settings | MusclSettings) -> dict[str, Any]:
+def measured(line: str, wall: str, settings: str) -> dict[str, Any]:
     """One row: what was run, its errors, and the CPU time of a beat [s]."""
-    sheep = load("sheep")
+    sheep, chosen = load("sheep"), cases()[line, wall, settings]
     parameters = {f"{s.name}.phi0": 0.0 for s in sheep.segments} if wall == "elastic" else None
     scheme, start = "staggered" if line == "default" else "muscl", time.process_time()
-    result = simulate(sheep, duration=0.5 * BEATS, parameters=parameters, settings=settings, scheme=scheme)
+    result = simulate(sheep, duration=0.5 * BEATS, parameters=parameters, settings=chosen, scheme=scheme)
     seconds, every = (time.process_time() - start) / BEATS, errors(result, WALLS[wall])
     PQ = {name: error for name, error in every.items() if name[-1] in "PQ" and not name.startswith("inlet")}
     worst = max(PQ, key=lambda name: PQ[name])
     return {
-        "line": line, "wall": wall, "settings": name_of(settings), "seconds": seconds,
+        "line": line, "wall": wall, "settings": settings, "seconds": seconds,
         **{name: every[name] for name in FOUR}, "worst": PQ[worst], "where": worst, "every": PQ,
     }  # fmt: skip
 
 
-def sites(rows: list[dict[str, Any]]) -> Table:
+def sites(rows: list[dict[str, Any]]) -> None:
     """All ten sites with the shortest cells."""
     own = [row for row in rows if row["settings"] == name_of(MusclSettings(cell=1e-3 * CELLS[-1])) and "every" in row]
-    table = Table("site", *(f"{row['line']}, {row['wall']}" for row in own))
-    for name in own[0]["every"] if own else ():
-        table.add_row(name, *(f"{row['every'][name]:.1e}" for row in own))
-    return table
+    cells = [(name, *(f"{row['every'][name]:.1e}" for row in own)) for name in (own[0]["every"] if own else ())]
+    tabulate("", ("site", *(f"{row['line']}, {row['wall']}" for row in own)), cells)
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
@@ -134,23 +122,18 @@ def main(
     small: Small = False,
 ) -> None:
     """Measure the missing cases, print the table and draw the figure."""
-    found: list[dict[str, Any]] = json.loads(rows.read_text()) if rows.exists() else []
-    chosen = {case[:2]: case for case in reversed(cases())}.values() if small else cases()  # the coarsest of each
-    for line, wall, settings in chosen:
-        key = (line, wall, name_of(settings))
-        if key not in {(row["line"], row["wall"], row["settings"]) for row in found}:
-            found.append(measured(line, wall, settings))
-            rows.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(rows, json.dumps(found, indent=1) + "\n")
-    order = {(line, wall, name_of(settings)): i for i, (line, wall, settings) in enumerate(cases())}
-    found = sorted(found, key=lambda row: order[(row["line"], row["wall"], row["settings"])])
-    table = Table("scheme", "walls", "settings", "CPU s a beat", *FOUR, "ten sites")
-    for row in sorted(found, key=lambda row: (row["wall"] == "elastic", row["line"])):
-        numbers = [f"{row[name]:.1e}" for name in FOUR]
-        worst = f"{row['worst']:.1e} {row['where']}"
-        table.add_row(row["line"], row["wall"], row["settings"], f"{row['seconds']:.2f}", *numbers, worst)
-    Console(width=150).print(table)
-    Console(width=150).print(sites(found))
+    every = cases()
+    coarsest = {key[:2]: key for key in reversed(every)}.values()
+    found = continued(rows, ("line", "wall", "settings"), coarsest if small else every, measured)
+    found.sort(key=lambda row: list(every).index((row["line"], row["wall"], row["settings"])))
+    lines = sorted(found, key=lambda row: (row["wall"] == "elastic", row["line"]))
+    cells = [
+        (row["line"], row["wall"], row["settings"], f"{row['seconds']:.2f}", *(f"{row[name]:.1e}" for name in FOUR),
+         f"{row['worst']:.1e} {row['where']}")
+        for row in lines
+    ]  # fmt: skip
+    tabulate("", ("scheme", "walls", "settings", "CPU s a beat", *FOUR, "ten sites"), cells, left=3)
+    sites(found)
     draw(found, figure)
 
 

@@ -8,23 +8,15 @@ memory that building and stepping took. Nothing here is asserted: see the tests.
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import platform
 import time
 import tracemalloc
 from collections.abc import Callable
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
-from benchmarks.table import Row, show
+from benchmarks.table import MACHINE, JsonFile, Row, show
 from solver import Inlet, Junction, Network, Segment, Settings, Site, Windkessel
 from solver.scheme.model import Model, build
 from solver.scheme.outputs import reporter
@@ -104,7 +96,7 @@ def measure(network: Network) -> tuple[float, float, float]:
 
 def main(
     sizes: Annotated[list[int] | None, typer.Argument(help="Numbers of segments.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
     rows, smallest = list[Row](), 0.0
@@ -114,9 +106,7 @@ def main(
             smallest = smallest or stepped
             note = f"{stepped / smallest:.1f} times the first; build {built:.2g} s, {most / 1e6:.0f} MB"
             rows.append(Row(f"a step of {n} segments, {parents.__name__}", 1e3 * stepped, "ms", None, note))
-    show(
-        rows, f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread", json_file
-    )
+    show(rows, MACHINE, json_file)
 
 
 if __name__ == "__main__":

@@ -8,23 +8,15 @@ CPU time of one thread, the best of several beats in one run; errors against the
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import csv
-import platform
 import time
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
 
-from benchmarks.table import Row, Small, best, show
-from solver import Settings, load
+from benchmarks.schemes import FOUR, errors
+from benchmarks.table import MACHINE, JsonFile, Row, Small, best, show
+from solver import Settings, Waveforms, load
 from solver.network.coefficients import Parameters
 from solver.scheme.model import build
 from solver.scheme.outputs import reporter
@@ -33,7 +25,6 @@ from solver.scheme.stage import operators
 from solver.scheme.step import State, initial_state, step
 
 ROOT = Path(__file__).resolve().parents[1]
-FOUR = ("MD.P", "MD.Q", "CA.P", "CA.Q")
 BEATS = 6
 SHEEP = load("sheep")
 ELASTIC = {f"{segment.name}.phi0": 0.0 for segment in SHEEP.segments}
@@ -60,23 +51,6 @@ def beats(
     return seconds, table, report.names
 
 
-def error(table: np.ndarray, names: tuple[str, ...], dt: float, file: str) -> float:
-    """Largest error of P and Q at MD and CA, at the times that the beat and the 1 ms reference share."""
-    with (ROOT / "tests" / "data" / file).open() as stream:
-        rows = list(csv.reader(stream))
-    titles = [title.split(" ")[0] for title in rows[0]]
-    reference = np.array(rows[1:], float)
-    own, every = np.arange(len(table) - 1), dt / 1e-3
-    shared = own[np.isclose(own * every % 1, 0) | np.isclose(own * every % 1, 1)]
-    worst = 0.0
-    for name in FOUR:
-        expected = reference[np.round(shared * every).astype(int), titles.index(name)]
-        value = table[shared, 0, names.index(name)]
-        scale = expected if name.endswith("Q") else expected - expected.mean()
-        worst = max(worst, float(np.linalg.norm(value - expected) / np.linalg.norm(scale)))
-    return worst
-
-
 def solver_rows(count: int) -> list[Row]:
     """A beat to a stated error, viscoelastic and elastic; a batch against one run; the operators."""
     rows = []
@@ -94,7 +68,11 @@ def solver_rows(count: int) -> list[Row]:
     )
     for what, parameters, settings, file, target in cases:
         seconds, table, names = beats(parameters, settings, count)
-        reached = error(table, names, settings.dt, f"{file}.csv")
+        beat = Waveforms(
+            settings.dt * np.arange(len(table)), dict(zip(names, table[:, 0].T, strict=True)), {}, count, 0.0
+        )
+        found = errors(beat, file)
+        reached = max(found[name] for name in FOUR)
         rows.append(Row(what, 1e3 * min(seconds), "ms", target, f"error {reached:.1e}, dt {1e3 * settings.dt:g} ms"))
     many = {"CA.phi0": np.linspace(7e4, 8e4, 32), "AA.E": np.linspace(1.4e6, 1.6e6, 32)}
     one = min(beats({name: value[0] for name, value in many.items()}, Settings(), count)[0])
@@ -109,14 +87,12 @@ def solver_rows(count: int) -> list[Row]:
 
 
 def main(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
     small: Small = False,
 ) -> None:
     """Measure and print."""
     rows = solver_rows(1 if small else BEATS)
-    show(
-        rows, f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread", json_file
-    )
+    show(rows, MACHINE, json_file)
 
 
 if __name__ == "__main__":

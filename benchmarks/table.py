@@ -1,21 +1,32 @@
-"""Common code of the benchmarks: one row per measurement, printed as a table and written as JSON."""
+"""Common code of the benchmarks: linear algebra on one thread, so that CPU time is time; rows, tables and JSON."""
 
 from __future__ import annotations
 
 import json
+import os
+import platform
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
+import scipy.linalg  # noqa: F401  (its library must be loaded to be limited)
 import typer
 from rich.console import Console
 from rich.table import Table
+from threadpoolctl import threadpool_limits
 
+from fitting.parallel.threads import ENVIRONMENT
 from solver.network.files import write_whole
 
+threadpool_limits(1)
+os.environ.update(ENVIRONMENT)  # for the processes that a benchmark starts
+
 Small = Annotated[bool, typer.Option("--small", help="The least that runs every part: whether it works, not how fast.")]
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write all numbers to this file.")]
+MACHINE = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread"
 
 
 @dataclass(frozen=True)
@@ -41,12 +52,44 @@ def best(action: Callable[[], object], repeats: int = 7) -> float:
 
 def show(rows: Sequence[Row], title: str, json_file: Path | None) -> None:
     """Print the rows, and write them to a file if there is one."""
-    table = Table(title=title)
-    for column in ("what", "measured", "target", "note"):
-        table.add_column(column, justify="right" if column in ("measured", "target") else "left")
+    cells = []
     for row in rows:
         target = "" if row.target is None else f"<= {row.target:g} {row.unit}"
-        table.add_row(row.what, f"{row.value:.3g} {row.unit}", target, row.note)
-    Console(width=130).print(table)
-    if json_file is not None:
-        write_whole(json_file, json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+        cells.append((row.what, row.note, f"{row.value:.3g} {row.unit}", target))
+    tabulate(title, ("what", "note", "measured", "target"), cells, left=2, width=130)
+    store(json_file, rows)
+
+
+def tabulate(
+    title: str, columns: Sequence[str], rows: Iterable[Sequence[object]], left: int = 1, width: int = 150
+) -> None:
+    """Print a table; all columns but the first ``left`` are right-aligned."""
+    table = Table(title=title)
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i < left else "right")
+    for row in rows:
+        table.add_row(*map(str, row))
+    Console(width=width).print(table)
+
+
+def store(file: Path | None, content: Any) -> None:
+    """Write plain data and dataclasses to a file, if there is one."""
+    if file is not None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(file, json.dumps(content, indent=1, default=asdict) + "\n")
+
+
+def continued(
+    file: Path, keys: Sequence[str], cases: Iterable[tuple[Any, ...]], measure: Callable[..., dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """The rows of a file, and those of the cases that it lacks, stored one by one: a run that ended goes on from there.
+
+    keys : of a row, whose values are the case that it is of.
+    """
+    rows: list[dict[str, Any]] = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
+    done = {tuple(row[key] for key in keys) for row in rows}
+    for case in cases:
+        if case not in done:
+            rows.append(measure(*case))
+            store(file, rows)
+    return rows

@@ -14,25 +14,18 @@ drift of 2 % of the pulsatile standard deviation, 12 bits.
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: one thread, so that CPU time is time
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import json
+import operator
 import time
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 from scipy.stats import norm
 
+from benchmarks.table import JsonFile, store, tabulate
 from fitting.inference.models.loop import Loop
 from fitting.records.alignment.align import align
 from fitting.records.read.record import Record
@@ -40,7 +33,6 @@ from fitting.records.virtual import SITES, VirtualWall, jarvik_pressure, measure
 from fitting.wall.errors_in_variables import solve
 from fitting.wall.site_fit import fit
 from fitting.wall.wall_model import PARAMETERS, model
-from solver.network.files import write_whole
 
 RATE, BEATS = 200.0, 15
 LAW = model("monotone", "regression")
@@ -161,56 +153,43 @@ def measure(site: str, case: Case, seeds: int, progress: Progress) -> Accuracy:
     )
 
 
-def show(rows: list[Accuracy], exact: dict[str, dict[str, float]], console: Console) -> None:
+def show(rows: list[Accuracy], exact: dict[str, dict[str, float]]) -> None:
     """One table a case, a row a site."""
-    table = Table(title="noise-free: relative error (target 1e-6)")
-    table.add_column("site")
-    for label in LABELS.values():
-        table.add_column(label, justify="right")
-    for site, errors in exact.items():
-        table.add_row(site, *(f"{errors[name]:.0e}" for name in LABELS))
-    console.print(table)
+    cells = [(site, *(f"{errors[name]:.0e}" for name in LABELS)) for site, errors in exact.items()]
+    tabulate("noise-free: relative error (target 1e-6)", ("site", *LABELS.values()), cells)
     for case in dict.fromkeys(row.case for row in rows):
-        table = Table(title=f"{case}: median |error| % (limit) · bias % · coverage %", show_lines=False)
-        table.add_column("site")
-        for name, label in LABELS.items():
-            target = f"\n<= {100 * TARGETS[name]:g} %" if case.startswith(TARGETED) else ""
-            table.add_column(label + target, justify="right")
-        table.add_column("ms a fit", justify="right")
-        for row in (row for row in rows if row.case == case):
-            cells = [
-                f"{100 * row.median[n]:.2g} ({100 * row.limit[n]:.2g}) · {100 * row.bias[n]:+.1g} · "
-                f"{100 * row.coverage[n]:.1f}"
-                for n in LABELS
-            ]
-            table.add_row(row.site, *cells, f"{row.milliseconds:.1f}")
-        console.print(table)
+        goals = [f"\n<= {100 * TARGETS[name]:g} %" if case.startswith(TARGETED) else "" for name in LABELS]
+        columns = ("site", *map(operator.add, LABELS.values(), goals), "ms a fit")
+        cells = [
+            (row.site, *(f"{100 * row.median[n]:.2g} ({100 * row.limit[n]:.2g}) · {100 * row.bias[n]:+.1g} · "
+                         f"{100 * row.coverage[n]:.1f}" for n in LABELS), f"{row.milliseconds:.1f}")
+            for row in rows if row.case == case
+        ]  # fmt: skip
+        tabulate(f"{case}: median |error| % (limit) · bias % · coverage %", columns, cells)
     for row in rows:
         targets = {**TARGETS, "phiNL": PHI_NL_TARGETS.get(row.site, TARGETS["phiNL"])}
         for name in LABELS:
             what = f"{row.site} {LABELS[name]} at {row.case}"
             if row.case.startswith(TARGETED) and row.median[name] > targets[name]:
-                console.print(f"missed: {what}: {row.median[name]:.3%}, target {targets[name]:.2%}")
+                print(f"missed: {what}: {row.median[name]:.3%}, target {targets[name]:.2%}")
             if not 0.90 <= row.coverage[name] <= 0.98:
-                console.print(f"coverage: {what}: {row.coverage[name]:.1%}")
+                print(f"coverage: {what}: {row.coverage[name]:.1%}")
             if abs(row.bias_z[name]) > 3.0:
-                console.print(f"bias: {what}: {row.bias[name]:.2%}")
+                print(f"bias: {what}: {row.bias[name]:.2%}")
 
 
 def main(
     seeds: Annotated[int, typer.Option(help="Recordings per site and case.")] = 200,
     drift: Annotated[float, typer.Option(help="Drift of the first tables, of the pulsatile standard deviation.")] = 0.0,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
-    console = Console(width=150)
     cases = [Case(40.0, drift=drift), Case(30.0, drift=drift), Case(40.0, 0.4724, 0.02, 12, ("AA", "CA"))]
     with Progress(console=Console(stderr=True), transient=True) as progress:
         exact = {site: noise_free(site) for site in SITES}
         rows = [measure(site, case, seeds, progress) for case in cases for site in case.sites]
-    show(rows, exact, console)
-    if json_file is not None:
-        write_whole(json_file, json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+    show(rows, exact)
+    store(json_file, rows)
 
 
 if __name__ == "__main__":

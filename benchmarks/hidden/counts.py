@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 from scipy.stats import beta
 
-Line = dict[str, Any]
+Each = TypeVar("Each")
 
 NO_RECORDS = "no records"
 
@@ -39,8 +39,8 @@ class Share:
         return f"{100.0 * self.value:.1f} % ({self.hits}/{self.n}; {low:.1f}–{high:.1f})"
 
 
-def share(lines: Iterable[Line], test: Callable[[Line], bool]) -> Share:
-    """The number of lines that pass."""
+def share(lines: Iterable[Each], test: Callable[[Each], bool]) -> Share:
+    """The number that pass."""
     chosen = list(lines)
     return Share(sum(map(test, chosen)), len(chosen))
 

@@ -16,6 +16,7 @@ from tests.truth.plan import seed_of, whole
 from tests.truth.records import Case, make, write
 
 from .bank import read
+from .counts import markdown
 from .row import Line
 
 
@@ -58,8 +59,7 @@ def _through(kind: str, seed: int, index: int, case: Case) -> Line:
 def table(lines: Iterable[Line]) -> str:
     """The sample in Markdown: gap on held-out beats before and after if it was 2 or more, whitened RMS of sites
     predicted from the others, difference between FMU and solver, time."""
-    rows = ["| records | added | gap before | gap after | sites after | FMU against solver | seconds |",
-            "| --- | ---: | ---: | ---: | ---: | ---: | ---: |"]  # fmt: skip
+    rows = []
     by_kind: dict[str, list[Line]] = {}
     for line in lines:
         by_kind.setdefault(line["kind"], []).append(line)
@@ -67,15 +67,16 @@ def table(lines: Iterable[Line]) -> str:
         added = [x for x in found if x["after"] and x["before"][1] >= 2.0]
         cells = [
             f"{kind}: {len(found)}",
-            f"{sum(bool(x['after']) for x in found)}",
+            sum(bool(x["after"]) for x in found),
             _middle(x["before"][1] for x in added),
             _middle(x["after"][1] for x in added),
             _middle(rms for x in added for rms in x["sites"].values()),
             _middle((x["parity"] for x in added if x["parity"]), largest=True),
             _middle((x["seconds"] for x in found), largest=True),
         ]
-        rows.append("| " + " | ".join(cells) + " |")
-    return "\n".join(rows)
+        rows.append(cells)
+    header = ("records", "added", "gap before", "gap after", "sites after", "FMU against solver", "seconds")
+    return markdown(header, rows)
 
 
 def _middle(values: Iterable[float], largest: bool = False) -> str:
