@@ -61,7 +61,6 @@ check: $(VENV)/installed-dev
 bench: $(VENV)/installed-run $(ENGINE)
 	$(BIN)/python benchmarks/speed.py
 	$(BIN)/python benchmarks/balance.py
-	$(BIN)/python benchmarks/size.py
 	$(BIN)/python benchmarks/native.py
 	$(BIN)/python benchmarks/fmu.py
 	$(BIN)/python benchmarks/fit_speed.py

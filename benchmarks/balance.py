@@ -13,9 +13,8 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-import typer
 
-from benchmarks.table import JsonFile, Row, Small, best, show
+from benchmarks.table import JsonFile, Row, Small, best, show, start
 from solver import Network, Settings, beat_harmonics, load, repeating_beat
 
 SHEEP = load("sheep")
@@ -67,4 +66,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -20,7 +20,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.table import JsonFile, store, tabulate
+from benchmarks.table import JsonFile, start, store, tabulate
 from fitting.calibrate.multistart import calibrate_from
 from fitting.records.alignment.beats import Beats
 from solver import Inlet, Network, Segment, Site, Windkessel, beat_harmonics
@@ -142,4 +142,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

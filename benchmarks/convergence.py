@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from benchmarks.table import Small, continued, tabulate
+from benchmarks.table import Small, continued, start, tabulate
 from solver import Network, NonPhysicalState, NotPeriodic, Settings, Waveforms, load, simulate_periodic
 
 NETWORKS = ("cca", "uta", "ibif", "wang55", "matthys37", "circle_of_willis", "adan56")
@@ -115,4 +115,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from benchmarks.table import JsonFile, store, tabulate
+from benchmarks.table import JsonFile, start, store, tabulate
 from benchmarks.wall_fits import Case, recording, series
 from fitting.records.alignment.align import align
 from fitting.records.virtual import VirtualWall, table_wall
@@ -101,4 +101,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

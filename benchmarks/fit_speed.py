@@ -11,9 +11,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import typer
 
-from benchmarks.table import MACHINE, JsonFile, Row, Small, best, show
+from benchmarks.table import MACHINE, JsonFile, Row, Small, best, show, start
 from fitting.calibrate.network_calibration import Calibration, calibrate
 from fitting.cohort.file import read_cohort
 from fitting.cohort.fits import MODELS, fit_cohort
@@ -97,4 +96,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

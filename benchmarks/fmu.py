@@ -17,9 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
-import typer
-
-from benchmarks.table import JsonFile, Row, Small, show
+from benchmarks.table import JsonFile, Row, Small, show, start
 from build_fmu import build
 from solver import load
 
@@ -66,4 +64,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

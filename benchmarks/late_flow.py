@@ -22,7 +22,7 @@ import typer
 
 from benchmarks.calibrations import RHO, SAMPLES, ejected, noisy
 from benchmarks.hidden.counts import share
-from benchmarks.table import JsonFile, store, tabulate
+from benchmarks.table import JsonFile, start, store, tabulate
 from fitting.calibrate.network_calibration import calibrate
 from fitting.first.model import first_model
 from fitting.records.alignment.beats import Beats
@@ -109,4 +109,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

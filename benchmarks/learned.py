@@ -22,7 +22,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from benchmarks.table import JsonFile, Small, store, tabulate
+from benchmarks.table import JsonFile, Small, start, store, tabulate
 from discrepancy.add.learning import Learnt, in_range, learns, learnt, stands
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.outcome import LearnedLaw
@@ -197,4 +197,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import typer
 
 from benchmarks.learned import fmu_of, record_of, rms
-from benchmarks.table import JsonFile, store, tabulate
+from benchmarks.table import JsonFile, start, store, tabulate
 from discrepancy.add.described import NOTHING, described, with_network
 from discrepancy.add.learning import learnt, stands
 from discrepancy.find.study import prepare
@@ -92,4 +92,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -29,7 +29,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.table import JsonFile, store, tabulate
+from benchmarks.table import JsonFile, start, store, tabulate
 from fitting.calibrate.network_calibration import Calibration, calibrate
 from fitting.first.model import first_model
 from fitting.inference.models.simulator import HARMONICS_BEYOND, Simulator
@@ -243,4 +243,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -22,7 +22,7 @@ from typing import Annotated, Any
 import typer
 
 from benchmarks.mock_loop import CHANNELS, COLUMNS, FILTERS, FREE, Clock, both
-from benchmarks.table import JsonFile, store, tabulate
+from benchmarks.table import JsonFile, start, store, tabulate
 from fitting.calibrate.multistart import calibrate_from
 from fitting.first.model import first_model
 from fitting.records.alignment.align import align
@@ -105,4 +105,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -1,5 +1,5 @@
 """The compiled engine against NumPy: CPU time of a step with its outputs and of a beat by harmonic balance, in one
-run, and the difference of the results.
+run, and the difference of the results; and the cost against size, on synthetic trees of 10 to 4000 segments.
 
     python benchmarks/native.py [--json FILE] [--small]
 
@@ -10,44 +10,87 @@ first model of a kind, binding that of each further one. Nothing here is asserte
 from __future__ import annotations
 
 import time
+import tracemalloc
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import typer
 
-from benchmarks.size import fork, tree
-from benchmarks.table import MACHINE, JsonFile, Row, Small, best, show
-from solver import Network, Settings, beat_harmonics, load
+from benchmarks.table import MACHINE, JsonFile, Row, Small, best, show, start
+from solver import Inlet, Junction, Network, Segment, Settings, Site, Windkessel, beat_harmonics, load
 from solver.network.coefficients import Parameters
 from solver.network.inflow import drives_of
 from solver.scheme.model import build
 from solver.scheme.outputs import reporter
 from solver.scheme.sdirk import INFLOW_TIMES
+from solver.scheme.stage import operators
 from solver.scheme.step import initial_state, step
 from solver.tracing.native import Engine, NoEngine, library
 
+SIZES = (10, 100, 300, 1000, 4000)  # of synthetic trees
+FORK = 2 ** (-1 / 3)  # radius after a fork in two, by Murray's law
+RESISTANCE = 1.2e8  # Pa·s/m³ of all outlets together
+COMPLIANCE = 1e-8  # m³/Pa of all outlets together
 STRETCH, STRETCHES = 50, 6  # steps that are timed together, and how often
 SHEEP = load("sheep")
 ELASTIC = {f"{s.name}.phi0": 0.0 for s in SHEEP.segments}
 MANY = {"CA.phi0": np.linspace(7e4, 8e4, 32), "AA.E": np.linspace(1.4e6, 1.6e6, 32)}
 
 
+def fork(n: int) -> list[int]:
+    """The parent of each segment but the first: every artery forks in two."""
+    return [(i - 1) // 2 for i in range(1, n)]
+
+
+def comb(n: int) -> list[int]:
+    """One long artery with a branch at each of its joints."""
+    return [i - 1 - (i + 1) % 2 for i in range(1, n)]
+
+
+def tree(n: int, parents: Callable[[int], list[int]] = fork) -> Network:
+    """A synthetic tree of n arteries of 5 cm with Windkessels, its root as wide as a human aorta; a site in each."""
+    above = parents(n)
+    children: dict[int, list[str]] = {}
+    radius = [12e-3]
+    for i, parent in enumerate(above, 1):
+        children.setdefault(parent, []).append(f"S{i}")
+        radius.append(max(radius[parent] * FORK, 1e-3) if parents is fork else 12e-3 if i % 2 == 0 else 3e-3)
+    segments = tuple(Segment(f"S{i}", 0.05, R, 0.1 * R, 8e5, 8e3) for i, R in enumerate(radius))
+    ends = [i for i in range(n) if i not in children]
+    R, C = RESISTANCE * len(ends), COMPLIANCE / len(ends)
+    return Network(
+        name=f"{parents.__name__}_{n}",
+        segments=segments,
+        inlet=Inlet("S0", Q_max=2e-4, T=0.8),
+        junctions=tuple(Junction((f"S{i}",), tuple(names)) for i, names in children.items()),
+        outlets=tuple(Windkessel(f"S{i}", 0.1 * R, C, 0.9 * R) for i in ends),
+        sites=tuple(Site(s.name, s.name) for s in segments),
+        P_ref=1e4,
+        P_0=1e4,
+    )
+
+
 class Cost(NamedTuple):
-    """CPU seconds of a step by NumPy and by the engine, of recording and of binding; the largest difference, by the
-    pulse of a channel of its kind."""
+    """CPU seconds of a step by NumPy and by the engine, of recording, of binding and of building the model with its
+    operators; the largest difference, by the pulse of a channel of its kind; the most bytes that building and a step
+    took."""
 
     numpy: float
     native: float
     record: float
     bind: float
     apart: float
+    build: float
+    bytes: float
 
 
 def measure(network: Network, parameters: Parameters | None, settings: Settings, stretches: int) -> Cost:
     """The cost of steps of a network, from rest on."""
-    model, dt = build(network, parameters, settings), settings.dt
-    made = []
+    begun, dt = time.process_time(), settings.dt
+    model = build(network, parameters, settings)
+    operators(model, dt)
+    built, made = time.process_time() - begun, list[float]()
     for _ in range(2):
         start = time.process_time()
         engine = Engine(model, dt)
@@ -71,7 +114,17 @@ def measure(network: Network, parameters: Parameters | None, settings: Settings,
     scale = np.array([np.ptp(tables[0][..., kinds == kind], axis=0).max() for kind in kinds])
     apart = float((np.abs(tables[1] - tables[0]).max((0, 1)) / scale).max())
     numpy, native = (min(each) / STRETCH for each in seconds)
-    return Cost(numpy, native, made[0] - made[1], made[1], apart)
+    return Cost(numpy, native, made[0] - made[1], made[1], apart, built, memory(network, parameters, settings))
+
+
+def memory(network: Network, parameters: Parameters | None, settings: Settings) -> float:
+    """The most bytes that building a model and a step of it by NumPy take."""
+    tracemalloc.start()
+    model = build(network, parameters, settings)
+    reporter(model)(step(model, initial_state(model), settings.dt, np.full(4, 1e-4)))
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return float(most)
 
 
 def balance_row(network: Network, repeats: int) -> Row:
@@ -106,13 +159,16 @@ def main(
     ]
     if not small:
         cases += [(name, load(name), None, Settings()) for name in ("human", "circle_of_willis", "adan56")]
-        cases += [(f"a tree of {n} segments", tree(n, fork), None, Settings()) for n in (100, 1000, 4000)]
+    for parents in (fork, comb):
+        for n in SIZES[: 1 if small else None]:
+            cases.append((f"a tree of {n} segments, {parents.__name__}", tree(n, parents), None, Settings()))
     rows = []
     for what, network, parameters, settings in cases:
         cost = measure(network, parameters, settings, 1 if small else STRETCHES)
         note = (
             f"NumPy {1e6 * cost.numpy:.0f} us, x {cost.numpy / cost.native:.1f}; apart {cost.apart:.0e}; recorded in "
-            f"{1e3 * cost.record:.0f} ms, bound in {1e3 * cost.bind:.1f} ms"
+            f"{1e3 * cost.record:.0f} ms, bound in {1e3 * cost.bind:.1f} ms; model built in {1e3 * cost.build:.0f} ms, "
+            f"{cost.bytes / 1e6:.0f} MB"
         )
         rows.append(Row(what, 1e6 * cost.native, "us", None, note))
     balances = ("sheep",) if small else ("sheep", "human", "circle_of_willis", "adan56")
@@ -121,4 +177,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -20,9 +20,8 @@ from typing import Any
 
 import fmpy
 import numpy as np
-import typer
 
-from benchmarks.table import JsonFile, Row, Small, show
+from benchmarks.table import JsonFile, Row, Small, show, start
 from build_fmu import build, build_model, build_native, build_native_model
 from fmu_src.contents.models import body_model, heart_model
 from solver import load
@@ -123,4 +122,4 @@ def turns(fmus: Sequence[Path], steps: int) -> list[float]:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -17,7 +17,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.table import tabulate
+from benchmarks.table import start, tabulate
 from solver import Settings, Site, Waveforms, load, simulate, simulate_periodic
 from solver.network.description import Network
 from solver.network.files import parse_quantity
@@ -206,4 +206,4 @@ def _draw(drawn: list[tuple[str, Waveforms, Reference, Waveforms]], path: Path) 
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

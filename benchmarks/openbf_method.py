@@ -22,6 +22,7 @@ import numpy as np
 import typer
 from openbf import PLACES, compared, last_beat, reference, tabulate_errors, with_sites  # type: ignore[import-not-found]
 
+from benchmarks.table import start
 from solver import Network, Settings, Waveforms, Windkessel, load
 from solver.muscl.slopes import van_albada
 
@@ -239,4 +240,4 @@ def draw(results: dict[str, Waveforms], found: Any, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -27,7 +27,7 @@ import numpy as np
 import typer
 from scipy.signal import lfilter
 
-from benchmarks.table import JsonFile, store, tabulate
+from benchmarks.table import JsonFile, start, store, tabulate
 from fitting.records.alignment.period import usual_period
 
 Array = np.ndarray
@@ -209,4 +209,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -27,7 +27,7 @@ import numpy as np
 import typer
 
 from benchmarks.hidden.counts import share
-from benchmarks.table import JsonFile, store, tabulate
+from benchmarks.table import JsonFile, start, store, tabulate
 from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats
 from fitting.records.read.record import Record, read_record
@@ -183,4 +183,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -20,7 +20,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.table import JsonFile, Row, show
+from benchmarks.table import JsonFile, Row, show, start
 from fitting.records.read.record import write_record
 
 PERIOD, STEP = 0.4724, 0.005
@@ -106,4 +106,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

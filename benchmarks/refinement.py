@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from benchmarks.table import Small, continued, tabulate
+from benchmarks.table import Small, continued, start, tabulate
 from solver import Network, NonPhysicalState, Settings, load
 from solver.network.coefficients import Parameters
 from solver.network.inflow import drives_of
@@ -115,4 +115,4 @@ def shown(row: dict[str, Any] | None) -> str:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import typer
 
-from benchmarks.table import Small, continued, tabulate
+from benchmarks.table import Small, continued, start, tabulate
 from solver import MusclSettings, Settings, Waveforms, load, simulate
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -138,4 +138,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

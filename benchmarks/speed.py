@@ -12,10 +12,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-import typer
 
 from benchmarks.schemes import FOUR, errors
-from benchmarks.table import MACHINE, JsonFile, Row, Small, best, show
+from benchmarks.table import MACHINE, JsonFile, Row, Small, best, show, start
 from solver import Settings, Waveforms, load
 from solver.network.coefficients import Parameters
 from solver.scheme.model import build
@@ -96,4 +95,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

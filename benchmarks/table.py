@@ -1,4 +1,4 @@
-"""Common code of the benchmarks: linear algebra on one thread, so that CPU time is time; rows, tables and JSON."""
+"""Common code of the benchmarks: one thread, rows of measurements, tables, JSON, and files that a run continues."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import scipy.linalg  # noqa: F401  (its library must be loaded to be limited)
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -21,12 +21,25 @@ from threadpoolctl import threadpool_limits
 from fitting.parallel.threads import ENVIRONMENT
 from solver.network.files import write_whole
 
-threadpool_limits(1)
-os.environ.update(ENVIRONMENT)  # for the processes that a benchmark starts
-
 Small = Annotated[bool, typer.Option("--small", help="The least that runs every part: whether it works, not how fast.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write all numbers to this file.")]
 MACHINE = f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread"
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra on one thread, also of processes that are started, so that CPU time is time."""
+    import scipy.linalg  # noqa: F401  (its library must be loaded to be limited)
+
+    os.environ.update(ENVIRONMENT)
+    with threadpool_limits(1):
+        yield
+
+
+def start(main: Callable[..., object]) -> None:
+    """Run a benchmark with the options of the command line."""
+    with one_thread():
+        typer.run(main)
 
 
 @dataclass(frozen=True)

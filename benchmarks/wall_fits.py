@@ -25,7 +25,7 @@ from rich.console import Console
 from rich.progress import Progress
 from scipy.stats import norm
 
-from benchmarks.table import JsonFile, store, tabulate
+from benchmarks.table import JsonFile, start, store, tabulate
 from fitting.inference.models.loop import Loop
 from fitting.records.alignment.align import align
 from fitting.records.read.record import Record
@@ -193,4 +193,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    start(main)

@@ -44,6 +44,17 @@ LONGEST = (
 )  # fmt: skip
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``pytest -m endurance --seeds 25 tests/test_fmu_fuzz.py`` makes 100 000 random calls."""
+    parser.addoption("--seeds", type=int, default=2, help="how many seeds endurance tests draw random cases from")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """``further_seed`` : those seeds; 1 is that of the other tests."""
+    if "further_seed" in metafunc.fixturenames:
+        metafunc.parametrize("further_seed", range(2, 2 + metafunc.config.getoption("seeds")))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """In the order in which processes are to take them."""
     rank = {f"test_{name}": i for i, name in enumerate(LONGEST)}

@@ -13,18 +13,14 @@ ROOT = Path(__file__).resolve().parent.parent
 BENCHMARKS = ROOT / "benchmarks"
 PARTS = {"__init__", "table", "fmu_host"}  # no programs of their own
 ELSEWHERE = {  # run by tests of their own
-    "fuzz": "test_fmu_fuzz.py",
     "hidden_effects": "test_hidden_bank.py",
     "real_pressure": "test_real_pressure.py",
 }
 RUNS = {
     "speed": (["--small"], "viscoelastic beat, the same within 1e-4"),
     "balance": (["--small"], "elastic, batch of 1, in time"),
-    "size": (["10", "20"], "a step of 20 segments, comb"),
     "native": (["--small"], "measure"),  # or why it does not
     "native_fmu": (["--small"], "measure"),  # or why it does not
-    "native_fuzz": (["--calls", "200"], "calls"),  # or why it does not
-    "native_drawn": (["--examples", "10"], "10 networks"),
     "fmu": (["--small"], "doStep of 1 ms where ports are read"),
     "fit_speed": (["--small"], "network: 10 unknowns, P, Q, R at 7 sites"),
     "wall_fits": (["--seeds", "2"], "CA"),
@@ -63,7 +59,7 @@ def test_make_bench_runs_them() -> None:
 
 
 # less than five seconds; the others are run before a release
-SHORT = ("speed", "balance", "size", "native", "native_fmu", "native_drawn", "mutations", "periods")
+SHORT = ("speed", "balance", "native", "native_fmu", "mutations", "periods")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.size import comb, fork, tree
+from benchmarks.native import comb, fork, tree
 from solver import Network, Windkessel, simulate
 from solver.scheme.model import Model, build
 from solver.scheme.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3

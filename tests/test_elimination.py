@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from benchmarks.size import comb, fork, tree
+from benchmarks.native import comb, fork, tree
 from solver import Network, Settings
 from solver.mesh.elimination import CORE, eliminate, eliminated
 from solver.scheme.model import build

@@ -1,6 +1,6 @@
 """Networks drawn by hypothesis: the engine and its FMU do what NumPy does, failures included.
 
-``python benchmarks/native_drawn.py`` draws as many as one likes.
+``pytest -m endurance --seeds 10`` draws a thousand of them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from drawn_networks import (
     outcome,
     outputs,
 )
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from native_fmus import needs_compiler
 
@@ -49,9 +49,26 @@ def test_engine(effect: Effect, data: st.DataObject) -> None:
         native.library()
     except native.NoEngine as reason:
         pytest.skip(str(reason))
-    drawn = data.draw(networks(effect))
+    assert_engine(data.draw(networks(effect)))
+
+
+def assert_engine(drawn: Drawn) -> None:
+    """Equal outcomes of the engine and of NumPy."""
     found = outcome(outputs, drawn, "native")
     assert any(equal(drawn, found, outcome(outputs, each, "numpy")) for each in nearly(drawn))
+
+
+@pytest.mark.endurance
+def test_engine_further(further_seed: int) -> None:
+    """A hundred more networks with any effects."""
+
+    @seed(further_seed)
+    @settings(max_examples=100, database=None, **GENERATED)
+    @given(networks())
+    def draw(drawn: Drawn) -> None:
+        assert_engine(drawn)
+
+    draw()
 
 
 @needs_compiler

@@ -261,8 +261,8 @@ def fuzz(request: pytest.FixtureRequest, hosts: Path) -> tuple[int, Path]:
 
 
 def survives(fuzz: tuple[int, Path], fmu: Path, folder: Path, seed: int) -> None:
-    """20 000 random calls to three instances (benchmarks/native_fuzz.py makes more): no report of the sanitizers, and
-    steps and derivatives among what succeeded."""
+    """20 000 random calls to three instances: no report of the sanitizers, and steps and derivatives among what
+    succeeded."""
     counts, report = native_fuzz.run(fuzz[1], unpack(fmu, folder).folder, seed, 20_000)
     assert counts is not None and report == ""
     assert counts.fine > 4_000 and counts.steps > 400 and counts.derived > 20 and counts.lines > 4_000
@@ -281,8 +281,15 @@ def test_random_calls_of_hearts_and_bodies(fuzz: tuple[int, Path], tmp_path: Pat
     survives(fuzz, fmu, tmp_path / "fmu", 1)
 
 
-@pytest.mark.parametrize(
-    "seed", [pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.endurance)]
-)
-def test_random_calls(fuzz: tuple[int, Path], stored: Store, tmp_path: Path, seed: int) -> None:
-    survives(fuzz, stored(build_native, load("sheep"), settings=COARSE, fmi=fuzz[0]), tmp_path, seed)
+def survives_random_calls(fuzz: tuple[int, Path], stored: Store, folder: Path, seed: int) -> None:
+    survives(fuzz, stored(build_native, load("sheep"), settings=COARSE, fmi=fuzz[0]), folder, seed)
+
+
+@pytest.mark.slow
+def test_random_calls(fuzz: tuple[int, Path], stored: Store, tmp_path: Path) -> None:
+    survives_random_calls(fuzz, stored, tmp_path, 1)
+
+
+@pytest.mark.endurance
+def test_further_random_calls(fuzz: tuple[int, Path], stored: Store, tmp_path: Path, further_seed: int) -> None:
+    survives_random_calls(fuzz, stored, tmp_path, further_seed)
