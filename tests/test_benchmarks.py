@@ -22,10 +22,9 @@ RUNS = {
     "native": (["--small"], "measure"),  # or why it does not
     "native_fmu": (["--small"], "measure"),  # or why it does not
     "fmu": (["--small"], "doStep of 1 ms where ports are read"),
-    "fit_speed": (["--small"], "network: 10 unknowns, P, Q, R at 7 sites"),
+    "fit_speed": (["--small"], "large record: fit one site"),
     "wall_fits": (["--seeds", "2"], "CA"),
     "elastic_laws": (["--seeds", "2"], "CA of the sheep"),
-    "records": (["--samples", "20000", "--channels", "3"], "fit one site"),
     "schemes": (["--small", "--rows", "rows.json", "--figure", "schemes.png"], "neumann"),
     "calibrations": (["--tubes", "2", "--json", "rows.json"], "intervals that hold the truth"),
     "late_flow": (["--animals", "1", "--delays", "0", "--json", "rows.json"], "calibrate says so"),
