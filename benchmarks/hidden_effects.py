@@ -25,7 +25,6 @@ from benchmarks.hidden.calibration import diagram
 from benchmarks.hidden.failures import failures as listed
 from benchmarks.hidden.report import behind, targets
 from benchmarks.hidden.report import write as put
-from benchmarks.hidden.through_fmu import sample, table
 from benchmarks.table import one_thread
 from solver import load
 from tests.truth.plan import GROUPS
@@ -50,9 +49,9 @@ def _seed(group: str, tuning: bool) -> int:
     return GROUPS[group].tuning if tuning else GROUPS[group].reported
 
 
-def _path(kind: str, group: str, seed: int, suffix: str = "") -> Path:
+def _path(kind: str, group: str, seed: int) -> Path:
     middle = kind if group == "standard" else f"{group}_{kind}"
-    return ROOT / "build" / f"hidden_{middle}_{seed}{suffix}.jsonl"
+    return ROOT / "build" / f"hidden_{middle}_{seed}.jsonl"
 
 
 @app.command()
@@ -89,7 +88,6 @@ def report(
     tuning: Tuning = True,
     kind: Annotated[Kind | None, typer.Option(help="Only these records.")] = None,
     out: Annotated[list[Path] | None, typer.Option(help="Files of lines; may be given twice.")] = None,
-    through: Annotated[list[Path] | None, typer.Option("--fmu", help="Files of the sample through FMUs.")] = None,
     write: Annotated[bool, typer.Option("--write", help="Put the tables into docs/hidden-effects*.md.")] = False,
     failures: Annotated[bool, typer.Option("--failures", help="List the records to look at.")] = False,
 ) -> None:
@@ -99,10 +97,9 @@ def report(
     lines = [x for path in paths for x in read(path) if kind is None or x["kind"] == kind.value]
     if not lines:
         raise SystemExit(f"{', '.join(map(str, paths))}: no records; run the bank first.")
-    samples = [x for path in through or [_path(*each, "_fmu") for each in known] for x in read(path)]
     pages = {
         "hidden-effects": targets(lines, load("sheep")),
-        "hidden-effects-tables": behind(lines, load("sheep"), samples),
+        "hidden-effects-tables": behind(lines, load("sheep")),
     }
     print(*pages.values(), sep="\n")
     if write:
@@ -111,24 +108,6 @@ def report(
         (ROOT / "docs" / "images" / "reliability.png").write_bytes(diagram(lines))
     if failures:
         print(listed(lines, load("sheep")))
-
-
-@app.command()
-def fmu(
-    kind: KindOption,
-    group: GroupOption = "standard",
-    tuning: Tuning = True,
-    every: Annotated[int, typer.Option(min=1, help="Take every so many-th record of the plan.")] = 20,
-    limit: Annotated[int | None, typer.Option(min=1, help="Only the first records of the plan.")] = None,
-    out: Out = None,
-) -> None:
-    """Take a sample of the records through the whole workflow with its rebuilt FMUs, and print the gaps."""
-    seed = _seed(group, tuning)
-    path = out or _path(kind.value, group, seed, "_fmu")
-    for line in sample(kind.value, group, seed, every, limit, path):
-        named = ", ".join(line["named"]) or "nothing"
-        print(f"{line['index']}: hidden {', '.join(line['hidden']) or 'nothing'}; {line['verdict']}, added {named}")
-    print(table(read(path)))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from benchmarks.hidden.row import row
 from benchmarks.hidden.targets import Targets, median_bounds
 from benchmarks.hidden.words import NOT_JUDGED, NOT_MADE
 from fitting.records.read.record import Record
-from solver import load
+from solver import Network, load
 from solver.laws.outlets import Reflection
 from solver.network.description import Segment
 from solver.quantities.quantity import quantities
@@ -32,6 +32,12 @@ from tests.truth.plan import GROUPS, REPORTED, TUNING_SEED, plan
 from tests.truth.records import Case, make
 
 Line = dict[str, Any]
+
+
+def whole(lines: Sequence[Line], network: Network) -> str:
+    """Both pages of the bank."""
+    return page.targets(lines, network) + page.behind(lines, network)
+
 
 # --- records of the tuning plan, judged ------------------------------------------------------------------------------
 
@@ -228,7 +234,7 @@ def test_words(test: Callable[[Line], bool], expected: list[int]) -> None:
 
 def test_report_by_hand(tmp_path: Path) -> None:
     """Proportions of the eleven lines, and the page keeps what is around its marks."""
-    text = page.report(LINES, load("sheep"))
+    text = whole(LINES, load("sheep"))
     for cells in (
         "false alarms on nulls, bench | ≤ 2 % | 33.3 % (1/3;",
         "bench, d′ ≥ 12, 40 dB: named right | ≥ 95 % | 50.0 % (2/4;",
@@ -249,30 +255,6 @@ def test_report_by_hand(tmp_path: Path) -> None:
     written = file.read_text(encoding="utf-8")
     assert written.startswith("before\n") and written.endswith("after\n") and "what was there" not in written
     assert written.count("## Standard records\n") == 1
-
-
-def test_sample_through_fmus_by_hand() -> None:
-    """Three records: nothing added, 10 -> 1.1 and 4 -> 1.3 on held-out beats; medians are of those two."""
-    rest = {"kind": "network", "seed": 1, "parity": 1e-5, "sites": {"CA": 1.0, "FA": 1.2}}
-    sample = [
-        {
-            **rest,
-            "index": 0,
-            "before": [1.0, 1.0],
-            "after": None,
-            "sites": {"CA": 9.0},
-            "parity": None,
-            "seconds": 20.0,
-        },
-        {**rest, "index": 1, "before": [9.0, 10.0], "after": [1.0, 1.1], "seconds": 40.0},
-        {**rest, "index": 2, "before": [5.0, 4.0], "after": [1.0, 1.3], "seconds": 30.0},
-    ]
-    text = page.report(LINES, load("sheep"), sample)
-    cells = (
-        "network: 3 | 2 | median 7, 90 % 9.4 | median 1.2, 90 % 1.28 | median 1.1, 90 % 1.2 |",
-        "| median 1e-05, largest 1e-05 | median 30, largest 40 |",
-    )
-    assert all(cell in text.partition("## Through the rebuilt FMUs")[2] for cell in cells)
 
 
 def test_confidence_by_hand() -> None:
@@ -417,7 +399,7 @@ def test_groups_have_their_tables() -> None:
         _line(14, ("stenosis",), ("taper",), "unknown", 20.0, **network, group="three", walls=1.0)
         | {"map": {"places": [_spot("BT")], "alike": [[_spot("MD")], [_spot("BT")]]}},
     ]
-    text = page.report(lines, sheep)
+    text = whole(lines, sheep)
     for cells in (
         "nothing hidden: false alarms | ≤ 3 % | 50.0 % (1/2;",
         "– spread × 1.5 | – | 100.0 % (1/1;",
@@ -544,7 +526,7 @@ def test_outside_the_catalogue_of_all_sizes(group: str, kind: str) -> None:
         _line(0, ("coulomb",), ("taper",), d_prime=10.0, **far),
         _line(1, ("coulomb",), ("taper",), "unknown", **far),
     ]
-    text = page.report(lines, load("sheep"))
+    text = whole(lines, load("sheep"))
     assert (
         f"{kind}, outside the catalogue: one name or two, and not that more remains | ≤ 5 % | 50.0 % (1/2; 1.3–98.7) | "
         "**no** |\n| – of these d′ ≥ 30 | ≤ 5 % | 0.0 % (0/1; 0.0–97.5) | open |"

@@ -9,7 +9,7 @@ from typing import Any
 from solver.network.description import Network
 from solver.network.files import write_whole
 
-from . import animals, through_fmu
+from . import animals
 from . import tables as t
 from . import words as w
 from .calibration import reliability
@@ -32,12 +32,6 @@ TITLES = {
 BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end -->"
 
 
-def report(lines: Sequence[Line], network: Network, through: Sequence[Line] = ()) -> str:
-    """The targets of all groups with records in the lines, then the tables behind them. network : its junctions define
-    adjacency. through : the lines of a sample that ran through the rebuilt FMUs."""
-    return targets(lines, network) + "\n" + behind(lines, network, through)
-
-
 def targets(lines: Sequence[Line], network: Network) -> str:
     """Targets against measurements, group by group; rows without records are left out."""
     parts = []
@@ -47,13 +41,12 @@ def targets(lines: Sequence[Line], network: Network) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def behind(lines: Sequence[Line], network: Network, through: Sequence[Line] = ()) -> str:
-    """The records, with the hashes of the sources that judged them, and what the verdicts were."""
+def behind(lines: Sequence[Line], network: Network) -> str:
+    """The records, with the hashes of the sources that judged them, and what the verdicts were. network : its junctions
+    define adjacency."""
     parts = [origin(lines)]
     for name, own in _groups(lines):
         parts += [f"## {TITLES[name]}: verdicts", *_by_kind(name, own, network)]
-    if through:
-        parts += ["## Through the rebuilt FMUs", through_fmu.table(through)]
     return "\n\n".join(parts) + "\n"
 
 
