@@ -28,9 +28,9 @@ from fmu_src.contents import models, system
 from fmu_src.contents.models import Model
 from fmu_src.native import native_fmu
 from solver.errors import InputError
+from solver.io.writing import write_folder
 from solver.lumped.species import SPECIES
 from solver.network.description import Network
-from solver.network.files import write_whole
 from solver.scheme.model import Settings
 
 ROOT = Path(__file__).resolve().parent  # with numpy and all else beside it where pip installed this
@@ -75,12 +75,10 @@ def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_to
                 _write_text(stage / path.replace(content.PACKAGE, f"_{name}"), text)
             script = stage / f"{name}.py"
             _write_text(script, _SCRIPT.format(model=model, name=name, guid=content.guid(digest)))
-            archive = _pack(script, stage, execution_tool, model.documents)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(target, archive)
+            packed = _pack(script, stage, execution_tool, model.documents)
     except OSError as error:
-        raise _unwritable(target, error) from None
-    return target
+        raise InputError(f"{target}: cannot be written ({error.strerror}); check the space on the disk.") from None
+    return _written(target, packed)
 
 
 def build_native(
@@ -114,19 +112,7 @@ def build_native_model(
 
 
 def _written(target: Path, files: dict[str, bytes]) -> Path:
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(target, _archive(files))
-    except OSError as error:
-        raise _unwritable(target, error) from None
-    return target
-
-
-def _unwritable(target: Path, error: OSError) -> InputError:
-    for folder in target.parents:
-        if folder.exists() and not folder.is_dir():
-            return InputError(f"{folder}: is a file, not a directory; choose another directory for {target.name}.")
-    return InputError(f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk.")
+    return write_folder(target.parent, {target.name: _archive(files)})[0]
 
 
 def build_system(
@@ -234,8 +220,8 @@ def _write_text(file: Path, text: str) -> None:
     file.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _pack(script: Path, stage: Path, execution_tool: bool, documents: dict[str, bytes]) -> bytes:
-    """The FMU as bytes, with fixed order and dates, and with further files by path."""
+def _pack(script: Path, stage: Path, execution_tool: bool, documents: dict[str, bytes]) -> dict[str, bytes]:
+    """The files of the FMU by path, with further ones."""
     from pythonfmu.builder import FmuBuilder
 
     staged = [path for path in stage.iterdir() if path != script]
@@ -254,7 +240,7 @@ def _pack(script: Path, stage: Path, execution_tool: bool, documents: dict[str, 
             canSerializeFMUstate=True,
         )
         with zipfile.ZipFile(built) as source:
-            return _archive({item: source.read(item) for item in source.namelist()} | documents)
+            return {item: source.read(item) for item in source.namelist()} | documents
 
 
 def _archive(files: dict[str, bytes]) -> bytes:

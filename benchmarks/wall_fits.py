@@ -22,7 +22,7 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import track
 from scipy.stats import norm
 
 from benchmarks.table import JsonFile, start, store, tabulate
@@ -117,14 +117,14 @@ def limit(wall: VirtualWall, waves: tuple[np.ndarray, np.ndarray], case: Case) -
     return {name: median * float(np.sqrt(bound[i, i])) / abs(truth[name]) for i, name in enumerate(chosen.free)}
 
 
-def measure(site: str, case: Case, seeds: int, progress: Progress) -> Accuracy:
+def measure(site: str, case: Case, seeds: int) -> Accuracy:
     """Fit ``seeds`` recordings."""
-    wall, task = table_wall(site), progress.add_task(f"{site} at {case.name}", total=seeds)
+    wall = table_wall(site)
     waves = series(wall, case.T)
     names = LAW.free
     truth = np.array([getattr(wall, name) for name in names])
     errors, covered, seconds = [], [], []
-    for seed in range(seeds):
+    for seed in track(range(seeds), f"{site} at {case.name}", console=Console(stderr=True), transient=True):
         rng = np.random.default_rng([list(SITES).index(site), int(case.dB), seed])
         beats = align(recording(waves, case, rng, site))
         start = time.process_time()
@@ -134,8 +134,6 @@ def measure(site: str, case: Case, seeds: int, progress: Progress) -> Accuracy:
         covered.append(
             [fitted.ci95(name)[0] <= t <= fitted.ci95(name)[1] for name, t in zip(names, truth, strict=True)]
         )
-        progress.advance(task)
-    progress.remove_task(task)
     e = np.array(errors)
 
     def by_name(x: np.ndarray) -> dict[str, float]:
@@ -185,9 +183,8 @@ def main(
 ) -> None:
     """Measure and print."""
     cases = [Case(40.0, drift=drift), Case(30.0, drift=drift), Case(40.0, 0.4724, 0.02, 12, ("AA", "CA"))]
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        exact = {site: noise_free(site) for site in SITES}
-        rows = [measure(site, case, seeds, progress) for case in cases for site in case.sites]
+    exact = {site: noise_free(site) for site in SITES}
+    rows = [measure(site, case, seeds) for case in cases for site in case.sites]
     show(rows, exact)
     store(json_file, rows)
 

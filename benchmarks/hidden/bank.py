@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import track
 
 from fitting.parallel.tasks import done
 from tests.truth.plan import whole
@@ -56,8 +56,8 @@ class Bank:
         return found
 
     def run(
-        self, limit: int | None, jobs: int, mixed: bool = False, nulls: bool = False, console: Console | None = None,
-        scheduler: str | None = None, least: float = 0.0, first: int = 0,
+        self, limit: int | None, jobs: int, mixed: bool = False, nulls: bool = False, scheduler: str | None = None,
+        least: float = 0.0, first: int = 0,
     ) -> None:  # fmt: skip
         """Judge the first ``limit`` records of the plan that are not yet in the file; nulls : of those without a
         hidden effect only. scheduler : of a cluster that does it (:mod:`fitting.parallel.tasks`). least : of d', below
@@ -67,30 +67,16 @@ class Bank:
         wanted = [i for i, case in enumerate(cases) if i >= first and not (nulls and case.effects)]
         todo = [i for i in wanted if i not in judged]
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        with self.path.open("a", encoding="utf-8") as file, _bar(console) as bar:
-            task = bar.add_task(
-                f"{self.group} {self.kind} records", total=len(wanted), completed=len(wanted) - len(todo)
-            )
-            tasks = [(self.kind, self.seed, i, cases[i], self.group, least) for i in todo]
-            for _, line in done(_row, tasks, jobs, scheduler):
+        tasks = [(self.kind, self.seed, i, cases[i], self.group, least) for i in todo]
+        lines, said = done(_row, tasks, jobs, scheduler), f"{self.group} {self.kind} records, {len(todo)} to judge"
+        with self.path.open("a", encoding="utf-8") as file:
+            for _, line in track(lines, said, total=len(todo), console=Console(stderr=True)):
                 file.write(json.dumps(line | {"sources": self.sources}) + "\n")
                 file.flush()
-                bar.advance(task)
 
 
 def _row(arguments: tuple[Any, ...]) -> Line:
     return row(*arguments)
-
-
-def _bar(console: Console | None) -> Progress:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    return Progress(*columns, console=console or Console(stderr=True))
 
 
 def read(path: Path) -> list[Line]:
