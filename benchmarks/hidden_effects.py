@@ -22,9 +22,9 @@ import typer
 
 from benchmarks.hidden.bank import ROOT, Bank, read, sources_hash
 from benchmarks.hidden.calibration import diagram
-from benchmarks.hidden.failures import failures as listed
 from benchmarks.hidden.report import behind, targets
 from benchmarks.hidden.report import write as put
+from benchmarks.hidden.tables import failures as listed
 from benchmarks.table import one_thread
 from solver import load
 from tests.truth.plan import GROUPS

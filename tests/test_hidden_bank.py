@@ -17,8 +17,8 @@ from benchmarks.hidden import report as page
 from benchmarks.hidden import words as w
 from benchmarks.hidden.calibration import brier, calibration_error, diagram, error_bounds, error_by_chance, named
 from benchmarks.hidden.counts import Share
-from benchmarks.hidden.failures import failures
 from benchmarks.hidden.row import row
+from benchmarks.hidden.tables import failures
 from benchmarks.hidden.targets import Targets, median_bounds
 from benchmarks.hidden.words import NOT_JUDGED, NOT_MADE
 from fitting.records.read.record import Record

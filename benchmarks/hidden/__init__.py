@@ -4,8 +4,8 @@ row.py      one record, judged: truth, verdict and numbers as one line of JSON
 bank.py     a file of such lines, resumable
 words.py    named right, single, wrong, in class: what the bank counts, of one line
 counts.py   proportions with bounds, and the tables of counts
-targets.py  a table of targets: met, open or missed; standard.py, animals.py those of the groups
-tables.py   the tables behind them; calibration.py what a confidence is worth, with its diagram
+targets.py  a table of targets: met, open or missed; animals.py those of the groups
+tables.py   the tables behind them, and the failed records; calibration.py what a confidence is worth, with its diagram
 report.py   the report in Markdown
 stlsq.py    the comparator: sparse regression by PySINDy
 """

@@ -13,7 +13,6 @@ from . import animals
 from . import tables as t
 from . import words as w
 from .calibration import reliability
-from .standard import standard
 
 Line = dict[str, Any]
 
@@ -36,7 +35,7 @@ def targets(lines: Sequence[Line], network: Network) -> str:
     """Targets against measurements, group by group; rows without records are left out."""
     parts = []
     for name, own in _groups(lines):
-        table = standard(own, network) if name == "standard" else animals.GROUPS[name](own)
+        table = animals.standard(own, network) if name == "standard" else animals.GROUPS[name](own)
         parts += [f"## {TITLES[name]}", table]
     return "\n\n".join(parts) + "\n"
 
