@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from statistics import median
-from typing import Any
 
 from solver.network.description import Network
 
@@ -12,6 +11,7 @@ from . import words as w
 from .counts import share
 from .tables import SEPARABLE
 from .targets import Targets, gaps
+from .words import Line
 
 VISIBLE = {"bench": 12.0, "network": 30.0}
 ALL_SENSORS, THREE_PRESSURES = "all", "three pressures"
@@ -72,8 +72,6 @@ def _pairs(t: Targets, kind: str, own: Sequence[Line]) -> None:
     alone = [x for x in own if w.pair_alone(x)]
     t.add(f"{kind}, two names without rivals, not both of them hidden", "–", share(alone, w.wrong_pair))
 
-
-Line = dict[str, Any]
 
 _MOST, _LONGEST = 60.0, 300.0  # [s] of CPU time of nearly every record, and of any
 

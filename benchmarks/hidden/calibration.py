@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -13,8 +12,7 @@ from fitting.pages.style import BLACK, BLUE, STYLE, VERMILION, png
 
 from . import words as w
 from .counts import Share, markdown, share
-
-Line = dict[str, Any]
+from .words import Line
 
 BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from solver.network.description import Network
 from solver.network.files import write_whole
@@ -13,8 +12,7 @@ from . import animals
 from . import tables as t
 from . import words as w
 from .calibration import reliability
-
-Line = dict[str, Any]
+from .words import Line
 
 TITLES = {
     "standard": "Standard records",

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from typing import Any
 
 import numpy as np
 
@@ -38,9 +37,7 @@ from tests.truth.plan import seed_of
 from tests.truth.records import Case, Made, make
 
 from .stlsq import compared
-from .words import NOT_JUDGED, NOT_MADE
-
-Line = dict[str, Any]
+from .words import NOT_JUDGED, NOT_MADE, Line
 
 SHOWN = 6  # hypotheses of the ranking that a line keeps
 

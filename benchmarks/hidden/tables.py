@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -13,8 +12,7 @@ from solver.network.description import Network
 from . import stlsq
 from . import words as w
 from .counts import Share, markdown, share
-
-Line = dict[str, Any]
+from .words import Line
 
 POWER_BINS = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0, 30.0, 60.0, 120.0, np.inf)
 SEPARABLE = 6.0

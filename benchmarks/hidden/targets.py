@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from statistics import median
-from typing import Any
 
 import numpy as np
 from scipy.stats import binom
@@ -13,8 +12,7 @@ from . import words as w
 from .calibration import calibration_error, error_bounds, error_said, named
 from .counts import NO_RECORDS, Share, markdown, share
 from .tables import SEPARABLE
-
-Line = dict[str, Any]
+from .words import Line
 
 _SAID = {True: "yes", False: "**no**", None: "–"}
 
