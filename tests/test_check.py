@@ -23,10 +23,11 @@ from build_fmu import build
 from fitting.check import fmu_run
 from fitting.check.agreement import Waveform, compare_loops
 from fitting.check.fmu_check import CheckReport, check
-from fitting.check.fmu_run import RunFailed, _in_phase, fourier
+from fitting.check.fmu_run import RunFailed, _in_phase
 from fitting.inference.models.bench_network import bench_network
 from fitting.pages import check_page
 from fitting.pages.check_page import page, write_check
+from fitting.records.channels.spectral import interpolated
 from fitting.records.read.record import Record
 from fitting.results.parameter_set import ParameterSet, Value, read_set
 from solver import Inlet, Network, Segment, Settings, Site, Windkessel, load, simulate_periodic
@@ -398,7 +399,7 @@ def test_fourier_is_exact(n: int, m: int) -> None:
         k = 2 * np.pi * np.outer(phase, np.arange(8))
         return np.cos(k) @ X[0] + np.sin(k) @ X[1]
 
-    assert fourier(beat(np.arange(n) / n), m) == pytest.approx(beat(np.arange(m) / m), abs=1e-13)
+    assert interpolated(beat(np.arange(n) / n), m) == pytest.approx(beat(np.arange(m) / m), abs=1e-13)
 
 
 @pytest.mark.parametrize("late", [0, 37, 150])

@@ -25,7 +25,7 @@ from typer.testing import CliRunner
 import arterial_fmu.__main__
 from arterial_fmu.study.batch import FAILED, Batch, run_batch
 from arterial_fmu.study.command import _table
-from arterial_fmu.study.measures import largest, measures, smallest, wave
+from arterial_fmu.study.measures import POINTS, largest, measures, smallest
 from arterial_fmu.study.models import NetworkModel, read_model
 from arterial_fmu.study.outcome import Study, summary
 from arterial_fmu.study.plan import Plan, base_of, plan_of
@@ -36,6 +36,7 @@ from arterial_fmu.study.store import Store
 from arterial_fmu.study.varied import parse_varied
 from build_fmu import build
 from fitting.parallel.threads import ENVIRONMENT
+from fitting.records.channels.spectral import interpolated
 from solver import Settings, load, repeating_beat
 from solver.network.files import write_network
 from solver.quantities.quantity import Quantity
@@ -128,7 +129,8 @@ def test_waves_of_a_beat(n: int) -> None:
     phase = np.arange(n) / n
     beat = np.cos(2 * np.pi * 3 * phase) + np.sin(2 * np.pi * 20 * phase)
     fine = np.arange(100) / 100
-    np.testing.assert_allclose(wave(beat), np.cos(2 * np.pi * 3 * fine) + np.sin(2 * np.pi * 20 * fine), atol=1e-12)
+    expected = np.cos(2 * np.pi * 3 * fine) + np.sin(2 * np.pi * 20 * fine)
+    np.testing.assert_allclose(interpolated(beat, POINTS), expected, atol=1e-12)
 
 
 def test_a_batch_is_what_the_solver_gives() -> None:

@@ -10,8 +10,9 @@ import numpy as np
 import polars as pl
 
 from fitting.parallel.threads import single_threaded
+from fitting.records.channels.spectral import interpolated
 
-from .measures import POINTS, measured, wave
+from .measures import POINTS, measured
 from .models import Model
 
 Array = np.ndarray
@@ -46,7 +47,7 @@ def table(batch: Batch) -> pl.DataFrame:
     channels = dict.fromkeys([*(name.rpartition(".")[0] for name in batch.measures), *batch.waves])
     beats = {name: np.reshape([beat[name] for beat in good], (len(good), -1 if good else POINTS)) for name in channels}
     numbers = {name: pl.Series(measured(name, beats), dtype=pl.Float64) for name in batch.measures}
-    waves = {name: pl.Series(wave(beats[name]).astype(np.float32), dtype=WAVE) for name in batch.waves}
+    waves = {name: pl.Series(interpolated(beats[name], POINTS).astype(np.float32), dtype=WAVE) for name in batch.waves}
     there = every.filter(pl.col(FAILED).is_null()).select(SET)
     found = there.with_columns(**numbers, **waves)
     return every.select(SET).join(found, on=SET, how="left", maintain_order="left").with_columns(every[FAILED])

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from fitting.records.channels.spectral import resample
 from solver.quantities.units import SIGNAL_UNITS
 
 Array = np.ndarray
@@ -60,9 +59,3 @@ def measured(name: str, beats: Mapping[str, Array]) -> Array:
     """A number by its name, of beats (…, N) by channel [SI]."""
     channel, _, number = name.rpartition(".")
     return MEASURES[channel[-1]][number](beats[channel])
-
-
-def wave(beat: Array) -> Array:
-    """A periodic beat (…, N) at 100 points: its trigonometric interpolant, sampled without truncation."""
-    every = -(-beat.shape[-1] // POINTS)
-    return resample(beat, every * POINTS)[..., ::every]

@@ -15,13 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from fitting.check.fmu_build import with_starts
-from fitting.check.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
+from fitting.check.fmu_run import periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Array, Fit
 from fitting.inference.models.bench_observation import mean_wander, sense
 from fitting.inference.models.simulator import as_shown
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels.amounts import changes, sizes
 from fitting.records.channels.noise import check_flow_driven
+from fitting.records.channels.spectral import interpolated
 from solver import Settings, simulate
 from solver.network.description import Network
 from solver.quantities.legible import number
@@ -79,7 +80,7 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
         answer = periodic_answer(running, drive.variable, wave, T, values, drive.beats)
     waves = dict(answer.values)
     if drive.imposed is not None:
-        waves[drive.imposed] = fourier(wave, steps_per_beat(described, T))
+        waves[drive.imposed] = interpolated(wave, steps_per_beat(described, T))
     return compared(study, fit, np.stack([np.fft.rfft(waves[n], norm="forward") for n in names], axis=1))
 
 

@@ -34,14 +34,14 @@ from ..records.alignment.beats import Beats
 from ..records.channels.amounts import sizes
 from ..records.channels.filters import with_filters
 from ..records.channels.inflow import flowed, undoable
-from ..records.channels.spectral import coefficients
+from ..records.channels.spectral import coefficients, interpolated
 from ..records.plausible import Artery, check_plausible
 from ..records.read.record import Record
 from ..results.parameter_set import ParameterSet
 from ..results.result_files import json_text
 from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
 from .fmu_build import answering, fmu_of
-from .fmu_run import FMU, PERIODIC, Answer, RunFailed, fourier, periodic_answer, read_fmu, steps_per_beat
+from .fmu_run import FMU, PERIODIC, Answer, RunFailed, periodic_answer, read_fmu, steps_per_beat
 
 Array = np.ndarray
 Progress = Callable[[str], None]
@@ -310,7 +310,7 @@ def _warnings(
 
 def _shown(network: Network, name: str, values: Array, beats: Beats) -> Array:
     """(N,) a simulated beat after the known filter of its channel, with its known zero."""
-    X = np.fft.rfft(fourier(values, beats.N))
+    X = np.fft.rfft(interpolated(values, beats.N))
     return np.fft.irfft(X * filtered(network, name, beats.omega * np.arange(len(X))), beats.N) + zero_of(network, name)
 
 
@@ -336,7 +336,7 @@ def _response(
     nudged = drive + np.fft.irfft(nudge, beats.N, norm="forward")
     other = periodic_answer(fmu, driver, nudged, beats.T, starts)
     return {
-        name: coefficients(fourier(other.values[name] - answer.values[name], beats.N))[: K + 1] / nudge
+        name: coefficients(interpolated(other.values[name] - answer.values[name], beats.N))[: K + 1] / nudge
         for name in names
     }
 

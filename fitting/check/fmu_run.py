@@ -30,7 +30,7 @@ from solver.quantities.units import INFLOW
 from solver.simulate import change_of
 
 from ..parallel.threads import ENVIRONMENT
-from ..records.channels.spectral import resample, shift
+from ..records.channels.spectral import interpolated, shift
 from .native_run import FMUFailed, stepped
 
 Array = np.ndarray
@@ -268,12 +268,6 @@ def takes(fmu: FMU, starts: Mapping[str, float | str]) -> bool:
     return True
 
 
-def fourier(beat: Array, M: int) -> Array:
-    """The trigonometric interpolant of a beat (N,) at M equidistant phases: (M,), sampled without truncation."""
-    every = -(-len(beat) // M)
-    return resample(beat, every * M)[::every]
-
-
 def _run(
     fmu: FMU, driver: str, beat: Array, h: float, n: int, beats: int, starts: Mapping[str, float | str]
 ) -> dict[str, Array]:
@@ -282,7 +276,7 @@ def _run(
     During each step the inflow is linear; another input has its mid-step value.
     """
     parts = 1 if driver == INFLOW else 2
-    values = np.tile(fourier(beat, parts * n), beats)
+    values = np.tile(interpolated(beat, parts * n), beats)
     values = np.append(values, values[0])
     if not fmu.native:
         return _run_apart(fmu, driver, values, h / parts, beats, n, starts)

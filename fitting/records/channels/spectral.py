@@ -55,6 +55,12 @@ def resample(x: Array, N: int) -> Array:
     return np.fft.irfft(c[..., :keep], N) * N
 
 
+def interpolated(x: Array, M: int) -> Array:
+    """The trigonometric interpolant of periodic samples (…, N) at M equidistant phases, without truncation."""
+    every = -(-x.shape[-1] // M)
+    return resample(x, every * M)[..., ::every]
+
+
 def without_high(x: Array, most: int) -> Array:
     """Periodic samples x : (…, N) without the harmonics above ``most``."""
     return np.fft.irfft(np.fft.rfft(x)[..., : most + 1], x.shape[-1])
