@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 import typer
 from test_unequal_beats import ventilated
 
-from benchmarks.real_pressure import Window, count_upstrokes, cut_again, groups, main, share, windows
+from benchmarks.hidden.counts import share
+from benchmarks.real_pressure import Window, count_upstrokes, cut_again, groups, main, windows
 from fitting.records.alignment.align import align
 from fitting.records.read.record import write_record
 
@@ -62,7 +64,8 @@ def test_a_window_that_is_refused_counts_against_every_share(
     path = written(tmp_path / "dead.csv", 30.0, dead_from=15.0)
     found = list(windows(path, 15.0, 15.0))
     assert "the channel is constant" in found[1].refused and str(tmp_path) not in found[1].refused
-    assert [(share(found, what).hits, share(found, what).n) for what in ("usable", "agrees", "same")] == [(1, 2)] * 3
+    shares = [share(found, attrgetter(what)) for what in ("usable", "agrees", "same")]
+    assert [(each.hits, each.n) for each in shares] == [(1, 2)] * 3
     with pytest.raises(typer.Exit) as ended:
         main(tmp_path)
     assert ended.value.exit_code == 1
