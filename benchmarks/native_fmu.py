@@ -14,13 +14,13 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import fmpy
 import numpy as np
 
+from benchmarks.fmu import MS, READ, Host
 from benchmarks.table import JsonFile, Row, Small, show, start
 from build_fmu import build, build_model, build_native, build_native_model
 from fmu_src.contents.models import body_model, heart_model
@@ -28,7 +28,7 @@ from solver import load
 from solver.errors import InputError
 
 HOST = Path(__file__).with_suffix(".c")
-READ = 40  # outputs
+INFLOW = (55e-6 * np.maximum(0.0, np.sin(2 * np.pi * np.arange(1, 501) * MS / 0.5))).tolist()  # of steps [m³/s]
 
 
 def main(
@@ -51,7 +51,9 @@ def main(
                 print(f"Nothing to measure: {reason}")
                 return
             cold, step, memory = measured(fmu, host, 200 if small else 20_000, 1 if small else 5)
-            other = python_step(build(load(name), Path(folder) / "python"), 20 if small else 500)
+            beside = Host(build(load(name), Path(folder) / "python"))
+            beside.begin("linear")
+            other = beside.steps(INFLOW[: 20 if small else None], MS, beside.outputs)
             note = f"pythonfmu FMU from a host in Python {1e6 * other:.0f} us, x {other / step:.0f}"
             rows += [
                 Row(f"{name}: doStep of 1 ms, {READ} outputs read", 1e6 * step, "us", 30.0, note),
@@ -84,39 +86,17 @@ def measured(fmu: Path, host: Path, steps: int, times: int) -> tuple[float, floa
     return float(cold), float(step), float(memory)
 
 
-def opened(fmu: Path, integers: Mapping[str, int] = {}) -> tuple[Any, dict[str, int], list[int]]:  # noqa: B006
-    """An initialised instance, its variables by name, and the outputs that are read."""
-    folder, description = fmpy.extract(os.fspath(fmu)), fmpy.read_model_description(os.fspath(fmu))
-    slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation")
-    vr = {v.name: v.valueReference for v in description.modelVariables}
-    slave.setupExperiment(startTime=0.0)
-    for name, value in integers.items():
-        slave.setInteger([vr[name]], [value])
-    slave.enterInitializationMode()
-    slave.exitInitializationMode()
-    return slave, vr, [v.valueReference for v in description.modelVariables if v.causality == "output"][:READ]
-
-
-def python_step(fmu: Path, steps: int) -> float:
-    """CPU seconds of a step of the other FMU."""
-    slave, vr, outputs = opened(fmu, {"inlet.interpolation": 2})
-    start = time.process_time()
-    for i in range(steps):
-        slave.setReal([vr["inlet.Q"]], [55e-6 * max(0.0, float(np.sin(2 * np.pi * (i + 1) * 1e-3 / 0.5)))])
-        slave.doStep(i * 1e-3, 1e-3)
-        slave.getReal(outputs)
-    return (time.process_time() - start) / steps
-
-
 def turns(fmus: Sequence[Path], steps: int) -> list[float]:
     """CPU seconds of a step of each heart or body: the least of ten blocks of steps, by turns."""
-    slaves = [opened(fmu)[0] for fmu in fmus]
+    hosts = [Host(fmu) for fmu in fmus]
+    for host in hosts:
+        host.begin()
     found = np.empty((10, len(fmus)))
     for block in range(len(found)):
-        for k, slave in enumerate(slaves):
+        for k, host in enumerate(hosts):
             start = time.process_time()
             for i in range(block * steps // 10, (block + 1) * steps // 10):
-                slave.doStep(i * 1e-3, 1e-3)
+                host.slave.doStep(i * MS, MS)
             found[block, k] = (time.process_time() - start) / (steps // 10)
     return [float(x) for x in found.min(axis=0)]
 

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 BENCHMARKS = ROOT / "benchmarks"
-PARTS = {"__init__", "table", "fmu_host"}  # no programs of their own
+PARTS = {"__init__", "table"}  # no programs of their own
 ELSEWHERE = {  # run by tests of their own
     "hidden_effects": "test_hidden_bank.py",
     "real_pressure": "test_real_pressure.py",
