@@ -107,7 +107,6 @@ def verdict_of(study: Study, naming: Naming) -> Line:
         "held": naming.walls,
         "complete": naming.complete,
         "confidence": naming.confidence if naming.ranked else None,
-        "log_odds": log_odds(naming.confidence) if naming.ranked else None,
         "base_score": naming.base.score,
         "base_misfit": naming.base.misfit,
         "class": [_terms(n) for n in naming.members],
@@ -142,12 +141,7 @@ def _hypothesis(study: Study, naming: Naming, n: Named) -> Line:
         "separation": n.separation,
         "converged": n.fit.converged,
         "parameters": {name: {"value": e.value, "ci95": list(e.ci95)} for name, e in found.items()},
-        "nuisance": {u.name: float(x) for u, x in zip(n.fit.unknowns, n.fit.x, strict=True) if _is_nuisance(u.name, n)},
     }
-
-
-def _is_nuisance(name: str, n: Named) -> bool:
-    return name not in {u.name for term in n.fit.terms for u in term.unknowns}
 
 
 def gap(study: Study, naming: Naming) -> Line:
@@ -195,11 +189,6 @@ def _neutral(name: str) -> bool:
 def parameters_of(made: Made, name: str) -> dict[str, float]:
     """The true parameters of the effect of that name."""
     return next(e["parameters"] for e in made.truth["effects"] if e["name"] == name)
-
-
-def log_odds(p: float) -> float | None:
-    """ln p/(1 - p), the scale for the calibration of a confidence; None for certainty."""
-    return math.log(p / (1.0 - p)) if 0.0 < p < 1.0 else None
 
 
 def finite(x: float) -> float | None:
