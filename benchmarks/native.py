@@ -1,5 +1,5 @@
-"""The compiled engine against NumPy: CPU time of a step with its outputs and of a beat by harmonic balance, in one
-run, and the difference of the results; and the cost against size, on synthetic trees of 10 to 4000 segments.
+"""The compiled engine against NumPy: CPU time of a step with its outputs in one run, and the difference of the results;
+and the cost against size, on synthetic trees of 10 to 4000 segments. Beats by harmonic balance: benchmarks/balance.py.
 
     python benchmarks/native.py [--json FILE] [--small]
 
@@ -12,13 +12,12 @@ from __future__ import annotations
 import time
 import tracemalloc
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.table import MACHINE, JsonFile, Row, Small, best, show, start
-from solver import Inlet, Junction, Network, Segment, Settings, Site, Windkessel, beat_harmonics, load
+from benchmarks.table import MACHINE, JsonFile, Row, Small, show, start
+from solver import Inlet, Junction, Network, Segment, Settings, Site, Windkessel, load
 from solver.network.coefficients import Parameters
 from solver.network.inflow import drives_of
 from solver.scheme.model import build
@@ -127,19 +126,6 @@ def memory(network: Network, parameters: Parameters | None, settings: Settings) 
     return float(most)
 
 
-def balance_row(network: Network, repeats: int) -> Row:
-    """The beat of a network by harmonic balance, 20 harmonics of all outputs and 8 beyond."""
-    names = list(network.output_units())
-    runs = [partial(beat_harmonics, network, names, 20, backend=b) for b in ("native", "numpy")]
-    found, expected = (run() for run in runs)
-    kinds = np.array([name[-1] for name in names])
-    scale = np.array([np.abs(expected[..., kinds == kind]).max() for kind in kinds])
-    apart = float((np.abs(found - expected) / scale).max())
-    native, numpy = (best(run, repeats) for run in runs)
-    note = f"NumPy {1e6 * numpy:.0f} us, x {numpy / native:.1f}; apart {apart:.0e}"
-    return Row(f"{network.name}, a beat by balance", 1e6 * native, "us", None, note)
-
-
 def main(
     json_file: JsonFile = None,
     small: Small = False,
@@ -171,8 +157,6 @@ def main(
             f"{cost.bytes / 1e6:.0f} MB"
         )
         rows.append(Row(what, 1e6 * cost.native, "us", None, note))
-    balances = ("sheep",) if small else ("sheep", "human", "circle_of_willis", "adan56")
-    rows += [balance_row(load(name), 2 if small else STRETCHES) for name in balances]
     show(rows, MACHINE, json_file)
 
 
