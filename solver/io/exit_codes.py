@@ -1,4 +1,4 @@
-"""The exit codes of all commands of this project, in one table."""
+"""The exit codes of all commands of this project; docs/command-line.md says what each means."""
 
 from __future__ import annotations
 
@@ -15,19 +15,3 @@ class ExitCode(IntEnum):
     FAULT = 70
     INTERRUPTED = 130
     NOT_READ = 141
-
-
-MEANING = {
-    ExitCode.DONE: "the command finished, whatever its result: a fit, a check that disagrees, a verdict",
-    ExitCode.DOES_NOT_RUN: "an FMU does not run on this machine, or ended the process that ran it",
-    ExitCode.BAD_INPUT: "an input is wrong; one sentence on the error stream names the error and the remedy",
-    ExitCode.UNUSABLE: "`discover`: the record is unusable; the report gives the reason",
-    ExitCode.FAULT: "a bug in the program, with a traceback on the error stream; please report it",
-    ExitCode.INTERRUPTED: "interrupted by Ctrl-C",
-    ExitCode.NOT_READ: "the reader of the output, such as `head`, closed it early",
-}
-
-
-def markdown() -> str:
-    """The table of docs/command-line.md."""
-    return "\n".join(["| Code | Meaning |", "|---|---|", *(f"| {code:d} | {MEANING[code]} |" for code in ExitCode)])
