@@ -10,9 +10,7 @@ import pytest
 from forked import CHANNELS, NETWORK, exact, record
 
 from discrepancy.find.study import prepare
-from discrepancy.name.approximate import from_afar
-from discrepancy.name.model_selection import compared_with, nearest
-from discrepancy.name.scoring import Compared
+from discrepancy.name.approximate import nearest
 from fitting.calibrate.network_calibration import calibrate
 from fitting.first.model import first_model
 from fitting.inference.fit import Fit, Member
@@ -58,7 +56,7 @@ def test_as_near_as_a_calibration() -> None:
     weighs in mmHg and this by the noise); at bent walls it is more."""
     measured, network, problem = loop()
     far = bent()
-    near = nearest(Compared.of(problem, [far], {}, ()), Runs())
+    near = nearest(problem, far, Runs())
     calibrated = calibrate(align(measured), network, FREE)
     pulse = pulses(problem.beats, problem.signals)
     best = np.array([calibrated.rms[name] for name in problem.signals])
@@ -68,26 +66,13 @@ def test_as_near_as_a_calibration() -> None:
     assert rms == pytest.approx(best, abs=133.0)
 
 
-def test_names_are_compared_with_it() -> None:
-    """Whatever the walls that hypotheses began with, the one without effect is the nearest, under the weights of the
-    comparison."""
-    _, _, problem = loop()
-    found = Compared.of(problem, [bent()], {}, ())
-    near = from_afar(problem, problem.hypothesis(()), Runs())
-    assert near is not None
-    *_, last = compared_with(found, near, Runs())
-    (X,) = last.problem.observe([Member((), near.unknowns, near.x)], Runs())
-    assert X is not None
-    assert last.none.fit.chi2 <= 1.001 * np.sum(last.problem.residual(X) ** 2)
-
-
 def test_none_where_little_is_left() -> None:
     """A record that its network explains, and one whose walls are 5 % off: their own search has met the minimum."""
     names = (*CHANNELS,)
     for network in (NETWORK, NETWORK.with_parameters({"B.E": 1.05 * NETWORK.segment("B").E})):
         problem = network_problem(record(exact(1.0, network), 8, 0.01), NETWORK, names).individual()
         (none,) = problem.refit([()])
-        assert nearest(Compared.of(problem, [none], {}, ()), Runs()) is None
+        assert none is not None and nearest(problem, none, Runs()) is None
 
 
 def test_what_is_left_and_what_is_granted() -> None:

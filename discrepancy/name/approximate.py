@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fitting.calibrate.first_search import FAR
 from fitting.inference.extended_network import allowed
 from fitting.inference.fit import Fit, Member
 from fitting.inference.forward import Forward
@@ -24,7 +25,7 @@ from fitting.inference.hypothesis import Term
 from fitting.inference.joint.model_error import Networks, covariances, granted, joint, log_volume, minimum
 from fitting.inference.model_discrepancy import PART, Beside
 from fitting.inference.runs import OutOfTime, Runs
-from fitting.inference.source_maps.source_map import LEVELS
+from fitting.inference.source_maps.source_map import LEVELS, is_noise
 from fitting.inference.unknown import Unknown, absent
 from solver.errors import InputError
 
@@ -126,6 +127,24 @@ def from_afar(problem: Networks, unknowns: tuple[Unknown, ...], runs: Runs) -> F
             return None
         member = fit.member
     return None if fit is None else whole.restated([fit], wide)[0]
+
+
+def nearest(problem: Networks, none: Fit, runs: Runs) -> Fit | None:
+    """The model without effect of lowest cost, refitted from its present point and from afar. None if the present fit
+    is near the record (:func:`is_far`). Every name must fit better: the map of a wrong model distorts the walls, a
+    search from these may end far from the record, and any effect then seems to close a part of the gap.
+    """
+    unlimited = replace(runs, deadline=None)
+    (point,) = problem.points([Trial(none.member, np.arange(0), None, 0.0 * none.x)], unlimited)
+    if point is not None and not is_far(problem, replace(none, z=point.z)):
+        return None
+    fits = there(problem.refine([none, *there([from_afar(problem, none.unknowns, unlimited)])], unlimited))
+    return min(fits, key=lambda f: f.cost, default=None)
+
+
+def is_far(problem: Networks, fit: Fit) -> bool:
+    """True if a fit leaves so much of the pulsation (the limit of a calibration) that its minimum may be wrong."""
+    return not is_noise(fit.chi2, len(fit.z)) and joint(problem).left_of_pulsation(fit) > FAR
 
 
 def _with_derivatives(problem: Forward, fit: Fit, runs: Runs) -> Fit | None:

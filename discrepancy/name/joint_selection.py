@@ -12,17 +12,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.calibrate.first_search import FAR
 from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term
 from fitting.inference.joint.joint_record import Several, derivatives
 from fitting.inference.runs import Runs
-from fitting.inference.source_maps.source_map import is_noise
 from fitting.inference.unknown import bounds
 from solver.errors import InputError
 
 from .. import thresholds as at
-from .approximate import Comparison, compared_first_model, compared_with_errors, from_afar
+from .approximate import Comparison, compared_first_model, compared_with_errors, from_afar, is_far, nearest
 from .individual_walls import set_apart
 from .intervals import profiled
 from .model_selection import coupled
@@ -50,7 +48,8 @@ def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs:
     assert isinstance(several, Several)
     freed = (lambda n: None) if problem.accuracy else (lambda n: several.beside(n.fit))
     naming = profiled(decided(last.found, terms, freed, complete and last.complete, last.named), runs)
-    return replace(naming, nearest=none if _far(several, none) else None)
+    far = problem.site is None and is_far(several, none)
+    return replace(naming, nearest=none if far else None)
 
 
 def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs) -> Iterator[Compared]:
@@ -78,16 +77,18 @@ def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
     """The model without effect, fitted from the start of lowest cost: as given, a fit to one recording, or the mean of
     these.
 
-    If that ends far from the recordings, the fit from afar is tried, too (:func:`.approximate.from_afar`).
+    If that ends far from the recordings, the nearest is looked for (:func:`.approximate.nearest`).
     """
     members = [*problem.begin(()), *_of_each(problem, (), alone)]
-    found = there(problem.searched_from(problem.nearest([members], runs), runs))
-    if not found or _far(problem, found[0]):
-        found += there([from_afar(problem, problem.hypothesis(()), runs)])
-    if not found:
+    (found,) = problem.searched_from(problem.nearest([members], runs), runs)
+    if found is None:
+        found = from_afar(problem, problem.hypothesis(()), runs) if problem.site is None else None
+    elif problem.site is None:
+        found = nearest(problem, found, runs) or found
+    if found is None:
         runs.check()
         raise InputError("the model as given cannot be simulated with these recordings")
-    return min(found, key=lambda f: f.cost)
+    return found
 
 
 def _of_each(problem: Several, terms: Terms, alone: Sequence[Fit]) -> list[Member]:
@@ -101,12 +102,6 @@ def _of_each(problem: Several, terms: Terms, alone: Sequence[Fit]) -> list[Membe
     each = [{u.name: x for u, x in zip(fit.unknowns, fit.x, strict=True)} | own for fit in alone]
     points = [np.array([known.get(u.name, 0.0) for u in unknowns]) for known in each]
     return [Member(terms, unknowns, np.clip(x, *low_high)) for x in (*points, np.mean(points, axis=0))]
-
-
-def _far(problem: Several, fit: Fit) -> bool:
-    """True if a fit leaves so much of the pulsation (the limit of a calibration) that its minimum may be wrong."""
-    of_network = problem.site is None and not is_noise(fit.chi2, len(fit.z))
-    return of_network and problem.left_of_pulsation(fit) > FAR
 
 
 def _with_base(found: Compared, base: Fit, runs: Runs) -> Compared:

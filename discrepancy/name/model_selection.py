@@ -22,9 +22,6 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 
-import numpy as np
-
-from fitting.calibrate.first_search import FAR
 from fitting.inference.extended_network import extended
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
@@ -39,11 +36,11 @@ from solver.errors import InputError
 
 from .. import thresholds as at
 from ..options import COMMON
-from .approximate import Comparison, compared_first_model, compared_with_errors, from_afar
+from .approximate import Comparison, compared_first_model, compared_with_errors, nearest
 from .at_places import named_at
 from .individual_walls import set_apart
 from .intervals import profiled
-from .scoring import Compared, Named, exact, last_of, names_of, there
+from .scoring import Compared, Named, last_of, names_of, there
 from .verdict import Naming, decided
 
 _SEARCHED = 0.8  # of the time limit: most that the search may take
@@ -71,12 +68,12 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
         search = _of_bench(whole, terms, first)
     known, complete = last_of(_with_what_stands_out(search, first))
     near, last = None, Comparison(known)
-    if not known.best.explains and isinstance(whole, NetworkProblem):
+    if isinstance(known.problem, NetworkProblem) and known.best.explains:
+        if (near := nearest(known.problem, known.none.fit, runs)) is not None:
+            last = Comparison(known.with_none(near))
+    elif isinstance(known.problem, NetworkProblem):
         last = compared_with_errors(known, runs)
         near = None if last.found.best.explains else last.found.none.fit
-    elif (near := nearest(known, replace(runs, deadline=None))) is not None:
-        known, ended = last_of(compared_with(known, near, runs))
-        near, last = known.none.fit, Comparison(known, complete=ended)
     freed = _freed(last.found, found, runs)
     naming = decided(last.found, terms, freed, complete and last.complete, last.named)
     return replace(profiled(naming, runs), map=found, nearest=near)
@@ -115,39 +112,6 @@ def _with_what_stands_out(search: Iterator[Compared], runs: Runs) -> Iterator[Co
         yield known
     if known is not None:
         yield from set_apart(known, runs)
-
-
-# --- much is missing --------------------------------------------------------------------------------------------------
-# Every named effect must fit better than the best model without effect. The map of a wrong model distorts the walls,
-# and a search from these may end far from the record; so may the one linear step that takes a hypothesis to the last
-# weights. Any effect then seems to close a part of the gap of a bad fit.
-
-
-def nearest(found: Compared, runs: Runs) -> Fit | None:
-    """The network without effect of lowest cost, refitted from its present point and, with a shrinking model error,
-    from the file's values. None if the present fit leaves so little of the pulsation that its minimum is right."""
-    problem, none = found.problem, found.none
-    if none.explains or not isinstance(problem, NetworkProblem):
-        return None
-    (X,) = problem.observe([none.fit.member], runs)
-    if X is not None and np.sqrt(np.mean(problem.left_of_pulsation(problem.residual(X)) ** 2)) <= FAR:
-        return None
-    fits = there(problem.refine([none.fit, *there([from_afar(problem, none.fit.unknowns, runs)])], runs))
-    return min(fits, key=lambda f: f.cost, default=None)
-
-
-def compared_with(found: Compared, near: Fit, runs: Runs) -> Iterator[Compared]:
-    """The comparison with the nearest model without effect, and with the best effects refitted from it. The latter are
-    skipped if its outliers are bounded, as these are beside the effects that replace them. Also where the best
-    hypothesis explains the record: a law of all walls may stand for a fit without effect that ended far away."""
-    yield (found := found.with_none(near))
-    if near.unknowns != tuple(found.problem.hypothesis(())):
-        return
-    plain = [n.fit.terms for n in found.ranked if set(n.fit.terms) <= set(found.terms)]  # refined laws start from these
-    beside = found.problem.refit(plain[: at.FEW], near, runs)
-    again = exact(found.problem, [*found.fits, *there(beside)], found.columns, found.terms, runs)
-    (fit,) = again.problem.refine(again.problem.restated([near], found.problem), runs)
-    yield again if fit is None else again.with_none(fit)
 
 
 # --- one wall ---------------------------------------------------------------------------------------------------------
