@@ -53,8 +53,7 @@ OUTLIER_OF_OTHERS = 5.0  # limit of an outlier in root mean squares of the other
 # upper limits of the confidence of a name, from a bank of records. Bench: 258 of the 265 most confident names of the
 # bank of November 2026 (standard, sensors, varying; not fresh any more) were right; most of the others are laws outside
 # the catalogue that it imitates. Network: what is ruled out is the truth at most so often; 300 names without an error
-# give a 95 % bound of 1 %. Partial, and any name in a
-# first model: judgement, for lack of records
+# give a 95 % bound of 1 %. Partial, and any name or `none` in a first model: judgement, for lack of records
 SUREST = {"bench": 0.97, "network": 1.0 - 1.0 / CLASS_ODDS, "partial": 2.0 / 3.0}
 # the same if the comparison is incomplete or held-out beats refute a name: by definition no surer than not
 INCOMPLETE = 0.5

@@ -92,7 +92,7 @@ def test_nothing_is_missing_within_the_accuracy(bump: float) -> None:
     """A true model, and one that lacks 0.3 % of the pulsation, several times the noise: nothing, with its accuracy."""
     naming = named(0.0, bump)
     assert (naming.verdict, naming.accuracy, naming.members) == ("none", ACCURACY, ())
-    assert naming.confidence > 0.8
+    assert naming.confidence == at.SUREST["partial"]
 
 
 @pytest.mark.slow

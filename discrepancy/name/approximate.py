@@ -61,7 +61,9 @@ def compared_first_model(
     problem: Networks, terms: tuple[Term, ...], runs: Runs, likely: Sequence[tuple[Term, ...]] = ()
 ) -> Comparison:
     """The comparison for a first model, which is approximate by its construction: no law is sought at single places, as
-    for a network whose arteries are those of the subject. likely : hypotheses that are fitted in any case.
+    for a network whose arteries are those of the subject. If it fits within its stated accuracy, no law is compared
+    with it: that is a bound, not a random error which evidence could weigh, and recordings of one subject share it.
+    likely : hypotheses that are fitted in any case.
 
     Raises InputError if the model as given cannot be simulated with this record.
     """
@@ -72,7 +74,10 @@ def compared_first_model(
     sharp: Networks = problem.sharpened(none, unlimited)
     whole: Forward = sharp
     (base,) = there([_with_derivatives(sharp, none, unlimited)]) or whole.restated([none], problem)
-    return _with_errors(sharp, Compared.of(sharp, [base], {}, terms), [base], [], runs, likely)
+    found = Compared.of(sharp, [base], {}, terms)
+    if found.none.explains:
+        return Comparison(replace(found, columns=sharp.columns(base, found.sought, unlimited)))
+    return _with_errors(sharp, found, [base], [], runs, likely)
 
 
 def compared_with_errors(found: Compared, runs: Runs) -> Comparison:
