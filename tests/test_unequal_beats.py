@@ -155,6 +155,22 @@ def test_a_beat_of_two_upstrokes_is_one_beat(seed: int) -> None:
     assert align(record(time, P=P)).T == pytest.approx(mean, abs=DT)
 
 
+@pytest.mark.parametrize("seed", [3, 4, 5, 7, 8, 9])
+def test_a_fibrillating_heart(seed: int) -> None:
+    """Intervals of 0.7 s that vary by 22 %, a stroke that grows with the interval before, some next to none: a beat is
+    one interval, to 20 %, not two or three, whose longer lag fits as it may come early or late by more; and that is
+    said."""
+    rng = np.random.default_rng(seed)
+    lengths = (0.7 * (1.0 + 0.22 * rng.standard_normal(60))).clip(0.34, 1.4)
+    begin = np.cumsum(lengths) - 4.0
+    before = np.concatenate([[0.7], lengths[:-1]])  # of each beat
+    time = np.arange(0.0, 34.0, DT)
+    P = arterial(begin, (1.2 - 1.2 * np.exp((0.36 - before) / 0.2)).clip(0.02), time)
+    beats = align(record(time, P=P + 0.3 * MMHG * rng.standard_normal(len(time))))
+    assert beats.T == pytest.approx(float(np.median(lengths)), rel=0.2) and beats.n_beats >= 5
+    assert any("the heart is irregular: beats about 0." in text for text in beats.warnings)
+
+
 def test_a_seam_beyond_the_noise_is_said() -> None:
     """A seam of 2 % of the pulse, known to 30 %, beside a noise of the mean beat of 0.1 % of it: 6 times; of 0.2 %: no
     sentence."""
