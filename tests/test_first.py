@@ -121,10 +121,21 @@ def test_a_flow_of_another_place(factor: float, expected: int) -> None:
     P, _ = line(Q, T, Z, 0.03, (0.05 * R, 0.95 * R), 1.2 / R)
     c = Z * np.pi * r**2 / rho
     radius = factor * (r + r / (2.0 * rho * c**2) * (P - P.mean()))
-    model = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P, Ao_R=radius))
-    assert sum("is not the flow through that place" in note for note in model.notes) == expected
-    found = numbers(model)["radius of the root at the mean pressure"]
-    assert (found == pytest.approx(radius.mean(), rel=1e-2)) == (not expected)
+    for name in ("Ao_R", "inlet_R"):  # at the root, whichever of its names the radius has
+        model = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P, **{name: radius}))
+        assert sum("is not the flow through that place" in note for note in model.notes) == expected
+        found = numbers(model)["radius of the root at the mean pressure"]
+        assert (found == pytest.approx(radius.mean(), rel=1e-2)) == (not expected)
+
+
+def test_a_radius_of_another_name() -> None:
+    """Of a site without a pressure: only its delay is used, and that is said, with the name that it may have to have."""
+    Q, rho, r = ejection(0.8, 64.0 * ML), 1050.0, 0.012
+    Z = 0.05 * PER_ML
+    P, _ = line(Q, 0.8, Z, 0.03, (Z, 19.0 * Z), 1.2 / PER_ML)
+    radius = r + r / (2.0 * rho * (Z * np.pi * r**2 / rho) ** 2) * (P - P.mean())
+    (note,) = [n for n in first_model(beats(0.8, 1, inlet_Q=Q, Ao_P=P, FA_R=radius)).notes if n.startswith("of FA.R")]
+    assert 'if it is of the place of Ao.P, name it so (--map "TITLE=Ao.R").' in note
 
 
 def test_a_ventricle_is_no_artery() -> None:

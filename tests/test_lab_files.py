@@ -20,6 +20,7 @@ import arterial_fmu.cli.discover
 import arterial_fmu.cli.fit
 from fitting.records.alignment.align import align
 from fitting.records.read.columns import Reading
+from fitting.records.read.preview import preview, preview_questions
 from fitting.records.read.record import Record, read_record
 from fitting.records.read.titles import name_and_unit
 from solver.quantities.units import MMHG
@@ -137,7 +138,23 @@ def test_rows_without_a_time(tmp_path: Path, title: str) -> None:
     """Numbers of the samples, or no time at all, and the time between samples: as with times."""
     columns = {"P": P_MMHG, "D": R_MM}
     made = text({"n": np.arange(len(TIME)), **columns} if title == "n" else columns, 12)
-    check(read(tmp_path, made, names={**NAMES, title: "time [5 ms]"}))
+    for step in ("5 ms", "200 Hz", "0.2 kHz"):
+        check(read(tmp_path, made, names={**NAMES, title: f"time [{step}]"}))
+    assert 'row = "0 Hz": must be a positive rate, such as "250 Hz".' in refused(
+        tmp_path, made, names={**NAMES, "row": "time [0 Hz]"}
+    )
+
+
+def test_a_look_at_a_file_without_a_time(tmp_path: Path) -> None:
+    """Without titles the first column, which does not rise, is no time; with names, the time is asked for."""
+    path = tmp_path / "record.txt"
+    path.write_text("\n".join(row.partition("\t")[2] for row in rows("\t", ".")))
+    (question,) = preview_questions(preview(path, Reading()))
+    assert question.endswith('--map "1=inlet.Q [mL/s]" --map "2=AA.P [mmHg]" --map "row=time [1 ms]".')
+    names = {"1": "AA.P [mmHg]", "2": "AA.R [mm]"}
+    (question,) = preview_questions(preview(path, Reading(names=names)))
+    assert question.startswith("No column is a time, ") and '--map "row=time [250 Hz]"' in question
+    assert preview_questions(preview(path, Reading(names=names | {"row": "time [200 Hz]"}))) == []
 
 
 def test_labchart_and_acqknowledge(tmp_path: Path) -> None:

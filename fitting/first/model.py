@@ -208,7 +208,7 @@ def _speed_and_area(
         raise InputError(
             f"--distance: {unknown[0]} is no site beside the root; the record has {', '.join(delays) or 'none'}."
         )
-    rho, measured, local = Fluid().rho, radius_at(channel), speeds(beats, channel, Z)
+    rho, measured, local = Fluid().rho, radius_at(beats, channel), speeds(beats, channel, Z)
     if distances:
         site = max(distances, key=lambda name: distances[name])
         c = distances[site] / delays[site].value

@@ -17,11 +17,16 @@ from solver.quantities.units import INFLOW
 
 from .sensors import KINDS, TIME, Kind
 from .table import Column, Place, Table, refuse
-from .titles import factor, is_time, is_unit, name_and_unit
+from .titles import between_samples, factor, is_time, is_unit, name_and_unit
 
 _EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]", "FA.P [mmHg]")
 _START = "start"
-_ROW = "row"  # the number of a sample as its time, in a file without times
+ROW = "row"  # the number of a sample as its time, in a file without times
+NO_TIME = (
+    'no column is a time, and every sample needs one; add a column "time [s]", say which it is, '
+    f'--map "TITLE=time [s]", or give the time between samples or their rate: --map "{ROW}=time [1 ms]", '
+    f'--map "{ROW}=time [250 Hz]".'
+)
 CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
 
 
@@ -110,11 +115,11 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     Raises ValueError, one sentence with the column and the option that helps.
     """
     place, columns = table.place, list(table.columns)
-    if _ROW in reading.names and not _columns(columns, _ROW):
-        columns.append(Column(_ROW, np.arange(float(len(columns[0].values)))))
+    if ROW in reading.names and not _columns(columns, ROW):
+        columns.append(Column(ROW, np.arange(float(len(columns[0].values)))))
     if not (table.titled or reading.names):
         row = ", ".join(f"{column.values[0]:g}" for column in columns)
-        asked = which_is_which(len(columns), _may_be_time(columns[0]))
+        asked = which_is_which(len(columns), may_be_time(columns[0]))
         raise InputError(f"{place}: it has no header, and its first row is {row}; {asked}")
     targets = _targets(columns, reading, place)
     wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
@@ -148,7 +153,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
 def which_is_which(n: int, timed: bool = True) -> str:
     """What to say of n columns without titles: options to copy, an example. timed : whether the first may be a time."""
     maps = [f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[not timed :][:n], start=1)]
-    maps += [] if timed else [f'--map "{_ROW}=time [1 ms]"']
+    maps += [] if timed else [f'--map "{ROW}=time [1 ms]"']
     return f"say which column is which, such as {' '.join(maps)}."
 
 
@@ -342,7 +347,7 @@ def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str],
     """The factor from ``unit``, of a time also "2 ms", to the kind's SI unit."""
     if kind is TIME and unit[:1].isdigit():
         try:
-            return parse_quantity(unit, kind.unit, title)
+            return between_samples(unit, title)
         except InputError as error:
             raise InputError(f"{place}: {error}") from None
     found = factor(unit, kind)
@@ -362,12 +367,9 @@ def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str],
 
 def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
     """Which column is the time: one that may be it, or none."""
-    likely = next((column for column in columns if _may_be_time(column)), None)
+    likely = next((column for column in columns if may_be_time(column)), None)
     if likely is None:
-        raise InputError(
-            f'{place}: no column is a time, and every sample needs one; add a column "time [s]", say which it is, '
-            f'--map "TITLE=time [s]", or give the time between samples: --map "{_ROW}=time [1 ms]".'
-        )
+        raise InputError(f"{place}: {NO_TIME}")
     title, unit = likely.title, name_and_unit(likely.title)[1] or likely.unit
     if not unit and _counts(likely):
         why = "no column is named time; if this one counts the samples, give the time between them"
@@ -381,7 +383,7 @@ def _counts(column: Column) -> bool:
     return len(column.values) > 1 and bool((np.diff(column.values) == 1.0).all())
 
 
-def _may_be_time(column: Column) -> bool:
+def may_be_time(column: Column) -> bool:
     """Whether a column rises throughout, and neither its name nor its unit is that of something else."""
     name, unit = name_and_unit(column.title)
     unit = unit or column.unit

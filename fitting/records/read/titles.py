@@ -60,6 +60,17 @@ def is_unit(text: str) -> bool:
     return any(factor(text, kind) is not None for kind in (TIME, *KINDS.values()))
 
 
+def between_samples(text: str, name: str) -> float:
+    """The time between samples [s] of "2 ms", or of their rate, "250 Hz". Raises InputError for a rate of 0."""
+    rate = re.fullmatch(r"(.*?)\s*(k?)hz", text, re.IGNORECASE)
+    if rate is None:
+        return parse_quantity(text, TIME.unit, name)
+    found = parse_quantity(f"{rate[1]} {rate[2].lower()}Hz", "Hz", name)
+    if not found > 0.0:
+        raise InputError(f'{name} = "{text}": must be a positive rate, such as "250 Hz".')
+    return 1.0 / found
+
+
 @lru_cache(maxsize=256)
 def factor(unit: str, kind: Kind) -> float | None:
     """The factor from a unit to the kind's SI unit, None if it is none of the kind."""
