@@ -37,6 +37,7 @@ from fitting.results.provenance import software
 from solver import NonPhysicalState
 from solver.errors import InputError
 from solver.network.description import Network, to_dict
+from solver.network.doubts import network_doubts
 from solver.network.files import write_network
 
 from .add.described import NOTHING
@@ -152,6 +153,7 @@ def _studied(
     except UnusableRecord as error:
         outcome = unusable(error, record, model, measured)
     doubts = known.doubts(measured) if known and isinstance(measured, Record) else ()
+    notes += network_doubts(network)
     outcome = replace(
         outcome, provenance={**outcome.provenance, "asked": options}, warnings=(*notes, *doubts, *outcome.warnings)
     )

@@ -129,13 +129,13 @@ def test_a_flow_of_another_place(factor: float, expected: int) -> None:
 
 
 def test_a_radius_of_another_name() -> None:
-    """Of a site without a pressure: only its delay is used, and that is said, with the name that it may have to have."""
+    """Of a site without a pressure: only its delay is used; that is said, with the name it may need."""
     Q, rho, r = ejection(0.8, 64.0 * ML), 1050.0, 0.012
     Z = 0.05 * PER_ML
     P, _ = line(Q, 0.8, Z, 0.03, (Z, 19.0 * Z), 1.2 / PER_ML)
     radius = r + r / (2.0 * rho * (Z * np.pi * r**2 / rho) ** 2) * (P - P.mean())
     (note,) = [n for n in first_model(beats(0.8, 1, inlet_Q=Q, Ao_P=P, FA_R=radius)).notes if n.startswith("of FA.R")]
-    assert 'if it is of the place of Ao.P, name it so (--map "TITLE=Ao.R").' in note
+    assert 'if its place is that of Ao.P, name it so (--map "TITLE=Ao.R").' in note
 
 
 def test_a_ventricle_is_no_artery() -> None:

@@ -37,7 +37,7 @@ def doubts(beats: Beats, root: str, R: Found, Z: Found, mass: float, sites: list
         if f"{site}.P" not in beats.values:
             if (alone := f"{site}.R") in beats.values and f"{site}.Q" not in beats.values:
                 yield (
-                    f"of {alone}, a radius without a pressure at its site, only the delay is used; if it is of the place "
+                    f"of {alone}, a radius at a site without pressure, only the delay is used; if its place is that "
                     f'of {root}, name it so (--map "TITLE={root.removesuffix("P")}R").'
                 )
             continue
