@@ -271,6 +271,57 @@ def test_rows_of_nothing(tmp_path: Path, nothing: str) -> None:
     check(read(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines])))
 
 
+def test_a_separator_behind_the_numbers_alone(tmp_path: Path) -> None:
+    """A tab at the end of each line of numbers, and none in the header: as without."""
+    lines = [f"{row}\t" for row in rows("\t", ".")]
+    check(read(tmp_path, "\n".join(["time [s]\tAA.P [mmHg]\tAA.R [mm]", *lines])))
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_titles_separated_otherwise(tmp_path: Path, mark: str) -> None:
+    """Titles between commas, semicolons or tabs, numbers between others: the titles are read."""
+    other = ";" if mark != ";" else ","
+    titles = mark.join(["time [s]", "AA.P [mmHg]", "AA.R [mm]"])
+    check(read(tmp_path, "\n".join([titles, *rows(other, ".")])))
+
+
+def test_two_separators_in_a_line(tmp_path: Path) -> None:
+    """Fields between commas and semicolons at once are refused with the line."""
+    lines = [row.replace(",", "; ", 1) for row in rows(",", ".")]
+    said = refused(tmp_path, "\n".join(["time [s], AA.P [mmHg]; AA.R [mm]", *lines]))
+    assert said.endswith("line 2: semicolons and commas separate its fields; export the table with one of them.")
+
+
+@pytest.mark.parametrize("gap", ["-?-", "-.-", "?", "???"])
+def test_what_monitors_write_for_nothing(tmp_path: Path, gap: str) -> None:
+    """Question marks are gaps."""
+    lines = rows(",", ".")
+    lines[500] = f"{lines[500].partition(',')[0]},{gap},{gap}"
+    found = read(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines]))
+    assert np.flatnonzero(np.isnan(found.channels["AA.P"])).tolist() == [500]
+
+
+def test_a_velocity(tmp_path: Path) -> None:
+    """It is no flow, and the sentence shows the area as a part of the unit; so given, it is one."""
+    made = text({"Zeit [s]": TIME, "P [mmHg]": P_MMHG, "Doppler [cm/s]": 50.0 + R_MM}, 12)
+    option = '--map "Doppler [cm/s]=inlet.Q [4 cm^2*cm/s]"'
+    assert refused(tmp_path, made).endswith(
+        f"a velocity becomes a flow by the area of its vessel, here 4 cm^2: {option}."
+    )
+    assert option in refused(tmp_path, made, names={"P": "Ao.P", "Doppler": "inlet.Q"})
+    found = read(tmp_path, made, names={"P": "Ao.P", "Doppler": "inlet.Q [4 cm^2*cm/s]"})
+    np.testing.assert_allclose(found.channels["inlet.Q"], 4e-6 * (50.0 + R_MM), rtol=1e-9)
+
+
+def test_diameters_are_proposed_as_such(tmp_path: Path) -> None:
+    """Titles of joined words; each at a site of its own, so that all options can be pasted."""
+    made = text({"Time [s]": TIME, "AoP [kPa]": P_MMHG, "AoDiam [um]": R_MM, "AbdDiam [um]": R_MM, "Q2 [mL/s]": R_MM})
+    asked = [
+        f'--map "{x}"' for x in ("AoP [kPa]=Ao.P", "AoDiam [um]=Ao.D", "AbdDiam [um]=site2.D", "Q2 [mL/s]=inlet.Q")
+    ]
+    assert " ".join(asked) in refused(tmp_path, made)
+
+
 def test_a_column_that_counts_is_no_pressure(tmp_path: Path) -> None:
     """As pandas writes its index, without a title: to leave it out is proposed."""
     columns = {"": np.arange(len(TIME)), "time [s]": TIME, "Pao": P_MMHG, "Qao": R_MM}

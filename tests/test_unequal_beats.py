@@ -12,10 +12,11 @@ from scipy.signal import find_peaks, lfilter
 from fitting.inference.models.loop import mean_loop
 from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats
-from fitting.records.alignment.rounding import converter_step, rounded_harmonics, rounding
+from fitting.records.alignment.rounding import rounded_harmonics, rounding
 from fitting.records.channels.inflow_variability import Felt
 from fitting.records.channels.noise import seam_said
 from fitting.records.read.record import Record
+from fitting.records.read.sensors import converter_step
 from solver import InputError
 from solver.quantities.units import MMHG
 
