@@ -103,16 +103,18 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
     return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
 
 
-def repeats(values: Array, dt: float, T: float) -> float:
-    """The time near T [s] after which stretches of T of one channel usually go on; NaN if they do not go on alike.
+def repeats(values: Array, dt: float, T: float) -> tuple[float, float]:
+    """The time near T [s] after which stretches of T of one channel usually go on, NaN if they do not go on alike, and
+    its standard error: of a median of stretches, which overlap by half, so that half count.
 
     A channel may go on alike after less, too: a pulse that rings has several upstrokes a beat.
     """
     _, x, step = _screened({"": values}, dt)
     if not len(x) or 2.0 * T > x.shape[1] * step * 1.02:
-        return np.nan
+        return np.nan, np.nan
     (later,) = _later(x, T / step, (T / step,))
-    return later.lag * step if later.alike[0] >= limit.HALF else np.nan
+    error = float(np.std(later.shift)) * np.sqrt(0.5 * np.pi / max(0.5 * len(later.shift), 1.0))
+    return later.lag * step if later.alike[0] >= limit.HALF else np.nan, error * step
 
 
 def _whole(x: Array, lag: float, candidates: Array) -> bool:
