@@ -22,7 +22,8 @@ from fitting.records.alignment.align import align
 from fitting.records.read.columns import Reading
 from fitting.records.read.preview import preview, preview_questions
 from fitting.records.read.record import Record, read_record
-from fitting.records.read.titles import name_and_unit
+from fitting.records.read.sensors import KINDS
+from fitting.records.read.titles import factor, name_and_unit
 from solver.quantities.units import MMHG
 
 PLAIN = {"AA.P": P_MMHG * MMHG, "AA.R": R_MM * 1e-3}
@@ -118,6 +119,8 @@ def test_any_dialect_reads_back(
         ("P_m", ("P_m", "")),
         ("P_min", ("P_min", "")),
         ("AA.P", ("AA.P", "")),
+        ("P (dyn/cm2)", ("P", "dyn/cm2")),
+        ("Q (ml.min-1)", ("Q", "ml.min-1")),
     ],
 )
 def test_titles(title: str, expected: tuple[str, str]) -> None:
@@ -301,6 +304,20 @@ def test_what_monitors_write_for_nothing(tmp_path: Path, gap: str) -> None:
     assert np.flatnonzero(np.isnan(found.channels["AA.P"])).tolist() == [500]
 
 
+def test_spellings_of_units() -> None:
+    """Of old papers and of keyboards without powers."""
+    mL_per_min, kinds = 1e-6 / 60.0, (KINDS["P"], KINDS["Q"])
+    for unit, value in {"dyn/cm2": 0.1, "N/m2": 1.0, "kpa": 1e3, "cmH20": 98.0665}.items():
+        assert factor(unit, kinds[0]) == pytest.approx(value, rel=1e-4) and factor(unit, kinds[1]) is None
+    for unit, value in {
+        "ml.s-1": 1e-6,
+        "mL·min-1": mL_per_min,
+        "l min-1": 1e3 * mL_per_min,
+        "LPM": 1e3 * mL_per_min,
+    }.items():
+        assert factor(unit, kinds[1]) == pytest.approx(value, rel=1e-9) and factor(unit, kinds[0]) is None
+
+
 def test_a_velocity(tmp_path: Path) -> None:
     """It is no flow, and the sentence shows the area as a part of the unit; so given, it is one."""
     made = text({"Zeit [s]": TIME, "P [mmHg]": P_MMHG, "Doppler [cm/s]": 50.0 + R_MM}, 12)
@@ -386,6 +403,7 @@ def test_marks_of_gaps(tmp_path: Path, mark: str, remark: str) -> None:
         ("2024-05-01 ", "2024-05-02 ", "Z", 19844 * 86400.0 + 86398.0),
         ("01.05.2024 ", "02.05.2024 ", "", 86398.0),
         ("5/1/2024 ", "5/2/2024 ", "+02:00", 86398.0),
+        ("5/1/2024 ", "5/2/2024 ", " UTC", 86398.0),
     ],
 )
 @pytest.mark.parametrize(("separator", "mark"), [(";", ","), ("\t", "."), (",", ".")])

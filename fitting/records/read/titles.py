@@ -25,6 +25,9 @@ _PLAIN = {
     **dict.fromkeys(("minute", "minutes", "minuten", "mins"), "min"),
     **dict.fromkeys(("mmhg", "mm hg", "torr"), "mmHg"),
     **dict.fromkeys(("cmh2o", "cm h2o"), "cmH2O"),
+    **dict.fromkeys(("dyn/cm2", "dyne/cm2", "dynes/cm2"), "dyn/cm^2"),
+    **{"n/m2": "N/m^2", "kpa": "kPa", "psi": "psi", "cmh20": "cmH2O", "lpm": "L/min"},  # cmH2O, with a zero
+    **{f"{a}l{x}{b}-1": f"{a}L/{b}" for a in ("m", "") for b in ("s", "min") for x in (".", "·", "*", " ")},
     **{f"{a}3/{b}": f"{a}^3/{b}" for a in ("m", "cm", "mm") for b in ("s", "min")},
     **{f"{a}l/{b}": f"{a}L/{c}" for a in ("m", "") for b, c in (("sec", "s"), ("min", "min"), ("s", "s"))},
 }
