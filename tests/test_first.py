@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -480,8 +481,14 @@ def test_discover_without_a_model(folder: Path, tmp_path: Path) -> None:
     """The first model is written beside the report, and what was edited is not replaced; a record without root flow is
     refused with the sentence of first."""
     record = read_record(folder / "r.csv")
-    path, said = first_of(record, tmp_path, 0.8, as_measured=False)
+    path, (said, *_) = first_of(record, tmp_path, 0.8, as_measured=False)
     assert path == tmp_path / "first.toml" and str(path) in said
+    off = replace(record, channels=record.channels | {"FA.P": record.channels["FA.P"] + 60.0 * MMHG})
+    (tmp_path / "off").mkdir()
+    _, (_, *doubts) = first_of(off, tmp_path / "off", 0.8, as_measured=False)  # which the verdict shows, too
+    assert any(
+        "the mean of FA.P is " in doubt and "the zero or the height of a sensor is off" in doubt for doubt in doubts
+    )
     assert [s.name for s in read_network(path).segments] == ["FA"]
     assert first_of(record, tmp_path, 0.8, as_measured=False)[0] == path
     path.write_text(path.read_text() + "# edited\n")
