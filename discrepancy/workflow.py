@@ -37,6 +37,7 @@ from fitting.results.provenance import software
 from solver import NonPhysicalState
 from solver.errors import InputError
 from solver.network.description import Network, to_dict
+from solver.network.doubts import network_doubts
 from solver.network.files import write_network
 
 from .add.described import NOTHING
@@ -133,7 +134,7 @@ def _studied(
     notes: list[str] = []
     if model is None:
         check_folder(folder, [record, asked.prior, *asked.others])
-        model, *notes = first_of(measured, folder, asked.period, as_measured)
+        model, notes = first_of(measured, folder, asked.period, as_measured)
     network = with_filters(described or read_model(model), asked.filters)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     if known is None and asked.walls != COMMON and is_first(network):
@@ -152,6 +153,7 @@ def _studied(
     except UnusableRecord as error:
         outcome = unusable(error, record, model, measured)
     doubts = known.doubts(measured) if known and isinstance(measured, Record) else ()
+    notes += [each for each in network_doubts(network) if each not in notes]
     outcome = replace(
         outcome, provenance={**outcome.provenance, "asked": options}, warnings=(*notes, *doubts, *outcome.warnings)
     )

@@ -64,6 +64,14 @@ def test_a_line_that_stands_still(levels: dict[tuple[int, int], float], noise: f
     assert np.nanmean(beats.values["AA.P"], axis=0).mean() == pytest.approx(usual.mean(), abs=0.1 * MMHG)
 
 
+def test_a_flush_of_a_monitor_that_rounds() -> None:
+    """To 1 mmHg, two steps of which are more than a twentieth of a pulse of 30: a flush is a gap, beats are none."""
+    P = at_levels(70.0 * MMHG + 0.75 * (pressure() - 80.0 * MMHG), {(5000, 5600): 290.0}, 0.5)
+    found, (said,) = without_still(np.round(P / MMHG) * MMHG, "AA.P", DT, PLACE)
+    assert np.isnan(found[5000:5600]).all() and np.isnan(found).sum() <= 600 + round(1.0 / DT)
+    assert said.startswith("AA.P stands still at 290 mmHg for ")
+
+
 def test_beats_stay_as_they_are() -> None:
     """A radius in ten steps of its converter, a slow heart with a flat diastole of 1.4 s, a flow that rests, a record
     of one second: nothing is taken."""

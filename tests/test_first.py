@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -121,10 +122,21 @@ def test_a_flow_of_another_place(factor: float, expected: int) -> None:
     P, _ = line(Q, T, Z, 0.03, (0.05 * R, 0.95 * R), 1.2 / R)
     c = Z * np.pi * r**2 / rho
     radius = factor * (r + r / (2.0 * rho * c**2) * (P - P.mean()))
-    model = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P, Ao_R=radius))
-    assert sum("is not the flow through that place" in note for note in model.notes) == expected
-    found = numbers(model)["radius of the root at the mean pressure"]
-    assert (found == pytest.approx(radius.mean(), rel=1e-2)) == (not expected)
+    for name in ("Ao_R", "inlet_R"):  # at the root, whichever of its names the radius has
+        model = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P, **{name: radius}))
+        assert sum("is not the flow through that place" in note for note in model.notes) == expected
+        found = numbers(model)["radius of the root at the mean pressure"]
+        assert (found == pytest.approx(radius.mean(), rel=1e-2)) == (not expected)
+
+
+def test_a_radius_of_another_name() -> None:
+    """Of a site without a pressure: only its delay is used; that is said, with the name it may need."""
+    Q, rho, r = ejection(0.8, 64.0 * ML), 1050.0, 0.012
+    Z = 0.05 * PER_ML
+    P, _ = line(Q, 0.8, Z, 0.03, (Z, 19.0 * Z), 1.2 / PER_ML)
+    radius = r + r / (2.0 * rho * (Z * np.pi * r**2 / rho) ** 2) * (P - P.mean())
+    (note,) = [n for n in first_model(beats(0.8, 1, inlet_Q=Q, Ao_P=P, FA_R=radius)).notes if n.startswith("of FA.R")]
+    assert 'if its place is that of Ao.P, name it so (--map "TITLE=Ao.R").' in note
 
 
 def test_a_ventricle_is_no_artery() -> None:
@@ -469,8 +481,14 @@ def test_discover_without_a_model(folder: Path, tmp_path: Path) -> None:
     """The first model is written beside the report, and what was edited is not replaced; a record without root flow is
     refused with the sentence of first."""
     record = read_record(folder / "r.csv")
-    path, said = first_of(record, tmp_path, 0.8, as_measured=False)
+    path, (said, *_) = first_of(record, tmp_path, 0.8, as_measured=False)
     assert path == tmp_path / "first.toml" and str(path) in said
+    off = replace(record, channels=record.channels | {"FA.P": record.channels["FA.P"] + 60.0 * MMHG})
+    (tmp_path / "off").mkdir()
+    _, (_, *doubts) = first_of(off, tmp_path / "off", 0.8, as_measured=False)  # which the verdict shows, too
+    assert any(
+        "the mean of FA.P is " in doubt and "the zero or the height of a sensor is off" in doubt for doubt in doubts
+    )
     assert [s.name for s in read_network(path).segments] == ["FA"]
     assert first_of(record, tmp_path, 0.8, as_measured=False)[0] == path
     path.write_text(path.read_text() + "# edited\n")

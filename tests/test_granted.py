@@ -91,7 +91,9 @@ def test_means_of_several_recordings_are_not_given_up() -> None:
         if name.endswith(".P"):
             shifted[name] = shifted[name] + 0.5 * ONE.mean(name).std()
     one = replace(ONE, values=shifted)
-    alone = calibrate(one, NETWORK, ["all.E"], settings=SETTINGS).model_errors
+    lone = calibrate(one, NETWORK, ["all.E"], settings=SETTINGS)
+    alone = lone.model_errors
+    assert any("in the means (sd), so that these hardly count" in text for text in lone.report)
     both = calibrate([one, lacking(1)], NETWORK, ["all.E"], settings=SETTINGS).model_errors
     assert alone[0] > 2.0 * MEANS
     assert both[0] == pytest.approx(max(MEANS, both[1]))

@@ -20,8 +20,10 @@ import arterial_fmu.cli.discover
 import arterial_fmu.cli.fit
 from fitting.records.alignment.align import align
 from fitting.records.read.columns import Reading
+from fitting.records.read.preview import preview, preview_questions
 from fitting.records.read.record import Record, read_record
-from fitting.records.read.titles import name_and_unit
+from fitting.records.read.sensors import KINDS
+from fitting.records.read.titles import factor, name_and_unit
 from solver.quantities.units import MMHG
 
 PLAIN = {"AA.P": P_MMHG * MMHG, "AA.R": R_MM * 1e-3}
@@ -117,6 +119,8 @@ def test_any_dialect_reads_back(
         ("P_m", ("P_m", "")),
         ("P_min", ("P_min", "")),
         ("AA.P", ("AA.P", "")),
+        ("P (dyn/cm2)", ("P", "dyn/cm2")),
+        ("Q (ml.min-1)", ("Q", "ml.min-1")),
     ],
 )
 def test_titles(title: str, expected: tuple[str, str]) -> None:
@@ -137,7 +141,23 @@ def test_rows_without_a_time(tmp_path: Path, title: str) -> None:
     """Numbers of the samples, or no time at all, and the time between samples: as with times."""
     columns = {"P": P_MMHG, "D": R_MM}
     made = text({"n": np.arange(len(TIME)), **columns} if title == "n" else columns, 12)
-    check(read(tmp_path, made, names={**NAMES, title: "time [5 ms]"}))
+    for step in ("5 ms", "200 Hz", "0.2 kHz"):
+        check(read(tmp_path, made, names={**NAMES, title: f"time [{step}]"}))
+    assert 'row = "0 Hz": must be a positive rate, such as "250 Hz".' in refused(
+        tmp_path, made, names={**NAMES, "row": "time [0 Hz]"}
+    )
+
+
+def test_a_look_at_a_file_without_a_time(tmp_path: Path) -> None:
+    """Without titles the first column, which does not rise, is no time; with names, the time is asked for."""
+    path = tmp_path / "record.txt"
+    path.write_text("\n".join(row.partition("\t")[2] for row in rows("\t", ".")))
+    (question,) = preview_questions(preview(path, Reading()))
+    assert question.endswith('--map "1=inlet.Q [mL/s]" --map "2=AA.P [mmHg]" --map "row=time [1 ms]".')
+    names = {"1": "AA.P [mmHg]", "2": "AA.R [mm]"}
+    (question,) = preview_questions(preview(path, Reading(names=names)))
+    assert question.startswith("No column is a time, ") and '--map "row=time [250 Hz]"' in question
+    assert preview_questions(preview(path, Reading(names=names | {"row": "time [200 Hz]"}))) == []
 
 
 def test_labchart_and_acqknowledge(tmp_path: Path) -> None:
@@ -254,6 +274,71 @@ def test_rows_of_nothing(tmp_path: Path, nothing: str) -> None:
     check(read(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines])))
 
 
+def test_a_separator_behind_the_numbers_alone(tmp_path: Path) -> None:
+    """A tab at the end of each line of numbers, and none in the header: as without."""
+    lines = [f"{row}\t" for row in rows("\t", ".")]
+    check(read(tmp_path, "\n".join(["time [s]\tAA.P [mmHg]\tAA.R [mm]", *lines])))
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_titles_separated_otherwise(tmp_path: Path, mark: str) -> None:
+    """Titles between commas, semicolons or tabs, numbers between others: the titles are read."""
+    other = ";" if mark != ";" else ","
+    titles = mark.join(["time [s]", "AA.P [mmHg]", "AA.R [mm]"])
+    check(read(tmp_path, "\n".join([titles, *rows(other, ".")])))
+
+
+def test_two_separators_in_a_line(tmp_path: Path) -> None:
+    """Fields between commas and semicolons at once are refused with the line."""
+    lines = [row.replace(",", "; ", 1) for row in rows(",", ".")]
+    said = refused(tmp_path, "\n".join(["time [s], AA.P [mmHg]; AA.R [mm]", *lines]))
+    assert said.endswith("line 2: semicolons and commas separate its fields; export the table with one of them.")
+
+
+@pytest.mark.parametrize("gap", ["-?-", "-.-", "?", "???"])
+def test_what_monitors_write_for_nothing(tmp_path: Path, gap: str) -> None:
+    """Question marks are gaps."""
+    lines = rows(",", ".")
+    lines[500] = f"{lines[500].partition(',')[0]},{gap},{gap}"
+    found = read(tmp_path, "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines]))
+    assert np.flatnonzero(np.isnan(found.channels["AA.P"])).tolist() == [500]
+
+
+def test_spellings_of_units() -> None:
+    """Of old papers and of keyboards without powers."""
+    mL_per_min, kinds = 1e-6 / 60.0, (KINDS["P"], KINDS["Q"])
+    for unit, value in {"dyn/cm2": 0.1, "N/m2": 1.0, "kpa": 1e3, "cmH20": 98.0665}.items():
+        assert factor(unit, kinds[0]) == pytest.approx(value, rel=1e-4) and factor(unit, kinds[1]) is None
+    for unit, value in {
+        "ml.s-1": 1e-6,
+        "mL·min-1": mL_per_min,
+        "l min-1": 1e3 * mL_per_min,
+        "LPM": 1e3 * mL_per_min,
+    }.items():
+        assert factor(unit, kinds[1]) == pytest.approx(value, rel=1e-9) and factor(unit, kinds[0]) is None
+
+
+def test_a_velocity(tmp_path: Path) -> None:
+    """It is no flow, and the sentence shows the area as a part of the unit; so given, it is one."""
+    made = text({"Zeit [s]": TIME, "P [mmHg]": P_MMHG, "Doppler [cm/s]": 50.0 + R_MM}, 12)
+    option = '--map "Doppler [cm/s]=inlet.Q [4 cm^2*cm/s]"'
+    assert refused(tmp_path, made).endswith(
+        f"a velocity becomes a flow by the area of its vessel, here 4 cm^2: {option}."
+    )
+    assert option in refused(tmp_path, made, names={"P": "Ao.P", "Doppler": "inlet.Q"})
+    found = read(tmp_path, made, names={"P": "Ao.P", "Doppler": "inlet.Q [4 cm^2*cm/s]"})
+    np.testing.assert_allclose(found.channels["inlet.Q"], 4e-6 * (50.0 + R_MM), rtol=1e-9)
+
+
+def test_diameters_are_proposed_as_such(tmp_path: Path) -> None:
+    """Titles of joined words; each at a site of its own, so that all options can be pasted."""
+    made = text({"Time [s]": TIME, "AoP [kPa]": P_MMHG, "AoDiam [um]": R_MM, "AbdDiam [um]": R_MM, "Q2 [mL/s]": R_MM})
+    asked = [
+        f'--map "{x}"' for x in ("AoP [kPa]=Ao.P", "AoDiam [um]=Ao.D", "AbdDiam [um]=site2.D", "Q2 [mL/s]=inlet.Q")
+    ]
+    assert " ".join(asked) in refused(tmp_path, made)
+
+
 def test_a_column_that_counts_is_no_pressure(tmp_path: Path) -> None:
     """As pandas writes its index, without a title: to leave it out is proposed."""
     columns = {"": np.arange(len(TIME)), "time [s]": TIME, "Pao": P_MMHG, "Qao": R_MM}
@@ -318,6 +403,7 @@ def test_marks_of_gaps(tmp_path: Path, mark: str, remark: str) -> None:
         ("2024-05-01 ", "2024-05-02 ", "Z", 19844 * 86400.0 + 86398.0),
         ("01.05.2024 ", "02.05.2024 ", "", 86398.0),
         ("5/1/2024 ", "5/2/2024 ", "+02:00", 86398.0),
+        ("5/1/2024 ", "5/2/2024 ", " UTC", 86398.0),
     ],
 )
 @pytest.mark.parametrize(("separator", "mark"), [(";", ","), ("\t", "."), (",", ".")])

@@ -26,6 +26,7 @@ from solver.network.description import (
     quantities,
     to_dict,
 )
+from solver.network.doubts import network_doubts
 
 AA = Segment("AA", L=0.04, R0=9.48e-3, h=3.8e-4, E=1.539e6, phi0=25451.0)
 BT = replace(AA, name="BT", phi0=0.0)
@@ -228,3 +229,14 @@ def test_plain_data_round_trip_is_exact(network: Network) -> None:
     assert from_dict(to_dict(network)) == network
     again = from_dict(json.loads(json.dumps(to_dict(network))))
     assert again == network and repr(again) == repr(network)
+
+
+def test_a_thick_wall_is_doubtful() -> None:
+    """h/R0 up to 0.2 is a thin wall; beyond, one sentence names the thickest segment, and by Lamé how much more it
+    yields: displacements at the inner radius a of p a (3/2) b²/(b² - a²)/E and, of a thin wall, p a (3/4) (a/h)/E."""
+    thin = replace(PD, h=0.2 * PD.R0)
+    assert network_doubts(fork()) == network_doubts(fork(segments=(AA, BT, thin))) == ()
+    a, b = PD.R0, 1.3 * PD.R0
+    more = (1.5 * b**2 / (b**2 - a**2)) / (0.75 * a / (b - a)) - 1.0
+    (said,) = network_doubts(fork(segments=(replace(AA, h=0.25 * AA.R0), BT, replace(PD, h=b - a))))
+    assert said.startswith("segment PD (and 1 more): h/R0 = 0.3, ") and f"would yield {more:.0%} more" in said

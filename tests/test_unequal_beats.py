@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from pulses import pulse, record
 from scipy.signal import find_peaks, lfilter
 
+from discrepancy.find.plausibility import check_record
 from fitting.inference.models.loop import mean_loop
 from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats
-from fitting.records.alignment.rounding import converter_step, rounded_harmonics, rounding
+from fitting.records.alignment.rounding import rounded_harmonics, rounding
 from fitting.records.channels.inflow_variability import Felt
 from fitting.records.channels.noise import seam_said
 from fitting.records.read.record import Record
+from fitting.records.read.sensors import converter_step
 from solver import InputError
 from solver.quantities.units import MMHG
 
@@ -153,6 +156,35 @@ def test_a_beat_of_two_upstrokes_is_one_beat(seed: int) -> None:
     P = direct + 0.8 * (late - 60.0 * MMHG) + 0.5 * MMHG * rng.standard_normal(len(time))
     mean = np.diff(begin[(begin >= 0.0) & (begin < 30.0)]).mean()
     assert align(record(time, P=P)).T == pytest.approx(mean, abs=DT)
+
+
+def fibrillating(seed: int) -> tuple[Record, float]:
+    """Flow and pressure of a heart with intervals of 0.7 s that vary by 22 %, and a stroke that grows with the interval
+    before, some next to none; and the median interval [s]."""
+    rng = np.random.default_rng(seed)
+    lengths = (0.7 * (1.0 + 0.22 * rng.standard_normal(60))).clip(0.34, 1.4)
+    begin, before = np.cumsum(lengths) - 4.0, np.concatenate([[0.7], lengths[:-1]])
+    size, time = (1.2 - 1.2 * np.exp((0.36 - before) / 0.2)).clip(0.02), np.arange(0.0, 34.0, DT)
+    P = arterial(begin, size, time) + 0.3 * MMHG * rng.standard_normal(len(time))
+    b = np.searchsorted(begin, time, side="right") - 1
+    Q = size[b] * np.sin(np.pi * ((time - begin[b]) / 0.3).clip(0.0, 1.0)) + 0.01 * rng.standard_normal(len(time))
+    return replace(record(time, P=P), channels={"AA.P": P, "inlet.Q": 4e-4 * Q}), float(np.median(lengths))
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5, 7, 8, 9])
+def test_a_fibrillating_heart(seed: int) -> None:
+    """A beat is one interval, to 20 %, not two or three, whose longer lag fits as it may come early or late by more;
+    and that is said."""
+    made, T = fibrillating(seed)
+    beats = align(replace(made, channels={"AA.P": made.channels["AA.P"]}))
+    assert beats.T == pytest.approx(T, rel=0.2) and beats.n_beats >= 5
+    assert any("the heart is irregular: beats about 0." in text for text in beats.warnings)
+
+
+@pytest.mark.parametrize("seed", [17, 20, 27])
+def test_channels_of_a_fibrillating_heart_are_of_one_clock(seed: int) -> None:
+    """Flow and pressure, whose own periods differ by more than 2 %: no more than such intervals explain."""
+    check_record(fibrillating(seed)[0])
 
 
 def test_a_seam_beyond_the_noise_is_said() -> None:

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 import typer.core
 
-from arterial_fmu.cli.terminal.console import faults, put, say, sentences
+from arterial_fmu.cli.terminal.console import faults, put, say, say_notes, sentences
 from arterial_fmu.cli.terminal.options import DefaultGroup, Json, NetworkName, Quiet
 from arterial_fmu.cli.terminal.progress import bar
 from build_fmu import build, build_model, build_native, build_native_model, build_system
@@ -21,6 +21,7 @@ from fmu_src.variables.variable import Variable
 from solver.errors import InputError
 from solver.io.writing import check_destinations
 from solver.lumped.species import SPECIES
+from solver.network.doubts import network_doubts
 from solver.network.files import find_network, read_network
 from solver.quantities.text import assignments
 from solver.scheme.model import Settings
@@ -82,6 +83,8 @@ def main(
         else:
             target = build(arteries, out, execution_tool=execution_tool, starts=starts)
     _report(target, as_json, quiet)
+    if not quiet:
+        say_notes(network_doubts(arteries), aside=as_json)
 
 
 def _is_native(native: bool, fmi: int, platforms: str) -> bool:

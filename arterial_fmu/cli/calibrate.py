@@ -19,6 +19,7 @@ from solver import NonPhysicalState, NotPeriodic
 from solver.errors import InputError
 from solver.io.writing import check_destinations, write_all
 from solver.network.description import Network
+from solver.network.doubts import network_doubts
 from solver.network.files import find_network, read_network
 
 from .terminal import record_options as options
@@ -115,6 +116,8 @@ def calibrate_command(
         if sets:
             write_all({path: set_content(own, path) for path, own in zip(sets, written, strict=True)})
 
+    notes = [*network_doubts(described), *result.report, *unjudged]
+
     def shown() -> None:
         if result.values:  # none if every parameter varies between recordings
             show(calibration_table(result))
@@ -122,7 +125,7 @@ def calibrate_command(
             show(network_indices_table(result.network, indices[0]))
         show(recordings_table(result, held_out))
 
-    conclude(as_json, quiet, lambda: set_json(written[0]), shown, [*result.report, *unjudged], sets)
+    conclude(as_json, quiet, lambda: set_json(written[0]), shown, notes, sets)
 
 
 def _sets(out: Path | None, labels: Sequence[str]) -> list[Path]:

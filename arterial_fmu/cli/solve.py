@@ -14,6 +14,7 @@ from solver.errors import InputError
 from solver.io.writing import check_destinations
 from solver.muscl.settings import MusclSettings
 from solver.network.description import Network
+from solver.network.doubts import network_doubts
 from solver.network.files import find_network, parse_quantity, read_network
 from solver.quantities.legible import number
 from solver.quantities.text import assignments, typed_quantity
@@ -75,7 +76,8 @@ def main(
         result = _run(model, scheme, settings, duration, start, tolerance, max_beats, backend, quiet)
         if out is not None:
             result.to_csv(out)
-    conclude(as_json, quiet, lambda: _plain(model, result, out), lambda: _show(model, result), result.notes, [out])
+    notes = [*network_doubts(model), *result.notes]
+    conclude(as_json, quiet, lambda: _plain(model, result, notes, out), lambda: _show(model, result), notes, [out])
 
 
 def _settings(
@@ -114,7 +116,7 @@ def _run(
         return simulate_periodic(network, tolerance=tolerance, max_beats=max_beats, start=start, **how)
 
 
-def _plain(network: Network, result: Waveforms, out: Path | None) -> dict[str, Any]:
+def _plain(network: Network, result: Waveforms, notes: list[str], out: Path | None) -> dict[str, Any]:
     """The run as plain data: the variables of its last beat, or of the whole run."""
     return {
         "network": network.name,
@@ -122,7 +124,7 @@ def _plain(network: Network, result: Waveforms, out: Path | None) -> dict[str, A
         "change": None if math.isnan(result.change) else result.change,
         "variables": ranges(result.time, result.columns, result.units),
         "backend": result.backend,
-        "notes": list(result.notes),
+        "notes": notes,
         "written": [] if out is None else [str(out)],
     }
 

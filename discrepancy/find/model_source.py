@@ -41,8 +41,9 @@ def read_model(path: str | os.PathLike[str]) -> Network:
 
 def first_of(
     record: Record | UnusableRecord, folder: Path, period: float | None, as_measured: bool
-) -> tuple[Path, str]:
-    """Write the first model of a record into the folder of the study; returns its file and a sentence about it.
+) -> tuple[Path, list[str]]:
+    """Write the first model of a record into the folder of the study; returns its file, and sentences: one about
+    it, and what ``first`` notes of the record.
 
     period : of the beat [s], estimated by default. as_measured : accept values that are implausible for an artery.
     Raises ValueError for an unusable record, one without flow and pressure at the root, and an existing file that was
@@ -61,7 +62,8 @@ def first_of(
             "remove it."
         ) from None
     write_whole(path, found.text)
-    return path, (
+    said = (
         f"no model was given: {path} was made of the record, with a human's aorta for what a recording does not tell; "
         "arterial-fmu first says how each number was found, and makes others."
     )
+    return path, [said, *found.notes]

@@ -10,6 +10,7 @@ import numpy as np
 from fitting.inference.fit import Array
 from fitting.records.alignment.period import repeats, usual_period
 from fitting.records.read.record import Record
+from fitting.records.thresholds import SURE
 from solver.errors import InputError
 
 from .study import Study, Unusable
@@ -49,10 +50,12 @@ def check_record(record: Record) -> None:
 
 
 def _repeats(record: Record, name: str, own: float, T: float) -> bool:
-    """True if a channel, whose own period is ``own`` [s], repeats after T [s]."""
+    """True if a channel, whose own period is ``own`` [s], repeats after T [s], as far as its beats tell: those of a
+    fibrillating heart do not to 2 %."""
     if abs(T / own - max(round(T / own), 1)) <= _PERIODS:
         return True
-    return abs(repeats(record.channels[name], record.dt, T) / T - 1.0) <= _PERIODS
+    near, error = repeats(record.channels[name], record.dt, T)
+    return abs(near - T) <= max(_PERIODS * T, SURE * error)
 
 
 def check_beats(study: Study) -> None:

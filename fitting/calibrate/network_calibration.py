@@ -31,7 +31,7 @@ from ..inference.gauss_newton import Rules
 from ..inference.intervals.identify import Determined, sentences
 from ..inference.joint.calibration import DERIVATIVE_ERROR, Problem, recorded, widening
 from ..inference.joint.joint_record import Several
-from ..inference.joint.model_error import CHANCE, Ended, granted, minimum
+from ..inference.joint.model_error import CHANCE, MEANS, Ended, granted, minimum
 from ..inference.models.simulator import Simulator
 from ..inference.runs import Meter, Runs
 from ..inference.unknown import Unknown, bounds, parameter_intervals, parameter_values
@@ -312,6 +312,11 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
         f"the intervals allow a model error of {rest} of each channel's pulsation in the harmonics (rms) and {means} "
         "in the means (sd)"
     )
+    if errors[0] > max(MEANS, errors[1]):
+        allowed += (
+            ", so that these hardly count, and resistances may not be those of mean pressure and mean flow: leave them "
+            f"out of --free, or free a zero (--free {worst}.zero)"
+        )
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
         f"({one.channels[worst]:.3g} times its noise); rms residual{there}: {sizes(one.rms, one.channels)}; "

@@ -35,6 +35,11 @@ def doubts(beats: Beats, root: str, R: Found, Z: Found, mass: float, sites: list
     P = float(beats.mean(root).mean())
     for site in sites:
         if f"{site}.P" not in beats.values:
+            if (alone := f"{site}.R") in beats.values and f"{site}.Q" not in beats.values:
+                yield (
+                    f"of {alone}, a radius at a site without pressure, only the delay is used; if its place is that "
+                    f'of {root}, name it so (--map "TITLE={root.removesuffix("P")}R").'
+                )
             continue
         there = float(beats.mean(f"{site}.P").mean())
         if there < _BELOW * P:
@@ -98,7 +103,7 @@ def _clocks(beats: Beats, root: str) -> Iterator[str]:
 def _flow_of_another_place(beats: Beats, root: str, Z: Found) -> Iterator[str]:
     found = speeds(beats, root, Z)
     if found and not found.agree:
-        measured = radius_at(root)
+        measured = radius_at(beats, root)
         yield (
             f"by the impedance and the mean of {measured} waves run at {found.by_flow:.3g} m/s, by the slope of {root} "
             f"against {measured} at {found.by_wall:.3g} m/s: {INFLOW} is not the flow through that place, or a unit or "

@@ -162,16 +162,18 @@ class Speeds:
         return 1.0 / _SPEEDS < self.by_flow / max(self.by_wall, np.finfo(float).tiny) < _SPEEDS
 
 
-def radius_at(root: str) -> str:
-    """The channel of the radius where the pressure at the root is measured."""
-    return root.removesuffix("P") + "R"
+def radius_at(beats: Beats, root: str) -> str:
+    """The channel of the radius where the pressure at the root is measured, by the site's name or the inlet's; "" if
+    there is none."""
+    here = root.removesuffix("P") + "R"
+    return next((name for name in (here, "inlet.R") if name in beats.values), "")
 
 
 def speeds(beats: Beats, root: str, Z: Found) -> Speeds | None:
     """Wave speeds at the root, None without a radius there."""
-    if radius_at(root) not in beats.values:
+    if not (measured := radius_at(beats, root)):
         return None
-    P, R, rho = beats.mean(root), beats.mean(radius_at(root)), Fluid().rho
+    P, R, rho = beats.mean(root), beats.mean(measured), Fluid().rho
     slope = float(np.polyfit(R, P, 1)[0])
     mean = float(R.mean())
     return Speeds(Z.value * np.pi * mean**2 / rho, float(np.sqrt(max(mean * slope / (2.0 * rho), 0.0))))

@@ -23,6 +23,7 @@ import numpy as np
 from solver.errors import InputError
 from solver.linear import waveforms
 from solver.network.description import Fluid, Network
+from solver.network.doubts import network_doubts
 from solver.network.files import loads
 from solver.quantities.units import INFLOW, MMHG
 
@@ -190,7 +191,7 @@ class _Parts:
         )
         network = loads(file, f"first model of {beats.source}")
         shown = _shown(beats, network)
-        notes = *self.notes, *filter(None, map(means_apart, shown))
+        notes = *self.notes, *filter(None, map(means_apart, shown)), *network_doubts(network)
         return self, FirstModel(network, file, self.found, shown, notes)
 
 
@@ -208,7 +209,7 @@ def _speed_and_area(
         raise InputError(
             f"--distance: {unknown[0]} is no site beside the root; the record has {', '.join(delays) or 'none'}."
         )
-    rho, measured, local = Fluid().rho, radius_at(channel), speeds(beats, channel, Z)
+    rho, measured, local = Fluid().rho, radius_at(beats, channel), speeds(beats, channel, Z)
     if distances:
         site = max(distances, key=lambda name: distances[name])
         c = distances[site] / delays[site].value

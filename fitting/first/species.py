@@ -44,7 +44,10 @@ def typical(species: str, mass: float | None = None) -> Typical:
     Source of the power: West, Brown and Enquist (1997). Raises ValueError for another species or an impossible mass.
     """
     if species not in _SPECIES:
-        raise InputError(f"--like {species}: must be one of {', '.join(NAMES)}; take the one that is nearest in size.")
+        raise InputError(
+            f"--like {species}: must be one of {', '.join(NAMES)}; take the one that is nearest in size, with the body "
+            'mass (--mass "3 kg").'
+        )
     name, own, usual = _SPECIES[species]
     mass = usual if mass is None else mass
     if not 0.1 * usual <= mass <= 10.0 * usual:

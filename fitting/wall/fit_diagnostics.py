@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
+from solver.network.doubts import THIN, more_than_thin
+
 from .elastic_law import MISFIT
 from .wall_fit import WallFit
 from .wall_model import relative_viscosity
 
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
 USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously
-THICK = 0.2  # h/R0, above which the modulus of a thin wall is more than a quarter below that of a thick one
 MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
 LOOSE, LOOSE_WITH_LAG = 0.1, 0.04  # of φ0: for a larger standard deviation the problem is nonlinear within the interval
 NEAR_THE_TURN = 0.25  # of φ0: below this viscosity of the quadratic law, second order is insufficient
@@ -39,16 +40,13 @@ def _unusual(fitted: WallFit) -> str:
 
 
 def _thick(fitted: WallFit) -> str:
-    """Of an incompressible cylinder whose inner radius is R, E = (1 + x)²/(1 + x/2) times that of a thin wall, x = h/R.
-
-    Source: Bergel, J. Physiol. 156 (1961) 445, with (ΔP/ΔR) at the inner radius.
-    """
+    """Of h/R0 beyond that of a thin wall, with (ΔP/ΔR) at the inner radius."""
     x = fitted.values["h"] / fitted.values["R0"]
-    if x <= THICK:
+    if x <= THIN:
         return ""
     return (
         f"h is {x:.2g} of R0, no thin wall: E and E_inc, which are those of the thin-wall law, are "
-        f"{1.0 - (1.0 + x / 2.0) / (1.0 + x) ** 2:.0%} below the modulus of the material."
+        f"{1.0 - 1.0 / more_than_thin(x):.0%} below the modulus of the material."
     )
 
 

@@ -12,10 +12,10 @@ from solver.errors import InputError
 from ...parallel.threads import single_threaded
 from .. import thresholds as limit
 from ..read.record import Array, Record
+from ..read.sensors import converter_step
 from .beats import Beats, require_phases
 from .equal_beats import Grid, check_steady, grid, strict_period, without_jitter
 from .period import Found, usual_period
-from .rounding import converter_step
 from .spikes import without_spikes
 from .upstrokes import find_upstrokes, without_gaps
 from .variable_beats import Whole, unequal

@@ -16,7 +16,7 @@ import numpy as np
 from solver.errors import InputError
 
 from .. import thresholds as limit
-from .upstrokes import usual_range, vertex, without_gaps
+from .upstrokes import find_upstrokes, usual_range, vertex, without_gaps
 
 Array = np.ndarray
 
@@ -92,20 +92,29 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
             f"record at least two whole beats of {limit.FEWEST_SAMPLES} samples or more each."
         )
     found = _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
+    for each in tried:
+        if _irregular(x[votes], each.lag, found.T / step):
+            said = (
+                f"the heart is irregular: beats about {each.lag * step:.3g} s apart come at intervals that do not "
+                f"repeat, as in atrial fibrillation; if one beat lasts {found.T:.3g} s, give that period."
+            )
+            return Found(each.lag * step, found.T, (said,))
     passed = list(zip([each.lag for each in tried], scores, strict=True))
     return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
 
 
-def repeats(values: Array, dt: float, T: float) -> float:
-    """The time near T [s] after which stretches of T of one channel usually go on; NaN if they do not go on alike.
+def repeats(values: Array, dt: float, T: float) -> tuple[float, float]:
+    """The time near T [s] after which stretches of T of one channel usually go on, NaN if they do not go on alike, and
+    its standard error: of a median of stretches, which overlap by half, so that half count.
 
     A channel may go on alike after less, too: a pulse that rings has several upstrokes a beat.
     """
     _, x, step = _screened({"": values}, dt)
     if not len(x) or 2.0 * T > x.shape[1] * step * 1.02:
-        return np.nan
+        return np.nan, np.nan
     (later,) = _later(x, T / step, (T / step,))
-    return later.lag * step if later.alike[0] >= limit.HALF else np.nan
+    error = float(np.std(later.shift)) * np.sqrt(0.5 * np.pi / max(0.5 * len(later.shift), 1.0))
+    return later.lag * step if later.alike[0] >= limit.HALF else np.nan, error * step
 
 
 def _whole(x: Array, lag: float, candidates: Array) -> bool:
@@ -182,6 +191,25 @@ def _passed_over(
         )
         return replace(found, said=(said,))
     return found
+
+
+def _irregular(x: Array, lag: float, T: float) -> bool:
+    """Whether upstrokes about a lag [samples] apart are beats of a fibrillating heart, not the parts of one beat of T.
+
+    Then no beat of T comes at equal intervals, and after as many upstrokes the intervals do not come again. The longer
+    lag fits better all the same, as its stretches may come early or late by more.
+    """
+    count, channels = round(T / lag), {str(i): each for i, each in enumerate(x)}
+    if count < 2:
+        return False
+    found, together = (find_upstrokes(channels, length) for length in (lag, T))
+    if found is None or together is None or len(found.at) <= count + limit.FEWEST_BEATS:
+        return False
+    intervals, apart = np.diff(found.at), np.diff(together.at)
+    again = float(np.median(np.abs(intervals[count:] - intervals[:-count])))
+    equal = float(np.median(np.abs(apart - np.median(apart))))
+    alike = float(np.median(found.likeness)) >= limit.GOES_ON
+    return alike and again > limit.ELASTIC * lag and equal > 0.5 * limit.ELASTIC * T
 
 
 def _change(one: _Later, beats: int) -> float:

@@ -1,4 +1,4 @@
-"""The steps of a converter, and what rounding leaves in a mean beat."""
+"""What rounding to the steps of a converter leaves in a mean beat."""
 
 from __future__ import annotations
 
@@ -11,26 +11,6 @@ Array = np.ndarray
 _WAVES = np.arange(1, 21)  # of the sawtooth: 97 % of its variance
 _SIGMA = np.linspace(0.0, 1.0, 201)  # noise before rounding, in steps
 _LEFT = (np.exp(-4.0 * np.pi**2 * np.outer(_SIGMA**2, _WAVES**2)) / _WAVES**2).sum(axis=1) / (2.0 * np.pi**2)
-
-
-def converter_step(values: Array) -> float:
-    """The step between neighbouring values of a digitised channel, 0 of one that is not.
-
-    Differences of neighbouring samples are whole multiples of the smallest of them.
-    """
-    steps = np.abs(np.diff(values))
-    steps = steps[steps > 0.0]
-    if len(steps) < limit.STEP_FEWEST:
-        return 0.0
-    span = float(np.nanmax(values) - np.nanmin(values))
-    step = float(np.quantile(steps, limit.STEP_SHARE))
-    if not step > limit.STEP_FINEST * span:
-        return 0.0
-    near = steps[(steps > 0.5 * step) & (steps < limit.STEP_NEAR * step)]
-    if len(near) < limit.STEP_FEWEST:
-        return 0.0
-    step = float(np.median(near / np.rint(near / step)))
-    return step if np.quantile(np.abs(near / step - np.rint(near / step)), 0.9) < limit.STEP_WHOLE else 0.0
 
 
 def rounding(beats: Array, step: float) -> float:

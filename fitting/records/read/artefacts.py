@@ -11,7 +11,7 @@ import numpy as np
 from solver.quantities.units import of_signal
 
 from .. import thresholds as limit
-from .sensors import KINDS, UnusableRecord
+from .sensors import KINDS, UnusableRecord, converter_step
 from .table import Place
 
 Array = np.ndarray
@@ -48,9 +48,8 @@ def without_still(values: Array, name: str, dt: float, place: Place) -> tuple[Ar
     x = values if there.all() else np.interp(np.arange(len(values)), np.flatnonzero(there), values[there])
     ranges = _range(x, wide)
     usual = float(np.median(ranges[ranges > 0.0])) if ranges.any() else 0.0
-    still = [
-        (a, b) for a, b in _stretches(_range(x, long) < limit.QUIET * usual, long, len(x)) if there[a:b].mean() > 0.5
-    ]
+    quiet = max(limit.QUIET * usual, limit.STEPS * converter_step(values))  # rounded noise varies by two steps
+    still = [(a, b) for a, b in _stretches(_range(x, long) < quiet, long, len(x)) if there[a:b].mean() > 0.5]
     beats = np.ones(len(x), bool)
     for start, stop in still:
         beats[start:stop] = False

@@ -18,7 +18,7 @@ _DATE = (
     rf"(?:{_ISO}|\d{{4}}/\d{{1,2}}/\d{{1,2}}|\d{{1,2}}[./-]\d{{1,2}}[./-]\d{{2}}(?:\d{{2}})?"
     r"|\d{1,2}[- ][A-Za-z]{3}[- ]\d{4})"
 )
-_ZONE = r"(?:Z|[+-]\d\d:?\d\d)?"  # left aside: it is the same throughout a record
+_ZONE = r"(?: ?(?:UTC|GMT)|Z|[+-]\d\d:?\d\d)?"  # left aside: it is the same throughout a record
 _HALF = r"(?: ?([AaPp])\.?[Mm]\b\.?)?"  # of the day
 
 

@@ -17,11 +17,17 @@ from solver.quantities.units import INFLOW
 
 from .sensors import KINDS, TIME, Kind
 from .table import Column, Place, Table, refuse
-from .titles import factor, is_time, is_unit, name_and_unit
+from .titles import advice as advised
+from .titles import between_samples, counts, factor, is_time, is_velocity, name_and_unit, of_velocity, proposed
 
 _EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]", "FA.P [mmHg]")
 _START = "start"
-_ROW = "row"  # the number of a sample as its time, in a file without times
+ROW = "row"  # the number of a sample as its time, in a file without times
+NO_TIME = (
+    'no column is a time, and every sample needs one; add a column "time [s]", say which it is, '
+    f'--map "TITLE=time [s]", or give the time between samples or their rate: --map "{ROW}=time [1 ms]", '
+    f'--map "{ROW}=time [250 Hz]".'
+)
 CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
 
 
@@ -110,11 +116,11 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     Raises ValueError, one sentence with the column and the option that helps.
     """
     place, columns = table.place, list(table.columns)
-    if _ROW in reading.names and not _columns(columns, _ROW):
-        columns.append(Column(_ROW, np.arange(float(len(columns[0].values)))))
+    if ROW in reading.names and not _columns(columns, ROW):
+        columns.append(Column(ROW, np.arange(float(len(columns[0].values)))))
     if not (table.titled or reading.names):
         row = ", ".join(f"{column.values[0]:g}" for column in columns)
-        asked = which_is_which(len(columns), _may_be_time(columns[0]))
+        asked = which_is_which(len(columns), may_be_time(columns[0]))
         raise InputError(f"{place}: it has no header, and its first row is {row}; {asked}")
     targets = _targets(columns, reading, place)
     wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
@@ -148,7 +154,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
 def which_is_which(n: int, timed: bool = True) -> str:
     """What to say of n columns without titles: options to copy, an example. timed : whether the first may be a time."""
     maps = [f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[not timed :][:n], start=1)]
-    maps += [] if timed else [f'--map "{_ROW}=time [1 ms]"']
+    maps += [] if timed else [f'--map "{ROW}=time [1 ms]"']
     return f"say which column is which, such as {' '.join(maps)}."
 
 
@@ -160,15 +166,15 @@ def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
     targets = _targets(table.columns, reading, table.place, False)
     wanted = [(column, target) for column, target in zip(table.columns, targets, strict=True) if target is not None]
     unknown = [column for column, target in wanted if _unknown(column, target)]
-    proposed = dict(zip(map(id, unknown), _proposed(unknown), strict=True)) if len(unknown) > 1 else {}
+    asked = dict(zip(map(id, unknown), proposed(unknown), strict=True)) if len(unknown) > 1 else {}
     for column, target in zip(table.columns, targets, strict=True):
         try:
             if target is None:
                 found.append((True, "left out"))
             elif not table.titled and not reading.names:
                 found.append((False, "a column without a title"))
-            elif proposed.get(id(column)):
-                found.append((False, f'say what it is, such as --map "{column.title}={proposed[id(column)]}"'))
+            elif asked.get(id(column)):
+                found.append((False, f'say what it is, such as --map "{column.title}={asked[id(column)]}"'))
             else:
                 each = _chosen(column, target, titles, table.place)
                 found.append((True, "time" if each.name == "time" else f"{each.name}, a {each.kind.noun}"))
@@ -247,7 +253,7 @@ def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], plac
         short = title if title else "column"
         if name != name_and_unit(title)[0]:
             refuse(place, None, title, f"{name!r} is no variable of a network; allowed are {CHANNELS}, such as AA.P")
-        refuse(place, None, title, f"no such channel; allowed are {CHANNELS}: {_advice(name, unit, short)}")
+        refuse(place, None, title, f"no such channel; allowed are {CHANNELS}: {advised(name, unit, short)}")
     _check_cells(column, place)
     if column.problem:
         refuse(place, None, title, f'{column.problem}; leave it out: --map "{title}=", or export it alike')
@@ -265,36 +271,15 @@ def _check_names(unknown: Sequence[Column], place: Place) -> None:
     """Raise InputError with the options for all of them, if several columns have titles that are no variables."""
     if len(unknown) < 2:
         return
-    maps = [f'--map "{c.title}={target}"' for c, target in zip(unknown, _proposed(unknown), strict=True)]
+    maps = [f'--map "{c.title}={target}"' for c, target in zip(unknown, proposed(unknown), strict=True)]
     titles = ", ".join(repr(column.title) for column in unknown)
+    speeds = [(c.title, unit) for c in unknown if is_velocity(unit := name_and_unit(c.title)[1] or c.unit)]
+    speed = f"; {of_velocity(speeds[0][0], INFLOW, speeds[0][1])}" if speeds else ""
     raise InputError(
         f"{place}: {titles} are no channels; allowed are {CHANNELS}, with any name of a site, and inlet.Q, the flow "
-        f"into the arteries; say which is which, such as {' '.join(maps)} (nothing behind = leaves a column out)."
+        f"into the arteries; say which is which, such as {' '.join(maps)} (nothing behind = leaves a column out)"
+        f"{speed}."
     )
-
-
-def _proposed(unknown: Sequence[Column]) -> list[str]:
-    """A variable for each column, by unit and title; "" for what is none. Each pressure has a site of its own."""
-    targets, flows, pressures = [], 0, 0
-    for column in unknown:
-        name, unit = name_and_unit(column.title)
-        unit = unit or column.unit
-        letter = "" if _counts(column) else _letter(name, unit)
-        flows, pressures = flows + (letter == "Q"), pressures + (letter == "P")
-        site = "Ao" if pressures < 2 else f"site{pressures}"
-        target = INFLOW if letter == "Q" and flows == 1 else f"{site}.{letter}" if letter else ""
-        targets.append(target if is_unit(unit) or not letter else f"{target} [{KINDS[letter].example}]")
-    return targets
-
-
-def _letter(name: str, unit: str) -> str:
-    """The kind that unit and title of a column suggest; "" of none."""
-    units = [letter for letter, kind in KINDS.items() if unit and factor(unit, kind) is not None]
-    words = [letter for letter, spelled in _WORDS.items() if spelled.search(name)]
-    volts = unit.strip() in ("V", "mV")  # the range of a converter, as LabChart prints it
-    if (unit and not units and not volts) or _OTHER.search(name):
-        return ""
-    return next((each for each in words if not units or each in units), units[0] if units else "" if volts else "P")
 
 
 def _check_cells(column: Column, place: Place) -> None:
@@ -303,46 +288,11 @@ def _check_cells(column: Column, place: Place) -> None:
         refuse(place, column.fault.sample, column.title, column.fault.why)
 
 
-def _advice(name: str, unit: str, title: str) -> str:
-    """What to say of a column whose name is no variable: an option that fits its unit, or else the words of its title.
-
-    A unit that none of them has, and a title such as ECG, is that of something else.
-    """
-    letter, drop = _letter(name, unit), f'leave it out with --map "{title}="'
-    if not letter:
-        foreign = unit and not is_unit(unit)
-        return f"{unit} is a unit of none of them; {drop}" if foreign else f"if it is none of them, {drop}"
-    words = any(spelled.search(name) for spelled in _WORDS.values())
-    target = INFLOW if letter == "Q" else f"AA.{letter}"
-    target = target if is_unit(unit) else f"{target} [{KINDS[letter].example}]"
-    noun = KINDS[letter].noun
-    which = "say which it is with" if words else f"if it is a {noun}, say so with"
-    return f'rename it, {which} --map "{title}={target}", or {drop}'
-
-
-_WORDS = {
-    letter: re.compile(rf"(?<![a-z])({spelled})", re.IGNORECASE)
-    for letter, spelled in (
-        ("D", "diam|durchmesser|d(?![a-z])"),
-        ("R", "radi|r(?![a-z])"),
-        ("Q", "flow|fluss|débit|debit|q(?![a-z])|(?-i:[A-Z][a-z]+F(?![a-zA-Z]))"),
-        ("P", "press|druck|abp|cath|p(?![a-z])|(?-i:[A-Z][a-z]+P(?![a-zA-Z]))"),
-    )
-}
-# no signal of a systemic artery: other signals, numbers that are derived of one, other places, and foreign units
-_OTHER = re.compile(
-    r"(?<![a-z])(ecg|ekg|eeg|emg|resp|temp|trigger|marker|spo2|etco2|index|sample|d[pqv]/?dt|output|stroke|mean|"
-    r"lvp|lvedp|rvp|cvp|pap|pcwp|icp|iap|paw|ventric|venous|vein|vena|cava|airway|wedge|pulmon|"
-    r"(lv|rv|hr|sv|co|map|sbp|dbp)(?![a-z]))|[\[(]([mµu]?v|bpm|%|°c|hz|[^()]*/s)[\])]$",
-    re.IGNORECASE,
-)
-
-
 def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str], place: Place) -> float:
     """The factor from ``unit``, of a time also "2 ms", to the kind's SI unit."""
-    if kind is TIME and unit[:1].isdigit():
+    if unit[:1].isdigit():
         try:
-            return parse_quantity(unit, kind.unit, title)
+            return between_samples(unit, title) if kind is TIME else parse_quantity(unit, kind.unit, title)
         except InputError as error:
             raise InputError(f"{place}: {error}") from None
     found = factor(unit, kind)
@@ -355,6 +305,8 @@ def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str],
     fits = next((each for each in (*KINDS.values(), TIME) if factor(unit, each) is not None), None)
     what = f"the unit {unit} is that of a {fits.noun}" if fits else f"the unit {unit} is not known or of another kind"
     advice = f"write a unit of {kind.noun}, such as [{kind.example}]"
+    if kind is KINDS["Q"] and is_velocity(unit):
+        what, advice = f"the unit {unit} is that of a velocity", of_velocity(title, name, unit)
     if fits and _swapped(name, titles, kind):
         advice = "P and R of the site seem swapped, so exchange the two names or their units"
     refuse(place, None, title, f"{what} and does not fit a {kind.noun}; {advice}")
@@ -362,26 +314,18 @@ def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str],
 
 def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
     """Which column is the time: one that may be it, or none."""
-    likely = next((column for column in columns if _may_be_time(column)), None)
+    likely = next((column for column in columns if may_be_time(column)), None)
     if likely is None:
-        raise InputError(
-            f'{place}: no column is a time, and every sample needs one; add a column "time [s]", say which it is, '
-            f'--map "TITLE=time [s]", or give the time between samples: --map "{_ROW}=time [1 ms]".'
-        )
+        raise InputError(f"{place}: {NO_TIME}")
     title, unit = likely.title, name_and_unit(likely.title)[1] or likely.unit
-    if not unit and _counts(likely):
+    if not unit and counts(likely):
         why = "no column is named time; if this one counts the samples, give the time between them"
         refuse(place, None, title, f'{why}: --map "{title}=time [1 ms]"')
     asked = "time" if unit else "time [s]"
     refuse(place, None, title, f'no column is named time; if it is this one, say so: --map "{title}={asked}"')
 
 
-def _counts(column: Column) -> bool:
-    """Whether a column counts the rows."""
-    return len(column.values) > 1 and bool((np.diff(column.values) == 1.0).all())
-
-
-def _may_be_time(column: Column) -> bool:
+def may_be_time(column: Column) -> bool:
     """Whether a column rises throughout, and neither its name nor its unit is that of something else."""
     name, unit = name_and_unit(column.title)
     unit = unit or column.unit

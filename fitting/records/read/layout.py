@@ -10,6 +10,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from solver.errors import InputError
 
@@ -21,7 +22,7 @@ _LOOKED_AT = 2000  # lines
 _SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas"}
 SPACE = " "  # any number of blanks, where there is nothing else between the fields
 _MARKS = {"comma": ",", "point": "."}
-_NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?|nan|[+-]?inf|", re.IGNORECASE)
+_NUMBER = re.compile(r"(?!.*\.\d*,[+-]?\d*\.)[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?|nan|[+-]?inf|", re.IGNORECASE)
 # a word with what stands in brackets behind it, as titles are, or the latter alone
 _WORD = re.compile(r"[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?|\[[^\]]*\]|\([^)]*\)")
 _CLOCK = re.compile(r"hh?:mm:ss\S*.*", re.IGNORECASE)  # how a clock is written, below its title
@@ -61,10 +62,15 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
     lines = lines[:_LOOKED_AT]
     separator, start = _separator(lines, source)
     width = len(_fields(lines[start], separator)) if start < len(lines) else None
-    rows = [_fields(line, separator, width) for line in lines]
+    above = [_separator_above(line, separator, width) for line in lines[:start]]
+    rows = [_fields(line, each, width) for line, each in zip_longest(lines, above, fillvalue=separator)]
     header = _header(rows, start, lines)
     untitled = [str(i + 1) for i in range(width or 0)]
-    titles = untitled if header < 0 else _titles(lines[header], separator, source, header, width)
+    titles = (
+        untitled
+        if header < 0
+        else _titles(lines[header], [*above, separator][min(header, start)], source, header, width)
+    )
     if chart := labchart(rows[:start], rows[start] if start < len(rows) else ()):
         header = next(i for i, row in enumerate(rows) if row and row[0].strip() == "ChannelTitle=")
         titles, units = chart
@@ -77,6 +83,8 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
             all(_beside(row, line) for row, line in zip(rows[header + 1 : start], lines[header + 1 :], strict=False))
         ):
             start = header + 1  # what is there is said cell by cell
+    if not any(map(str.strip, further := rows[start][len(titles) :] if start < len(rows) else [])):
+        titles = [*titles, *further]  # of a separator at the end of each line of numbers
     units += [""] * (len(titles) - len(units))
     mark = _MARKS[decimal] if decimal else _mark(rows[start:], separator, source, start + 1)
     clocks = [is_clock(cell) for cell in rows[start][: len(titles)]] if start < len(rows) else []
@@ -100,6 +108,13 @@ def _fields(line: str, separator: str, width: int | None = None, strict: bool = 
         return []
 
 
+def _separator_above(line: str, separator: str, width: int | None) -> str:
+    """What separates the fields of a line above the numbers: that of the numbers, or another that makes as many."""
+    if len(_fields(line, separator, width)) > 1:
+        return separator
+    return next((each for each in _SEPARATORS if len(_fields(line, each)) == width != 1), separator)
+
+
 def _separator(lines: Sequence[str], source: str) -> tuple[str, int]:
     """What separates the fields, and the first line of numbers, from 0: the end of the lines if there is none."""
     found = []
@@ -113,6 +128,11 @@ def _separator(lines: Sequence[str], source: str) -> tuple[str, int]:
     at = next((i for i, line in enumerate(lines) if _is_sample(line, SPACE)), None)
     if at is not None:
         return SPACE, at
+    for i, line in enumerate(lines):
+        marks = [each for each in _SEPARATORS if each in line]
+        if len(marks) > 1 and _is_sample(line.translate(dict.fromkeys(map(ord, marks), ";")), ";"):
+            names = " and ".join(_SEPARATORS[each] for each in marks)
+            raise InputError(f"{source}: line {i + 1}: {names} separate its fields; export the table with one of them.")
     header = next((line for line in lines if line.strip() and not line.startswith(COMMENT)), "")
     if not header:
         raise InputError(f"{source}: the file is empty; export the recording again.")

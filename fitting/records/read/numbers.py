@@ -18,7 +18,8 @@ from solver.errors import InputError
 from .table import Array, Fault, Place
 
 COMMENT = ("#", "%", "//")
-MISSING = ("NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "-", "--", "---", "...", "*", "**", "***")  # for a gap
+_EMPTY = ("NA", "N/A", "n/a", "#N/A", "null", "NULL", "None")  # for a gap
+MISSING = (*_EMPTY, "-", "--", "---", "...", "*", "**", "***", "-?-", "-.-", "?", "???")
 _NUMBER = re.compile(
     r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?)|nan|", re.IGNORECASE | re.ASCII
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .columns import Reading, explained, which_is_which
+from .columns import NO_TIME, ROW, Reading, explained, may_be_time, which_is_which
 from .kinds import read_table
 from .titles import name_and_unit
 
@@ -36,11 +36,14 @@ def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
             }
         )
     samples = max((len(column.values) for column in table.columns), default=0)
+    titled = table.titled or bool(reading.names)
+    timed = ROW in reading.names or any(each["read_as"] == "time" for each in columns)
     return {
         "file": str(path),
         "format": table.found,
         "samples": samples,
-        "titled": table.titled or bool(reading.names),
+        "titled": titled,
+        "timed": timed if titled else may_be_time(table.columns[0]),
         "columns": columns,
     }
 
@@ -49,5 +52,6 @@ def preview_questions(found: dict[str, Any]) -> list[str]:
     """What is to be said of a column before it can be read, a line each: options to copy, which no table cuts."""
     open_ones = [each for each in found["columns"] if not each["understood"]]
     if open_ones and not found["titled"]:
-        return [f"The file has no header; {which_is_which(len(found['columns']))}"]
-    return [f"{each['title']!r}: {each['read_as']}" for each in open_ones]
+        return [f"The file has no header; {which_is_which(len(found['columns']), found['timed'])}"]
+    asked = [f"{each['title']!r}: {each['read_as']}" for each in open_ones]
+    return asked if found["timed"] else [*asked, f"{NO_TIME[0].upper()}{NO_TIME[1:]}"]

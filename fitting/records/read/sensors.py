@@ -162,3 +162,23 @@ def _swapped(P: Array | None, R: Array | None) -> bool:
         return True
     livelier = wide - narrow > middle * (large - small) / max(abs(small), abs(large))
     return bool(middle > limit.WIDE and 0.0 < small and large < 3e3 and livelier)
+
+
+def converter_step(values: Array) -> float:
+    """The step between neighbouring values of a digitised channel, 0 of one that is not.
+
+    Differences of neighbouring samples are whole multiples of the smallest of them.
+    """
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > 0.0]
+    if len(steps) < limit.STEP_FEWEST:
+        return 0.0
+    span = float(np.nanmax(values) - np.nanmin(values))
+    step = float(np.quantile(steps, limit.STEP_SHARE))
+    if not step > limit.STEP_FINEST * span:
+        return 0.0
+    near = steps[(steps > 0.5 * step) & (steps < limit.STEP_NEAR * step)]
+    if len(near) < limit.STEP_FEWEST:
+        return 0.0
+    step = float(np.median(near / np.rint(near / step)))
+    return step if np.quantile(np.abs(near / step - np.rint(near / step)), 0.9) < limit.STEP_WHOLE else 0.0

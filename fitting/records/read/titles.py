@@ -1,16 +1,21 @@
-"""The titles of columns: name and unit in the spellings that laboratories use."""
+"""The titles of columns: name and unit in the spellings of laboratories, and what one that is no variable may be."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
+from itertools import count
+
+import numpy as np
 
 from solver.errors import InputError
 from solver.network.files import parse_quantity
-from solver.quantities.units import base_units
+from solver.quantities.units import INFLOW, base_units
 
 from .sensors import KINDS, TIME, Kind
+from .table import Column
 
 _TIMES = {"t", "time", "zeit", "temps", "tiempo", "tempo", "tijd", "tid", "elapsed time", "relative time"}
 _TIMES |= {"timestamp", "timestamps", "time stamp", "time and date"}
@@ -20,6 +25,9 @@ _PLAIN = {
     **dict.fromkeys(("minute", "minutes", "minuten", "mins"), "min"),
     **dict.fromkeys(("mmhg", "mm hg", "torr"), "mmHg"),
     **dict.fromkeys(("cmh2o", "cm h2o"), "cmH2O"),
+    **dict.fromkeys(("dyn/cm2", "dyne/cm2", "dynes/cm2"), "dyn/cm^2"),
+    **{"n/m2": "N/m^2", "kpa": "kPa", "psi": "psi", "cmh20": "cmH2O", "lpm": "L/min"},  # cmH2O, with a zero
+    **{f"{a}l{x}{b}-1": f"{a}L/{b}" for a in ("m", "") for b in ("s", "min") for x in (".", "·", "*", " ")},
     **{f"{a}3/{b}": f"{a}^3/{b}" for a in ("m", "cm", "mm") for b in ("s", "min")},
     **{f"{a}l/{b}": f"{a}L/{c}" for a in ("m", "") for b, c in (("sec", "s"), ("min", "min"), ("s", "s"))},
 }
@@ -60,6 +68,17 @@ def is_unit(text: str) -> bool:
     return any(factor(text, kind) is not None for kind in (TIME, *KINDS.values()))
 
 
+def between_samples(text: str, name: str) -> float:
+    """The time between samples [s] of "2 ms", or of their rate, "250 Hz". Raises InputError for a rate of 0."""
+    rate = re.fullmatch(r"(.*?)\s*(k?)hz", text, re.IGNORECASE)
+    if rate is None:
+        return parse_quantity(text, TIME.unit, name)
+    found = parse_quantity(f"{rate[1]} {rate[2].lower()}Hz", "Hz", name)
+    if not found > 0.0:
+        raise InputError(f'{name} = "{text}": must be a positive rate, such as "250 Hz".')
+    return 1.0 / found
+
+
 @lru_cache(maxsize=256)
 def factor(unit: str, kind: Kind) -> float | None:
     """The factor from a unit to the kind's SI unit, None if it is none of the kind."""
@@ -75,3 +94,89 @@ def factor(unit: str, kind: Kind) -> float | None:
     except InputError:
         return None
     return found if found > 0.0 else None
+
+
+# --- what a column may be whose title is no variable --------------------------------------------------------------
+
+
+def proposed(unknown: Sequence[Column]) -> list[str]:
+    """A variable for each column, by unit and title; "" for what is none. Each of a kind has a site of its own."""
+    targets, taken, pressures = list[str](), set[str](), 0
+    for column in unknown:
+        name, unit = name_and_unit(column.title)
+        unit = unit or column.unit
+        letter = "" if counts(column) else _letter(name, unit)
+        pressures += letter == "P"
+        sites = ("Ao" if i < 2 else f"site{i}" for i in count(max(pressures, 1)))
+        free = next(site for site in sites if f"{site}.{letter.replace('D', 'R')}" not in taken)
+        target = f"{free}.{letter}" if letter else ""
+        target = INFLOW if letter == "Q" and INFLOW not in taken else target
+        taken.add(target.replace(".D", ".R"))
+        targets.append(target if is_unit(unit) or not letter else f"{target} [{KINDS[letter].example}]")
+    return targets
+
+
+def _letter(name: str, unit: str) -> str:
+    """The kind that unit and title of a column suggest; "" of none."""
+    units = [letter for letter, kind in KINDS.items() if unit and factor(unit, kind) is not None]
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)  # AoDiam
+    words = [letter for letter, spelled in _WORDS.items() if spelled.search(name) or spelled.search(apart)]
+    volts = unit.strip() in ("V", "mV")  # the range of a converter, as LabChart prints it
+    if (unit and not units and not volts) or _OTHER.search(name):
+        return ""
+    return next((each for each in words if not units or each in units), units[0] if units else "" if volts else "P")
+
+
+def advice(name: str, unit: str, title: str) -> str:
+    """What to say of a column whose name is no variable: an option that fits its unit, or else the words of its title.
+
+    A unit that none of them has, and a title such as ECG, is that of something else.
+    """
+    letter, drop = _letter(name, unit), f'leave it out with --map "{title}="'
+    if is_velocity(unit):
+        return f"{of_velocity(title, INFLOW, unit)}, or {drop}"
+    if not letter:
+        foreign = unit and not is_unit(unit)
+        return f"{unit} is a unit of none of them; {drop}" if foreign else f"if it is none of them, {drop}"
+    words = any(spelled.search(name) for spelled in _WORDS.values())
+    target = INFLOW if letter == "Q" else f"AA.{letter}"
+    target = target if is_unit(unit) else f"{target} [{KINDS[letter].example}]"
+    noun = KINDS[letter].noun
+    which = "say which it is with" if words else f"if it is a {noun}, say so with"
+    return f'rename it, {which} --map "{title}={target}", or {drop}'
+
+
+def is_velocity(unit: str) -> bool:
+    """Whether a unit is that of a velocity, as of an ultrasound probe."""
+    try:
+        return "/" in unit and base_units(unit) == base_units("m/s")
+    except InputError:
+        return False
+
+
+def of_velocity(title: str, name: str, unit: str) -> str:
+    """What to say of a column of velocities."""
+    return f'a velocity becomes a flow by the area of its vessel, here 4 cm^2: --map "{title}={name} [4 cm^2*{unit}]"'
+
+
+def counts(column: Column) -> bool:
+    """Whether a column counts the rows."""
+    return len(column.values) > 1 and bool((np.diff(column.values) == 1.0).all())
+
+
+_WORDS = {
+    letter: re.compile(rf"(?<![a-z])({spelled})", re.IGNORECASE)
+    for letter, spelled in (
+        ("D", "diam|durchmesser|d(?![a-z])"),
+        ("R", "radi|r(?![a-z])"),
+        ("Q", "flow|fluss|débit|debit|q(?![a-z])|(?-i:[A-Z][a-z]+F(?![a-zA-Z]))"),
+        ("P", "press|druck|abp|cath|p(?![a-z])|(?-i:[A-Z][a-z]+P(?![a-zA-Z]))"),
+    )
+}
+# no signal of a systemic artery: other signals, numbers that are derived of one, other places, and foreign units
+_OTHER = re.compile(
+    r"(?<![a-z])(ecg|ekg|eeg|emg|resp|temp|trigger|marker|spo2|etco2|index|sample|d[pqv]/?dt|output|stroke|mean|"
+    r"lvp|lvedp|rvp|cvp|pap|pcwp|icp|iap|paw|ventric|venous|vein|vena|cava|airway|wedge|pulmon|"
+    r"(lv|rv|hr|sv|co|map|sbp|dbp)(?![a-z]))|[\[(]([mµu]?v|bpm|%|°c|hz|[^()]*/s)[\])]$",
+    re.IGNORECASE,
+)
