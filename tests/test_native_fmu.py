@@ -89,6 +89,19 @@ def test_periodic_start(both: tuple[Instance, Instance]) -> None:
     assert "CA.E is another one; build it anew with --set" in both[1].messages.pop()
 
 
+def test_a_wall_that_closes_at_its_outlet(both: tuple[Instance, Instance]) -> None:
+    """P_venous above what the beta law carries, at the last outlet: the sentence names its segment."""
+    _, native = both
+    name = f"{load('sheep').outlets[-1].segment}.outlet.P_venous"
+    native.slave.reset()
+    with pytest.raises(FMICallException):
+        native.initialize({name: 1e6})
+    assert native.messages.pop() == (
+        f"sheep: {name}: the wall at the outlet cannot carry P_0 - P_venous under the beta law; bring {name} nearer to "
+        "network.P_0."
+    )
+
+
 def test_another_mesh_is_refused(native: Path, tmp_path: Path) -> None:
     """The sentence names the parameter, its value and how far it may go, where it is then accepted; one of several,
     too, and also where all other values were run with before."""
@@ -116,19 +129,6 @@ def test_another_mesh_is_refused(native: Path, tmp_path: Path) -> None:
             instance.slave.reset()
             instance.initialize({**given, "MD.L": 0.1, name: end * (1.0 - 1e-3 * outward)})
             assert f"{name} = " in refusal({**given, "MD.L": 0.1, name: end * (1.0 + 1e-2 * outward)})
-
-
-def test_a_wall_that_closes_at_its_outlet(both: tuple[Instance, Instance]) -> None:
-    """P_venous above what the beta law carries, at the last outlet: the sentence names its segment."""
-    _, native = both
-    name = f"{load('sheep').outlets[-1].segment}.outlet.P_venous"
-    native.slave.reset()
-    with pytest.raises(FMICallException):
-        native.initialize({name: 1e6})
-    assert native.messages.pop() == (
-        f"sheep: {name}: the wall at the outlet cannot carry P_0 - P_venous under the beta law; bring {name} nearer to "
-        "network.P_0."
-    )
 
 
 def test_halved_steps(stored: Store, tmp_path: Path) -> None:

@@ -84,8 +84,8 @@ def decided(
     """The verdict on all that were compared. beside : returns a hypothesis with model discrepancy. approximate :
     hypotheses with a model error of the channels (:mod:`discrepancy.name.approximate`)."""
     made = _decided(found, tuple(terms), beside, approximate)
-    # an effect in a network that is approximate by construction may stand for what that lacks, as a partial one may, and
-    # what that lacks may hide an effect
+    # an effect in a network that is approximate by construction may stand for what that lacks, as a partial one may,
+    # and what that lacks may hide an effect
     loose = made.verdict == "partial" or made.accuracy > 0.0
     concluded = made.members or (made.verdict == "none" and loose)
     surest = at.SUREST["partial" if loose else found.problem.kind] if concluded else 1.0
