@@ -312,11 +312,8 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
         f"the intervals allow a model error of {rest} of each channel's pulsation in the harmonics (rms) and {means} "
         "in the means (sd)"
     )
-    if errors[0] > max(MEANS, errors[1]):
-        allowed += (
-            ", so that these hardly count, and resistances may not be those of mean pressure and mean flow: leave them "
-            f"out of --free, or free a zero (--free {worst}.zero)"
-        )
+    if errors[0] >= MEANS > errors[1]:
+        allowed += f", at most; if a zero or a height is off by more, free it (--free {worst}.zero)"
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
         f"({one.channels[worst]:.3g} times its noise); rms residual{there}: {sizes(one.rms, one.channels)}; "

@@ -31,9 +31,9 @@ from .joint_record import Several
 Networks = NetworkProblem | Several
 Problem = TypeVar("Problem", bound=NetworkProblem | Several)
 
-# Of the pulsation (rms): largest error of the means of several recordings, 1 or 2 mmHg of a pressure. A zero that is
-# off by more is common to the recordings and can be freed. Without a limit the few means are given up for the
-# harmonics, and with them all that only other flows show
+# Of the pulsation (rms): largest error of the means, 1 or 2 mmHg of a pressure. A zero that is off by more can be
+# freed. Without a limit the few means are given up for the harmonics, and with them the mean resistance, and all that
+# only other flows show
 MEANS = 0.1
 CHANCE = 4.0  # standard deviations of χ² above which more than noise remains
 # Predicted gain of a search that ended without a better step, which moves no value by more than a third of its standard
@@ -122,8 +122,7 @@ def model_errors(whole: Several, fit: Fit) -> Array:
     lone = len(parts) == 1 and len(parts[0].signals) == 1  # one mean gives no error of means
     each = zip(parts, whole.rows, strict=True)
     means, rest = estimated(linear, [block for part, rows in each for block in _blocks(part, rows.start, int(lone))], 2)
-    if len(parts) > 1:
-        means = min(means, MEANS)
+    means = min(means, MEANS)
     return np.array([max(means, rest), rest])  # few means determine it poorly: at least that of the harmonics
 
 
