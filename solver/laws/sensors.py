@@ -152,7 +152,9 @@ class CatheterResonance(Sensor):
         "zeta": Quantity("1", "damping ratio zeta of the catheter", 0.0, 100.0),
     }
     neutral = {"f_n": 0.0, "zeta": 1.0}
-    reach = {"slow": (0.0, 100.0), "resonance": (0.0, 300.0)}
+    # f_n of at least 5 Hz: below 7 Hz no damping makes a catheter usable (R. M. Gardner, Anesthesiology 54, 1981, 227),
+    # and a slower resonance would stand for any of the arteries that the model lacks
+    reach = {"slow": (0.0, 100.0), "resonance": (0.0, 10.0)}
     search = SearchSpec(
         typical={"slow": 5e-3, "resonance": 1e-4},
         starts=tuple(
