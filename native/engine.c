@@ -144,7 +144,7 @@ static void elementwise(int32_t op, int32_t n, double *restrict o, const double 
         for (j = 0; j < N; j++) o[j] = s[j];                                                                           \
     }
 
-static double dot(const double *restrict a, const double *restrict b, int32_t n)
+INLINE double dot(const double *restrict a, const double *restrict b, int32_t n)
 {
     double s[4] = {0.0, 0.0, 0.0, 0.0};
     int32_t i = 0;
@@ -200,11 +200,11 @@ INLINE void products(double *restrict o, const double *restrict a, int32_t a_dif
 }
 
 /* a : (n, n) becomes its inverse, by Gauss and Jordan with exchanged rows, which pivot : (n,) remembers. */
-static void inverse(double *a, double *pivot, int32_t n)
+INLINE void inverse(double *a, double *pivot, int32_t n)
 {
     int32_t i, j, k;
     for (k = 0; k < n; k++) {
-        double *const row = a + (int64_t)k * n;
+        double *restrict const row = a + (int64_t)k * n;
         int32_t best = k;
         for (i = k + 1; i < n; i++)
             if (fabs(a[(int64_t)i * n + k]) > fabs(a[(int64_t)best * n + k])) best = i;
@@ -218,7 +218,8 @@ static void inverse(double *a, double *pivot, int32_t n)
         row[k] = 1.0;
         for (j = 0; j < n; j++) row[j] *= scale;
         for (i = 0; i < n; i++) {
-            double *const other = a + (int64_t)i * n, factor = other[k];
+            double *restrict const other = a + (int64_t)i * n; /* never the row itself */
+            const double factor = other[k];
             if (i == k) continue;
             other[k] = 0.0;
             for (j = 0; j < n; j++) other[j] -= factor * row[j];
@@ -279,7 +280,7 @@ PLAIN_AND_WIDE(group, together, (const memory *m, const int32_t *code, int32_t p
     for (j = 1; j < 4; j++) { const double x = s[j], y = s[0]; s[0] = (expression); bad[0] += bad[j]; }
 
 /* The sum, the largest or the least of n numbers; NaN where one of them is. */
-static double reduced(int32_t op, const double *a, int32_t n)
+INLINE double reduced(int32_t op, const double *a, int32_t n)
 {
     double s[4], bad[4] = {0.0, 0.0, 0.0, 0.0};
     int32_t i, j;
@@ -290,7 +291,7 @@ static double reduced(int32_t op, const double *a, int32_t n)
 }
 
 /* One operation: w of out, index, sizes, operands and whether these are one number. Returns 0 where a guard fails. */
-static int other(const memory *m, int32_t op, const int32_t *w)
+INLINE int single(const memory *m, int32_t op, const int32_t *w)
 {
     double *o = at(m, w[0]);
     const int32_t *index = m->index + w[1];
@@ -321,7 +322,9 @@ static int other(const memory *m, int32_t op, const int32_t *w)
     case OP_inverse: { /* sizes: count, n */
         const int32_t n = w[3], size = n * n;
         memcpy(o, at(m, w[4]), sizeof(double) * (size_t)w[2] * (size_t)size);
-        for (i = 0; i < w[2]; i++) inverse(o + (int64_t)i * size, o + (int64_t)w[2] * size, n);
+        double *const pivot = o + (int64_t)w[2] * size;
+        for (i = 0; i < w[2]; i++, o += size) /* of elements, of complex numbers in elements, of others */
+            if (n == 4) inverse(o, pivot, 4); else if (n == 8) inverse(o, pivot, 8); else inverse(o, pivot, n);
         break;
     }
     case OP_sum:
@@ -336,6 +339,8 @@ static int other(const memory *m, int32_t op, const int32_t *w)
     }
     return 1;
 }
+static int single_plain(const memory *m, int32_t op, const int32_t *w) { return single(m, op, w); }
+WIDE_TARGET static int single_wide(const memory *m, int32_t op, const int32_t *w) { return single(m, op, w); }
 
 static int zero(const double *x, int32_t n)
 {
@@ -356,7 +361,7 @@ int run(const arterial_program *p, const memory *m, int phase)
             (p->wide ? group_wide : group_plain)(m, w + 4, w[1], w[2], w[3]);
             w += 4 + 8 * w[3];
         } else {
-            if (!other(m, w[0], w + 2)) return 0;
+            if (!(p->wide ? single_wide : single_plain)(m, w[0], w + 2)) return 0;
             w += w[1];
         }
     }
