@@ -14,8 +14,7 @@ enum { BLOCK = 32 };
 
 static double *more(const arterial_balance *b, const memory *m, int which)
 {
-    double *const base[4] = {(double *)m->constant, m->fixed, m->work, m->held};
-    return base[b->more[which] & 3] + (b->more[which] >> 2);
+    return placed(m, b->more[which]);
 }
 
 static void copy(double *to, const double *from, int64_t n) { memcpy(to, from, sizeof(double) * (size_t)n); }
@@ -186,7 +185,7 @@ static void amplitudes(weighing weigh, const arterial_period *period, double *v,
 /* --- the balance ------------------------------------------------------------------------------------------------------ */
 
 typedef struct {
-    double *waves, *v, *out, *left, *filled, *before, *corrected, *past, *mixed; /* see arterial_scratch */
+    double *waves, *v, *out, *left, *filled, *corrected, *past, *mixed; /* see arterial_scratch */
 } scratch_parts;
 
 static int32_t widest(const arterial_balance *b)
@@ -205,8 +204,7 @@ static scratch_parts parted(const arterial_balance *b, const arterial_period *pe
     s.out = s.v + moments * b->n_now;
     s.left = s.out + moments * widest(b);
     s.filled = s.left + harmonics * widest(b);
-    s.before = s.filled + X;
-    s.corrected = s.before + X;
+    s.corrected = s.filled + X;
     s.past = s.corrected + X;
     s.mixed = s.past + harmonics * b->n_past; /* of each earlier correction the waves before and after it */
     if (size) *size = s.mixed + 2 * MIXED * X - scratch;
@@ -222,9 +220,9 @@ int64_t arterial_scratch(const arterial_balance *b, const arterial_period *perio
 }
 
 /* What phases are given of a moment, where each part begins: A, Q, P_C and the past at the start of the stage that ends
-   there; drive, H, A, Q and P_C, dA/dt, stress and history at its end. A phase takes a range of them. */
+   there; drive, H, Q, A, P_C, dA/dt, stress and history at its end. A phase takes a range of them. */
 typedef struct {
-    int32_t start, past, drive, H, fluid, A_t, memories, all;
+    int32_t start, past, drive, H, Q, A, P_C, A_t, memories, all;
 } moment_parts;
 
 static moment_parts parts_of(const arterial_balance *b)
@@ -233,8 +231,10 @@ static moment_parts parts_of(const arterial_balance *b)
     at.past = b->at_memories;
     at.drive = at.past + b->n_past;
     at.H = at.drive + b->p.n_inlets;
-    at.fluid = at.H + b->p.n_H;
-    at.A_t = at.fluid + b->at_memories;
+    at.Q = at.H + b->p.n_H;
+    at.A = at.Q + b->p.n_Q;
+    at.P_C = at.A + b->p.n_A;
+    at.A_t = at.Q + b->at_memories;
     at.memories = at.A_t + b->p.n_A;
     at.all = at.memories + b->n_memories;
     return at;
@@ -242,8 +242,8 @@ static moment_parts parts_of(const arterial_balance *b)
 
 static void range_of(const moment_parts *at, int phase, int32_t *from, int32_t *to)
 {
-    *from = phase == REMEMBER ? at->fluid : phase == OBSERVE ? at->H : at->start;
-    *to = phase == MOMENT ? at->A_t : phase == OBSERVE ? at->all : at->memories;
+    *from = phase == REMEMBER ? at->Q : phase == OBSERVE ? at->H : at->start;
+    *to = phase == MOMENT ? at->A : phase == OBSERVE ? at->all : at->memories;
 }
 
 /* The n numbers s->out that a phase leaves at every moment of waves X : (K + 1, 2, n_y + n_H) under drive. */
@@ -268,7 +268,8 @@ static void moments(const arterial_balance *b, const arterial_period *period, co
                 for (int32_t i = 0; i < n_in; i++) of[at.drive + i] = drive[row * n_in + i];
             }
             if (from <= at.H) copy(of + at.H, x + n_y, n_H);
-            copy(of + at.fluid, x, n_fluid);
+            copy(of + at.Q, x + b->p.at_Q, b->p.n_Q);
+            if (to > at.A) copy(of + at.A, x, b->p.n_A), copy(of + at.P_C, x + b->at_stored, at.A_t - at.P_C);
             if (to > at.A_t)
                 for (int32_t i = 0; i < b->p.n_A; i++) of[at.A_t + i] = w * other[i];
             if (to > at.memories) copy(of + at.memories, x + n_fluid, b->n_memories);
@@ -426,16 +427,14 @@ int32_t arterial_balanced(const arterial_balance *b, const arterial_period *peri
                 b->n_stored);
     }
     if (b->n_unremembered) remember(b, period, &m, held, X, &s);
-    copy(s.before, X, all);
     while (made < most) {
         leave(b, period, &m, held, X, drive, forced, &s);
         const double now = correct(b, period, &m, held, X, s.corrected, &s);
         if (!made++ && of_first > 0.0) enough = of_first * (now > MINUTE * tolerance ? now : MINUTE * tolerance);
         if (!(now < *last)) { /* what was there before it grew stands */
-            copy(X, s.before, all);
+            if (made > 1) copy(X, s.mixed + 2 * (int64_t)(made % MIXED) * all, all);
             break;
         }
-        copy(s.before, X, all);
         const int32_t earlier = made - 1 < MIXED ? made - 1 : MIXED, slow = earlier && now > SLOW * *last;
         if (slow) mix(b, period, earlier, X, &s);
         double *const kept = s.mixed + 2 * (int64_t)((made - 1) % MIXED) * all;

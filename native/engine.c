@@ -40,12 +40,6 @@ int32_t arterial_wide(void)
 int32_t arterial_wide(void) { return 0; }
 #endif
 
-INLINE double *at(const memory *m, int32_t address)
-{
-    double *const base[4] = {(double *)m->constant, m->fixed, m->work, m->held};
-    return base[address & 3] + (address >> 2);
-}
-
 /* --- elementwise --------------------------------------------------------------------------------------------------- */
 
 #define UNARY(name, expression)                                                                                        \
@@ -92,7 +86,7 @@ INLINE int simple(int32_t op, int32_t n, double *restrict o, const double *restr
         for (i = 0; i < n; i++) { const double x = a[i * sa], y = b[i * sb]; o[i] = (expression); }                    \
         break;
 
-static void elementwise(int32_t op, int32_t n, double *restrict o, const double *restrict a, int sa,
+INLINE void elementwise(int32_t op, int32_t n, double *restrict o, const double *restrict a, int sa,
                         const double *restrict b, int sb, const double *restrict c, int sc)
 {
     int32_t i;
@@ -144,7 +138,7 @@ static void elementwise(int32_t op, int32_t n, double *restrict o, const double 
         for (j = 0; j < N; j++) o[j] = s[j];                                                                           \
     }
 
-static double dot(const double *restrict a, const double *restrict b, int32_t n)
+INLINE double dot(const double *restrict a, const double *restrict b, int32_t n)
 {
     double s[4] = {0.0, 0.0, 0.0, 0.0};
     int32_t i = 0;
@@ -200,11 +194,11 @@ INLINE void products(double *restrict o, const double *restrict a, int32_t a_dif
 }
 
 /* a : (n, n) becomes its inverse, by Gauss and Jordan with exchanged rows, which pivot : (n,) remembers. */
-static void inverse(double *a, double *pivot, int32_t n)
+INLINE void inverse(double *a, double *pivot, int32_t n)
 {
     int32_t i, j, k;
     for (k = 0; k < n; k++) {
-        double *const row = a + (int64_t)k * n;
+        double *restrict const row = a + (int64_t)k * n;
         int32_t best = k;
         for (i = k + 1; i < n; i++)
             if (fabs(a[(int64_t)i * n + k]) > fabs(a[(int64_t)best * n + k])) best = i;
@@ -218,7 +212,8 @@ static void inverse(double *a, double *pivot, int32_t n)
         row[k] = 1.0;
         for (j = 0; j < n; j++) row[j] *= scale;
         for (i = 0; i < n; i++) {
-            double *const other = a + (int64_t)i * n, factor = other[k];
+            double *restrict const other = a + (int64_t)i * n;
+            const double factor = other[k];
             if (i == k) continue;
             other[k] = 0.0;
             for (j = 0; j < n; j++) other[j] -= factor * row[j];
@@ -243,19 +238,19 @@ INLINE void part(const memory *m, const int32_t *w, int32_t from, int32_t many)
     const int32_t flags = w[1], width = w[2], all = many * width, k = w[7] >> 8, n = w[7] & 255;
     const int64_t skip = (int64_t)from * width, so = flags & 8 ? 0 : skip, sa = flags & 16 ? 0 : skip,
                   sb = flags & 32 ? 0 : skip, sc = flags & 64 ? 0 : skip;
-    double *const o = at(m, w[3]);
-    const double *const a = at(m, w[4]);
+    double *const o = placed(m, w[3]);
+    const double *const a = placed(m, w[4]);
     if (w[0] == OP_gather) {
         const int32_t *const index = m->index + w[5] + skip;
         for (int32_t i = 0; i < all; i++) o[so + i] = a[index[i]];
     } else if (w[0] == OP_product) { /* rows times one matrix, or matrices of w[6] rows; flags: whether a, b differ */
         const int32_t tall = flags & 4, rows = tall ? 1 : w[6], one = (flags & 1) | !!tall, two = flags >> 1 & 1;
-        products(o + so * rows * n, a + one * sa * rows * k, one, at(m, w[5]) + two * sb * k * n, two, tall ? 1 : all,
+        products(o + so * rows * n, a + one * sa * rows * k, one, placed(m, w[5]) + two * sb * k * n, two, tall ? 1 : all,
                  tall ? all : rows, k, n);
     } else { /* flags: which operands are one number */
         const int va = !(flags & 1), vb = !(flags & 2), vc = !(flags & 4);
-        const double *const x = a + (va ? sa : 0), *const y = at(m, w[5]) + (vb ? sb : 0),
-                     *const z = at(m, w[6]) + (vc ? sc : 0);
+        const double *const x = a + (va ? sa : 0), *const y = placed(m, w[5]) + (vb ? sb : 0),
+                     *const z = placed(m, w[6]) + (vc ? sc : 0);
         if (!simple(w[0], all, o + so, x, va, y, vb, z)) elementwise(w[0], all, o + so, x, va, y, vb, z, vc);
     }
 }
@@ -279,7 +274,7 @@ PLAIN_AND_WIDE(group, together, (const memory *m, const int32_t *code, int32_t p
     for (j = 1; j < 4; j++) { const double x = s[j], y = s[0]; s[0] = (expression); bad[0] += bad[j]; }
 
 /* The sum, the largest or the least of n numbers; NaN where one of them is. */
-static double reduced(int32_t op, const double *a, int32_t n)
+INLINE double reduced(int32_t op, const double *a, int32_t n)
 {
     double s[4], bad[4] = {0.0, 0.0, 0.0, 0.0};
     int32_t i, j;
@@ -290,24 +285,24 @@ static double reduced(int32_t op, const double *a, int32_t n)
 }
 
 /* One operation: w of out, index, sizes, operands and whether these are one number. Returns 0 where a guard fails. */
-static int other(const memory *m, int32_t op, const int32_t *w)
+INLINE int single(const memory *m, int32_t op, const int32_t *w)
 {
-    double *o = at(m, w[0]);
+    double *o = placed(m, w[0]);
     const int32_t *index = m->index + w[1];
     int32_t i, j;
     switch (op) {
     case OP_gather: {
-        const double *const a = at(m, w[3]);
+        const double *const a = placed(m, w[3]);
         for (i = 0; i < w[2]; i++) o[i] = a[index[i]];
         break;
     }
     case OP_scatter: {
-        const double *const a = at(m, w[3]);
+        const double *const a = placed(m, w[3]);
         for (i = 0; i < w[2]; i++) o[index[i]] = a[w[4] ? 0 : i];
         break;
     }
     case OP_sums: { /* sizes: targets, terms */
-        const double *const a = at(m, w[4]);
+        const double *const a = placed(m, w[4]);
         for (i = 0; i < w[2]; i++) {
             double s = a[index[i]];
             for (j = index[i] + 1; j < index[i + 1]; j++) s += a[j];
@@ -316,26 +311,30 @@ static int other(const memory *m, int32_t op, const int32_t *w)
         break;
     }
     case OP_product: /* sizes: count, m, k, n, whether a and b differ between these */
-        products(o, at(m, w[8]), w[6], at(m, w[9]), w[7], w[2], w[3], w[4], w[5]);
+        products(o, placed(m, w[8]), w[6], placed(m, w[9]), w[7], w[2], w[3], w[4], w[5]);
         break;
     case OP_inverse: { /* sizes: count, n */
         const int32_t n = w[3], size = n * n;
-        memcpy(o, at(m, w[4]), sizeof(double) * (size_t)w[2] * (size_t)size);
-        for (i = 0; i < w[2]; i++) inverse(o + (int64_t)i * size, o + (int64_t)w[2] * size, n);
+        memcpy(o, placed(m, w[4]), sizeof(double) * (size_t)w[2] * (size_t)size);
+        double *const pivot = o + (int64_t)w[2] * size;
+        for (i = 0; i < w[2]; i++, o += size) /* of elements, real or complex, and of others */
+            if (n == 4) inverse(o, pivot, 4); else if (n == 8) inverse(o, pivot, 8); else inverse(o, pivot, n);
         break;
     }
     case OP_sum:
     case OP_largest:
     case OP_least: { /* sizes: of the result, terms of each */
-        const double *const a = at(m, w[4]);
+        const double *const a = placed(m, w[4]);
         for (i = 0; i < w[2]; i++) o[i] = reduced(op, w[5] ? a : a + (int64_t)i * w[3], w[5] ? 1 : w[3]) * (op == OP_sum && w[5] ? w[3] : 1);
         break;
     }
-    case OP_require: return *at(m, w[3]) != 0.0;
+    case OP_require: return *placed(m, w[3]) != 0.0;
     default: return 0;
     }
     return 1;
 }
+static int single_plain(const memory *m, int32_t op, const int32_t *w) { return single(m, op, w); }
+WIDE_TARGET static int single_wide(const memory *m, int32_t op, const int32_t *w) { return single(m, op, w); }
 
 static int zero(const double *x, int32_t n)
 {
@@ -349,14 +348,14 @@ int run(const arterial_program *p, const memory *m, int phase)
     const int32_t *w = p->code + p->begin[phase], *const end = p->code + p->begin[phase + 1];
     while (w < end) {
         if (w[0] == OP_skip) { /* a block whose result is zero where some coefficients are: these, result, words */
-            const int skipped = zero(at(m, w[2]), w[3]);
-            if (skipped) memset(at(m, w[4]), 0, sizeof(double) * (size_t)w[5]);
+            const int skipped = zero(placed(m, w[2]), w[3]);
+            if (skipped) memset(placed(m, w[4]), 0, sizeof(double) * (size_t)w[5]);
             w += 7 + (skipped ? w[6] : 0);
         } else if (w[0] == GROUP) {
             (p->wide ? group_wide : group_plain)(m, w + 4, w[1], w[2], w[3]);
             w += 4 + 8 * w[3];
         } else {
-            if (!other(m, w[0], w + 2)) return 0;
+            if (!(p->wide ? single_wide : single_plain)(m, w[0], w + 2)) return 0;
             w += w[1];
         }
     }

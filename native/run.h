@@ -36,8 +36,12 @@ void put(const arterial_program *p, const memory *m, int which, const double *x,
 /* Runs a phase; 0 where a guard fails. */
 int run(const arterial_program *p, const memory *m, int phase);
 
-/* Numbers at an address that is not a constant's. */
-double *placed(const memory *m, int32_t address);
+/* Numbers at an address. */
+INLINE double *placed(const memory *m, int32_t address)
+{
+    double *const base[4] = {(double *)m->constant, m->fixed, m->work, m->held};
+    return base[address & 3] + (address >> 2);
+}
 
 enum { STAGES = 3 };
 extern const double SDIRK3[STAGES][STAGES];

@@ -15,11 +15,6 @@ const double SDIRK3[STAGES][STAGES] = {
     {-1.5 * GAMMA * GAMMA + 4.0 * GAMMA - 0.25, 1.5 * GAMMA * GAMMA - 5.0 * GAMMA + 1.25, GAMMA},
 };
 
-double *placed(const memory *m, int32_t address)
-{
-    return ((address & 3) == 1 ? m->fixed : m->work) + (address >> 2);
-}
-
 double *place(const arterial_program *p, const memory *m, int which)
 {
     return placed(m, p->place[which]);

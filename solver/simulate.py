@@ -140,7 +140,7 @@ def repeating_beat(
     Arguments, result and errors as there; ``change`` is that difference.
     """
     run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats, backend=backend)
-    state = run.near(n * run.dt)
+    state = run.near(n * run.dt, tolerance)
     table, gap, done, least = run.report(state)[None], math.inf, 0, math.inf
     for quarter in range(1, 4 * max_beats + 1):
         more, state = run.table(state, quarter * n // 4 - done, progress, f"beat {1 + (quarter - 1) // 4}")
@@ -243,13 +243,14 @@ class _Run:
     dt: float
     backend: Backend
 
-    def begin(self, start: Waveforms | str | None, period: float) -> Any:
-        """The start state: rest, near the periodic one, or the end of another run."""
+    def begin(self, start: Waveforms | str | None, period: float, tolerance: float = 0.0) -> Any:
+        """The start state: rest, near the periodic one for beats of a tolerance, or the end of another run."""
         if start is None or start == "rest":
             return self.scheme.initial_state(self.model)
         if start == "periodic":
+            backend = "auto" if self.backend.engine else "numpy"
             return self.scheme.periodic_state(
-                self.model, self.drives, period, dt=self.dt, backend="auto" if self.backend.engine else "numpy"
+                self.model, self.drives, period, dt=self.dt, backend=backend, tolerance=tolerance
             )
         if not isinstance(start, Waveforms):
             raise InputError(f"start = {start!r}: must be {' or '.join(map(repr, STARTS))} or an earlier result.")
@@ -281,10 +282,10 @@ class _Run:
         model = replace(self.model, settings=finer)
         return replace(self, model=model, backend=self.backend.again(model))
 
-    def near(self, period: float) -> Any:
-        """A state near the periodic one, or rest."""
+    def near(self, period: float, tolerance: float = 0.0) -> Any:
+        """A state near the periodic one, for beats of a tolerance, or rest."""
         try:
-            return self.begin("periodic", period)
+            return self.begin("periodic", period, tolerance)
         except InputError:  # no steady state under the mean inflow
             return self.begin("rest", period)
 

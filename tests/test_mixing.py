@@ -87,7 +87,7 @@ def test_a_repeating_beat_from_afar(slow: Network, monkeypatch: pytest.MonkeyPat
     extrapolation the twelfth still differs by 3e-3; the same
     beat to 2e-4 (1.5e-4 measured)."""
     exact = simulate_periodic(slow, settings=QUICK, tolerance=1e-7)
-    monkeypatch.setattr(simulate_module._Run, "near", lambda run, period: run.begin("rest", period))
+    monkeypatch.setattr(simulate_module._Run, "near", lambda run, period, tolerance: run.begin("rest", period))
     beat = repeating_beat(slow, settings=QUICK, tolerance=1e-4, max_beats=12)
     assert beat.beats <= 8
     assert max(relative_error(name, beat[name], exact[name]) for name in exact) <= 2e-4

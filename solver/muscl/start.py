@@ -15,14 +15,15 @@ from .step import State
 
 
 def periodic_state(
-    model: Model, drive: Any, T: float, t: float = 0.0, dt: float | None = None, backend: str = "numpy"
-) -> State:
+    model: Model, drive: Any, T: float, t: float = 0.0, dt: float | None = None, backend: str = "numpy",
+    tolerance: float = 0.0,
+) -> State:  # fmt: skip
     """The state of :func:`solver.periodic.start.periodic_state`, with the same arguments and errors.
 
     The first step from it is an Euler step, as from rest.
     """
     grid, other = model.mesh, build(model.network, model.parameters)
-    found = start.periodic_state(other, drive, T, t, dt, backend)
+    found = start.periodic_state(other, drive, T, t, dt, backend, tolerance)
     n = len(model.network.segments)
     segment = np.concatenate([grid.segment, np.tile(np.arange(n), 2)])
     x = np.concatenate([grid.middle, np.repeat([0.0, 1.0], n)])

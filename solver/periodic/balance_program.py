@@ -180,10 +180,11 @@ class _Recording(Recording):
     def _moment(self, phase: str) -> _Moment:
         size, shapes = Sizes.of(self.m), self.shapes
         A, Q, P_C = (int(np.prod(shapes[name])) for name in ("A", "Q", "P_C"))
-        parts = (A + Q + P_C, size.past, len(self.m.inlets.by_flow), self.n_H, A + Q + P_C, A, size.memories)
+        parts = (A + Q + P_C, size.past, len(self.m.inlets.by_flow), self.n_H, Q, A, P_C, A, size.memories)
         x, ends = self.take("now", phase, size.now), np.cumsum(parts)
-        start, past, drive, H, fluid, A_t, memories = (x[:, e - n : e] for n, e in zip(parts, ends, strict=True))
-        y = np.concatenate([fluid, memories], axis=1) if size.memories else fluid
+        start, past, drive, H, *fluid, A_t, memories = (x[:, e - n : e] for n, e in zip(parts, ends, strict=True))
+        now_Q, now_A, now_P_C = fluid
+        y = np.concatenate([part for part in (now_A, now_Q, now_P_C, memories) if part.shape[1]], axis=1)
         return _Moment(start, past, drive, H, y, A_t.reshape(1, *shapes["A"]))
 
     def frequencies(self) -> None:

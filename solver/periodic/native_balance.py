@@ -121,9 +121,10 @@ class BalanceEngine:
             raise Unsolved("a member has no steady state")
         return y, H
 
-    def held(self, b: int, taus: Array, y: Array, H: Array) -> Array:
-        """(K+1, n_held): the Jacobians of small waves about a steady state. Raises Unsolved."""
-        held = np.empty((len(taus), self._n_held))
+    def held(self, b: int, taus: Array, y: Array, H: Array, into: Array | None = None) -> Array:
+        """(K+1, n_held): the Jacobians of small waves about a steady state, in the memory ``into`` if it is given.
+        Raises Unsolved."""
+        held = np.empty((len(taus), self._n_held)) if into is None else into
         if not self._run("arterial_linearise", self._bound.fixed[b], self._bound.work, y, H, taus, len(taus), held):
             raise Unsolved("nothing determines waves of some frequency")
         return held
@@ -164,8 +165,9 @@ class BalanceEngine:
         still = self.resting([y for y, _ in rest], [H for _, H in rest])
         begun = started(self.model, still, omega, near)
         begins = _planes(np.concatenate([begun.y, begun.H], axis=2), B)
+        held = np.empty((K + 1, self._n_held))  # once for all: new memory of this size costs page faults
         for b, (y, H) in enumerate(rest):
-            held = self.held(b, taus, y, H)
+            self.held(b, taus, y, H, held)
             own, X = (self._bound.fixed[b], self._bound.work), begins[b]
             left = np.full((K + 1, 2, self._size.left), np.nan) if keep else None
             made = self._run("arterial_balanced", period, *own, held, drives[b], forced and forced[b],
