@@ -3,8 +3,8 @@
     python benchmarks/speed.py [--json FILE] [--small]
 
 CPU time of one thread, the best of several beats in one run; errors against the reference waveforms in tests/data
-(relative L2 of the last beat, pressures by their mean-removed norm); and the cost of a study. Nothing here is asserted:
-see the tests.
+(relative L2 of the last beat, pressures by their mean-removed norm). A set of a study: the best batch of some. Nothing
+here is asserted: see the tests.
 """
 
 from __future__ import annotations
