@@ -86,7 +86,7 @@ INLINE int simple(int32_t op, int32_t n, double *restrict o, const double *restr
         for (i = 0; i < n; i++) { const double x = a[i * sa], y = b[i * sb]; o[i] = (expression); }                    \
         break;
 
-INLINE void elementwise(int32_t op, int32_t n, double *restrict o, const double *restrict a, int sa,
+static void elementwise(int32_t op, int32_t n, double *restrict o, const double *restrict a, int sa,
                         const double *restrict b, int sb, const double *restrict c, int sc)
 {
     int32_t i;
@@ -138,7 +138,7 @@ INLINE void elementwise(int32_t op, int32_t n, double *restrict o, const double 
         for (j = 0; j < N; j++) o[j] = s[j];                                                                           \
     }
 
-INLINE double dot(const double *restrict a, const double *restrict b, int32_t n)
+static double dot(const double *restrict a, const double *restrict b, int32_t n)
 {
     double s[4] = {0.0, 0.0, 0.0, 0.0};
     int32_t i = 0;
@@ -274,7 +274,7 @@ PLAIN_AND_WIDE(group, together, (const memory *m, const int32_t *code, int32_t p
     for (j = 1; j < 4; j++) { const double x = s[j], y = s[0]; s[0] = (expression); bad[0] += bad[j]; }
 
 /* The sum, the largest or the least of n numbers; NaN where one of them is. */
-INLINE double reduced(int32_t op, const double *a, int32_t n)
+static double reduced(int32_t op, const double *a, int32_t n)
 {
     double s[4], bad[4] = {0.0, 0.0, 0.0, 0.0};
     int32_t i, j;
@@ -284,8 +284,20 @@ INLINE double reduced(int32_t op, const double *a, int32_t n)
     return op == OP_sum || bad[0] == 0.0 ? s[0] : NAN;
 }
 
+/* The inverses of an operation: w of out, index, count, n, matrices. sized : by code of known size, where there is some. */
+INLINE void inverses(const memory *m, const int32_t *w, int sized)
+{
+    const int32_t n = w[3], size = n * n;
+    double *o = placed(m, w[0]), *const pivot = o + (int64_t)w[2] * size;
+    memcpy(o, placed(m, w[4]), sizeof(double) * (size_t)w[2] * (size_t)size);
+    for (int32_t i = 0; i < w[2]; i++, o += size) /* of elements, real or complex, and of others */
+        if (sized && n == 4) inverse(o, pivot, 4); else if (sized && n == 8) inverse(o, pivot, 8); else inverse(o, pivot, n);
+}
+static void inverses_plain(const memory *m, const int32_t *w) { inverses(m, w, 0); }
+WIDE_TARGET static void inverses_wide(const memory *m, const int32_t *w) { inverses(m, w, 1); }
+
 /* One operation: w of out, index, sizes, operands and whether these are one number. Returns 0 where a guard fails. */
-INLINE int single(const memory *m, int32_t op, const int32_t *w)
+static int single(const memory *m, int32_t op, const int32_t *w, int wide)
 {
     double *o = placed(m, w[0]);
     const int32_t *index = m->index + w[1];
@@ -313,14 +325,7 @@ INLINE int single(const memory *m, int32_t op, const int32_t *w)
     case OP_product: /* sizes: count, m, k, n, whether a and b differ between these */
         products(o, placed(m, w[8]), w[6], placed(m, w[9]), w[7], w[2], w[3], w[4], w[5]);
         break;
-    case OP_inverse: { /* sizes: count, n */
-        const int32_t n = w[3], size = n * n;
-        memcpy(o, placed(m, w[4]), sizeof(double) * (size_t)w[2] * (size_t)size);
-        double *const pivot = o + (int64_t)w[2] * size;
-        for (i = 0; i < w[2]; i++, o += size) /* of elements, real or complex, and of others */
-            if (n == 4) inverse(o, pivot, 4); else if (n == 8) inverse(o, pivot, 8); else inverse(o, pivot, n);
-        break;
-    }
+    case OP_inverse: (wide ? inverses_wide : inverses_plain)(m, w); break;
     case OP_sum:
     case OP_largest:
     case OP_least: { /* sizes: of the result, terms of each */
@@ -333,8 +338,6 @@ INLINE int single(const memory *m, int32_t op, const int32_t *w)
     }
     return 1;
 }
-static int single_plain(const memory *m, int32_t op, const int32_t *w) { return single(m, op, w); }
-WIDE_TARGET static int single_wide(const memory *m, int32_t op, const int32_t *w) { return single(m, op, w); }
 
 static int zero(const double *x, int32_t n)
 {
@@ -355,7 +358,7 @@ int run(const arterial_program *p, const memory *m, int phase)
             (p->wide ? group_wide : group_plain)(m, w + 4, w[1], w[2], w[3]);
             w += 4 + 8 * w[3];
         } else {
-            if (!(p->wide ? single_wide : single_plain)(m, w[0], w + 2)) return 0;
+            if (!single(m, w[0], w + 2, p->wide)) return 0;
             w += w[1];
         }
     }
