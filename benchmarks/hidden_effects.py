@@ -17,7 +17,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
-import click
 import typer
 
 from benchmarks.hidden.bank import ROOT, Bank, read, sources_hash
@@ -37,10 +36,15 @@ class Kind(StrEnum):
     network = "network"
 
 
+def _known(group: str) -> str:
+    """A group of records by its name."""
+    if group not in GROUPS:
+        raise typer.BadParameter(f"{group}: must be one of {', '.join(GROUPS)}.")
+    return group
+
+
 KindOption = Annotated[Kind, typer.Option(help="Which records.")]
-GroupOption = Annotated[
-    str, typer.Option(click_type=click.Choice(list(GROUPS)), help="Which group of records; see tests/truth/plan.py.")
-]
+GroupOption = Annotated[str, typer.Option(callback=_known, help="Which group of records; see tests/truth/plan.py.")]
 Tuning = Annotated[bool, typer.Option("--tuning/--reported", help="Which seed: of tuning, or of the reported run.")]
 Out = Annotated[Path | None, typer.Option(help="The file of lines; build/hidden_<kind>_<seed>.jsonl if not given.")]
 
