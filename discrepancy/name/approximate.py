@@ -139,11 +139,10 @@ def nearest(problem: Networks, none: Fit, runs: Runs) -> Fit | None:
     is near the record (:func:`is_far`). Every name must fit better: the map of a wrong model distorts the walls, a
     search from these may end far from the record, and any effect then seems to close a part of the gap.
     """
-    unlimited = replace(runs, deadline=None)
-    (point,) = problem.points([Trial(none.member, np.arange(0), None, 0.0 * none.x)], unlimited)
+    (point,) = problem.points([Trial(none.member, np.arange(0), None, 0.0 * none.x)], runs)
     if point is not None and not is_far(problem, replace(none, z=point.z)):
         return None
-    fits = there(problem.refine([none, *there([from_afar(problem, none.unknowns, unlimited)])], unlimited))
+    fits = there(problem.refine([none, *there([from_afar(problem, none.unknowns, runs)])], runs))
     return min(fits, key=lambda f: f.cost, default=None)
 
 

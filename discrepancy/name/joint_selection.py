@@ -8,6 +8,7 @@ by one evidence. A second heart rate separates viscosity and relaxation, which o
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from fitting.inference.fit import Array, Fit, Member
 from fitting.inference.hypothesis import Term
 from fitting.inference.joint.joint_record import Several, derivatives
-from fitting.inference.runs import Runs
+from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import bounds
 from solver.errors import InputError
 
@@ -84,7 +85,8 @@ def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
     if found is None:
         found = from_afar(problem, problem.hypothesis(()), runs) if problem.site is None else None
     elif problem.site is None:
-        found = nearest(problem, found, runs) or found
+        with suppress(OutOfTime):
+            found = nearest(problem, found, runs) or found
     if found is None:
         runs.check()
         raise InputError("the model as given cannot be simulated with these recordings")

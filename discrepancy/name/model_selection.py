@@ -69,7 +69,7 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     known, complete = last_of(_with_what_stands_out(search, first))
     near, last = None, Comparison(known)
     if isinstance(known.problem, NetworkProblem) and known.best.explains:
-        if (near := nearest(known.problem, known.none.fit, runs)) is not None:
+        if (near := nearest(known.problem, known.none.fit, replace(runs, deadline=None))) is not None:
             last = Comparison(known.with_none(near))
     elif isinstance(known.problem, NetworkProblem):
         last = compared_with_errors(known, runs)
