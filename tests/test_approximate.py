@@ -97,15 +97,15 @@ def test_nothing_is_missing_within_the_accuracy(bump: float) -> None:
 
 @pytest.mark.slow
 def test_recordings_with_a_late_flow() -> None:
-    """Two heart rates: a late flow delays each pressure by the same time, as an early pressure does. The lag within 2
-    ms of the truth; each recording alone and both together have the same class."""
+    """Two heart rates: a late flow delays each pressure by the same time, as an early pressure does. The lag within 0.5
+    ms of the truth (0.2; alone 2.4 and 1.1 ms); each recording alone and both together have the same class."""
     each = [tube(0.02), tube(0.02, T=0.6)]
     alone = [name(problem, terms, Runs()) for problem, terms in each]
     whole = Several(tuple(problem for problem, _ in each), ("slow", "fast")).individual()
     naming = name_together(whole, alone, each[0][1], Runs())
     assert naming.verdict == "ambiguous"
     assert {n.label for n in naming.members} == {n.label for a in alone for n in a.members}
-    assert delay(naming) == pytest.approx(0.02, abs=0.002)
+    assert delay(naming) == pytest.approx(0.02, abs=5e-4)
 
 
 def test_recordings_in_which_nothing_is_missing() -> None:

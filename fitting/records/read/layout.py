@@ -10,7 +10,6 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 
 from solver.errors import InputError
 
@@ -62,15 +61,11 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
     lines = lines[:_LOOKED_AT]
     separator, start = _separator(lines, source)
     width = len(_fields(lines[start], separator)) if start < len(lines) else None
-    above = [_separator_above(line, separator, width) for line in lines[:start]]
-    rows = [_fields(line, each, width) for line, each in zip_longest(lines, above, fillvalue=separator)]
+    separators = [_separator_above(each, separator, width) for each in lines[:start]] + [separator] * len(lines[start:])
+    rows = [_fields(line, each, width) for line, each in zip(lines, separators, strict=True)]
     header = _header(rows, start, lines)
     untitled = [str(i + 1) for i in range(width or 0)]
-    titles = (
-        untitled
-        if header < 0
-        else _titles(lines[header], [*above, separator][min(header, start)], source, header, width)
-    )
+    titles = untitled if header < 0 else _titles(lines[header], separators[header], source, header, width)
     if chart := labchart(rows[:start], rows[start] if start < len(rows) else ()):
         header = next(i for i, row in enumerate(rows) if row and row[0].strip() == "ChannelTitle=")
         titles, units = chart
