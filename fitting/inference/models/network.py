@@ -386,9 +386,9 @@ def _weights(
     beats: Beats, simulator: Simulator, member: Member, error: Array, known: Felt | None = None
 ) -> tuple[Target, Array, Felt | None]:
     """The weighted data of a record, the response (K+1, m) to the inflow's noise, and that to beats that differ, at a
-    member. error : (K+1, m) of the model. known : the last response to beats that differ, kept whole for a member
-    with effects (else its seam). How much of the changes is noise of the meter does not depend on the effect that is
-    tested: if one that the mean pressure refutes called them noise, no hypothesis would have to fit the mean.
+    member. error : (K+1, m) of the model. known : the last response to beats that differ, kept for a member with
+    effects. How much of the changes is noise of the meter does not depend on the effect that is tested: if one that the
+    mean pressure refutes called them noise, no hypothesis would have to fit the mean.
     """
     names, T, K = simulator.names, simulator.T, simulator.K
     network = rewired(simulator.network, member.terms)
@@ -396,5 +396,5 @@ def _weights(
     at = {name: float(value) for name, value in values.items()}
     H = sense(member, names, linear_response(network, names, T, K, at), T, means=False)
     H = H / meter(member, len(H), T)[0][:, None]  # a slow meter hides more noise of the true inflow
-    felt = known if known and member.terms else varying(beats, network, names, K, at, known)
+    felt = known if known and member.terms else varying(beats, network, names, K, at)
     return target(beats, names, H, error, felt), H[: K + 1], felt

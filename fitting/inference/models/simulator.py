@@ -178,15 +178,10 @@ def varying(
     names: Sequence[str],
     K: int,
     parameters: Mapping[str, float] | None = None,
-    known: Felt | None = None,
 ) -> Felt | None:
-    """The linearised response to beat-to-beat variation of the inflow; None for beats cut at equal intervals.
-
-    known : for other parameters; its seam is kept, so that fits under several weights refer to one mean beat.
-    """
+    """The linearised response to beat-to-beat variation of the inflow; None for beats cut at equal intervals."""
 
     def transfer(T: float, n: int) -> Array:
         return linear_response(network, names, T, n, parameters or {})[: n + 1]
 
-    found = felt(beats, INFLOW, transfer, K + NEIGHBOURS)
-    return found if found is None or known is None else replace(found, seam=known.seam)
+    return felt(beats, INFLOW, transfer, K + NEIGHBOURS)
