@@ -124,8 +124,8 @@ def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
     """The decrease of χ² of the held-out beats from one run to another, and its standard deviation.
 
     With the coefficients b and a of the runs and y of the mean of n beats, Σ w (|b - y|² - |a - y|²)/S is linear in y:
-    its noise is that of 2 Σ w Re((a - b)* y)/S, estimated from the scatter between beats. Means, which drift, have the
-    variance S of :func:`gap`.
+    its noise is that of 2 Σ w Re((a - b)* y)/S, estimated from the scatter between beats, without what follows the
+    drive. Means, which drift, have the variance S of :func:`gap`.
     """
     names, K = study.problem.signals, len(before.X) - 1
     S, w = _noise(study, study.held_out, K), _weights(K)
@@ -134,7 +134,8 @@ def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
     slope = 2.0 * w * (after.X - before.X) / S
     scatter, free = 0.0, 0
     for part in (study.fitted, study.held_out):
-        each = sum(_pulsation(part, name, K) @ slope[1:, i].conj() for i, name in enumerate(names)).real
+        steady = study.problem.steady(part, study.fitted)
+        each = sum(_pulsation(steady, name, K) @ slope[1:, i].conj() for i, name in enumerate(names)).real
         scatter += float(((each - each.mean()) ** 2).sum())
         free += len(each) - 1
     variance = scatter / free / study.held_out.n_beats + float((np.abs(slope[0]) ** 2 * S[0]).sum())

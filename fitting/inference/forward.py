@@ -195,8 +195,13 @@ class Single(Forward, Protocol):
         return None
 
     def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
-        """(K+1, m) coefficients of the mean of some beats, corrected to a periodic beat."""
+        """(K+1, m) coefficients of the mean of some beats, corrected to a periodic beat under the drive of the fitted
+        ones."""
         return mean_beat(beats, self.signals, K)
+
+    def steady(self, beats: Beats, fitted: Beats) -> Beats:
+        """The beats without the change from one to the next that follows the drive."""
+        return beats
 
     def driven(self, wave: Array) -> Drive:
         """How a wave drives the FMU."""

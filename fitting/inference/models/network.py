@@ -8,7 +8,7 @@ re-simulated, not linearised: each has its own unknowns, and all are members of 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Self
 
@@ -22,13 +22,14 @@ from ...records.channels.inflow import flowed, inflow, undone
 from ...records.channels.inflow_variability import Felt
 from ...records.channels.noise import (
     Target,
+    as_driven,
     degrees_of_freedom,
     inflow_noise,
     mean_beat,
     pulses,
     sensor_noise,
     solver_error,
-    target,
+    steady_beats,
 )
 from ..extended_network import allowed
 from ..fit import Fit, Member, begun, sizes_of, taken_over
@@ -39,11 +40,11 @@ from ..jackknife import Rest, leave_one_site_out, without_each_site
 from ..model_discrepancy import sizes
 from ..prior import of_animal
 from ..runs import Runs
-from ..unknown import Unknown, absent, finite_steps, free, parameter_values
-from ..zeros import apart
+from ..unknown import Unknown, absent, finite_steps, free
 from .batches import simulated
-from .bench_observation import meter, of_other_beats, sense, shown, zeros_apart
-from .simulator import Simulator, linear_response, varying
+from .bench_observation import meter, of_other_beats, shown, zeros_apart
+from .simulator import Simulator, varying
+from .weights import weighted
 
 Array = np.ndarray
 
@@ -64,8 +65,9 @@ class NetworkProblem(Single):
     error : (K+1, m) standard deviation of the errors of solver and network. accuracy : of the network, its stated error
     at every harmonic as a fraction of a channel's pulsation. exact : target without model error, if there is any, and
     model_error : its covariance (K+1, m, m). More beats reduce neither. response : (K+1, m) of the channels to the
-    inflow. felt : that of the network without effects to beats that differ. deviations : unknowns of individual
-    arteries; empty for common walls. possible : those that may be used. step : finite difference step of x.
+    inflow. felt : that of the network without effects to beats that differ, with the parameters felt_at. deviations :
+    unknowns of individual arteries; empty for common walls. possible : those that may be used. step : finite difference
+    step of x.
     """
 
     kind = "network"
@@ -77,6 +79,7 @@ class NetworkProblem(Single):
     error: Array
     response: Array
     felt: Felt | None = None
+    felt_at: Mapping[str, float] = field(default_factory=dict)
     exact: Target | None = None
     model_error: Array | float = 0.0
     deviations: tuple[Unknown, ...] = ()
@@ -93,8 +96,8 @@ class NetworkProblem(Single):
     ) -> NetworkProblem:  # fmt: skip
         """The problem of a record weighted at a member. error : (K+1, m) standard deviation of the solver's."""
         error = np.hypot(error, accuracy * pulses(beats, simulator.names))
-        own, response, felt = _weights(beats, simulator, member, error)
-        return cls(beats, simulator, own, error, response, felt, possible=possible, step=step, accuracy=accuracy)
+        own, response, felt, at = weighted(beats, simulator, member, error)
+        return cls(beats, simulator, own, error, response, felt, at, possible=possible, step=step, accuracy=accuracy)
 
     @property
     def network(self) -> Network:  # type: ignore[override]
@@ -127,7 +130,7 @@ class NetworkProblem(Single):
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         drive = inflow(beats, self.simulator.settings.dt, self.network)
-        felt = varying(beats, self.network, self.signals, self.K)
+        felt = varying(beats, self.network, self.signals, self.K, self.felt_at)
         own = (self.exact or self.target).covariance
         covariance = of_other_beats(own, self.error, beats, fitted, self.signals)
         other = Target.of(self.signals, mean_beat(beats, self.signals, self.K, felt), covariance)
@@ -169,7 +172,14 @@ class NetworkProblem(Single):
         return replace(self, simulator=driven).observe([fit.member])[0]
 
     def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
-        return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
+        if beats is fitted:
+            return self.target.X[: K + 1]
+        X = self.held_out(beats, fitted).target.X
+        return as_driven(X, beats, fitted, self.signals, self.response, self.felt)[: K + 1]
+
+    def steady(self, beats: Beats, fitted: Beats) -> Beats:
+        felt = self.felt if beats is fitted else varying(beats, self.network, self.signals, self.K, self.felt_at)
+        return steady_beats(beats, self.signals, self.response, felt)[1]
 
     def driven(self, wave: Array) -> Drive:
         """The inflow."""
@@ -367,8 +377,8 @@ class NetworkProblem(Single):
     def _weighted(self, member: Member, error: Array) -> Self:
         """The same problem with the solver's error (K+1, m), and the responses to the inflow's noise and to beats that
         differ, at a member."""
-        own, response, felt = _weights(self.beats, self.simulator, member, error, self.felt)
-        return replace(self, target=own, exact=None, error=error, response=response, felt=felt)
+        own, response, felt, at = weighted(self.beats, self.simulator, member, error, self.felt, self.felt_at)
+        return replace(self, target=own, exact=None, error=error, response=response, felt=felt, felt_at=at)
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """New sensors and positions along a segment at the best of their starting points; one simulation each."""
@@ -380,21 +390,3 @@ class NetworkProblem(Single):
                 costs = [np.inf if X is None else promised(self.residual(X), start) for X in self.observe(trials, runs)]
                 member = trials[int(np.argmin(costs))]
         return member
-
-
-def _weights(
-    beats: Beats, simulator: Simulator, member: Member, error: Array, known: Felt | None = None
-) -> tuple[Target, Array, Felt | None]:
-    """The weighted data of a record, the response (K+1, m) to the inflow's noise, and that to beats that differ, at a
-    member. error : (K+1, m) of the model. known : the last response to beats that differ, kept for a member with
-    effects. How much of the changes is noise of the meter does not depend on the effect that is tested: if one that the
-    mean pressure refutes called them noise, no hypothesis would have to fit the mean.
-    """
-    names, T, K = simulator.names, simulator.T, simulator.K
-    network = rewired(simulator.network, member.terms)
-    values, _ = apart(parameter_values(member.unknowns, network, member.x), network)
-    at = {name: float(value) for name, value in values.items()}
-    H = sense(member, names, linear_response(network, names, T, K, at), T, means=False)
-    H = H / meter(member, len(H), T)[0][:, None]  # a slow meter hides more noise of the true inflow
-    felt = known if known and member.terms else varying(beats, network, names, K, at)
-    return target(beats, names, H, error, felt), H[: K + 1], felt

@@ -188,6 +188,22 @@ def mean_beat(beats: Beats, names: Sequence[str], K: int, felt: Felt | None = No
     return X if felt is None else X - felt.coefficients(K + 1)[0]
 
 
+def as_driven(
+    X: Array, beats: Beats, fitted: Beats, names: Sequence[str], response: Array, felt: Felt | None,
+    drive: str = INFLOW,
+) -> Array:  # fmt: skip
+    """X : (K+1, m) of the mean of some beats, as it would be under the mean drive of others, ``fitted``, whose response
+    (n, m) and felt are given.
+
+    By the linear response to the difference of the drives that is not noise. Means are left as they are: arteries fill
+    over many beats.
+    """
+    share, n = noise_share(fitted, names, following(fitted, response, felt), len(response)), len(X)
+    more = (coefficients(beats.mean(drive)) - coefficients(fitted.mean(drive)))[:n]
+    more[0] = 0.0
+    return np.asarray(X - ((1.0 - share[:n]) * more)[:, None] * response[:n])
+
+
 def pulses(beats: Beats, names: Sequence[str]) -> Array:
     """Standard deviation over the mean beat of each channel, (m,); of the whole value where it does not pulsate."""
     means = np.array([beats.mean(name) for name in names])
