@@ -142,16 +142,20 @@ def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tup
         )
     irregular = np.setdiff1d(np.arange(first, last), near)
     for which, why in (
-        (irregular, f"more than {limit.NEAR:.0%} longer or shorter than the others"),
+        (irregular, f"more than {100.0 * limit.NEAR:g} % longer or shorter than the others"),
         (odd[(odd >= first) & (odd < last)], "unlike the others in shape"),
     ):
         if len(which):
             begin = ", ".join(f"{times[i]:.4g}" for i in which[: limit.NAMED])
-            begin += " …" if len(which) > limit.NAMED else ""
-            said.append(f"beats left out ({len(which)}, {begin} s after the record's start): {why}.")
+            begin += ", …" if len(which) > limit.NAMED else ""
+            said.append(f"{_count(len(which))} left out, {why}; at {begin} s after the record's start.")
     if outside := len(lengths) - (last - first):
         said.append(
             f"used from {times[first]:.4g} to {times[last]:.4g} s after the record's start, the longest stretch with a "
-            f"steady heart rate; beats before and after it left out ({outside})."
+            f"steady heart rate; {_count(outside)} before and after it left out."
         )
     return tuple(said)
+
+
+def _count(n: int) -> str:
+    return f"{n} beat{'s' if n > 1 else ''}"
