@@ -29,7 +29,7 @@ def environment(folder: Path) -> Environment:
 
 
 def words(value: Any, literal: bool = False) -> str:
-    """Provenance in words. literal : the keys are names from outside, such as titles of columns, and stay as they are."""
+    """Provenance in words. literal : the keys come from outside, such as titles of columns, and stay as they are."""
     if isinstance(value, Mapping) and set(value) == {"value", "unit"}:
         unit, factor = ("s", 1.0) if value["unit"] == "s" else readable(value["unit"])  # of runs and records, not walls
         return f"{number(factor * value['value'], 4)} {unit}".rstrip()
