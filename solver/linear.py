@@ -292,7 +292,8 @@ def _history(c: Coefficients, wall: Wall, segment: Array, x: Array, omega: Array
         drag = term.effect.drag({key: value[..., None] for key, value in own.items()}, each)
         if drag is not None:
             weight, rate = drag.weight[:, :, None, :, 0], drag.rate[:, :, None, :, 0]
-            found += (weight * iw / (iw + rate)).sum(axis=0)
+            poles = iw + rate  # 0 of a steady flow without relaxation: there y = U
+            found += (weight * np.divide(iw, poles, out=np.ones_like(poles), where=poles != 0.0)).sum(axis=0)
     return found
 
 

@@ -182,9 +182,9 @@ def test_a_rate_that_drifts_is_not_taken_for_a_steady_one(change: float, longest
     """Refinement ends up to 10 % from the usual beat, at 0.476 s for 0.3; cut singly, T is the mean of what is used, to
     a sample, and the longest beat that is named the first one used, of 0.5/(1 + change t/10 s) s."""
     beats = align(slowing(change))
-    assert beats.whole is not None
+    assert beats.unequal is not None
     assert pytest.approx(T, abs=DT) == beats.T
-    first = beats.whole.edges[0] * DT
+    first = beats.unequal.edges[0] * DT
     assert longest == pytest.approx(0.5 / (1.0 + change * (first + 0.25) / 10.0), abs=DT)
     assert f"to {longest:.3g} s; each was cut" in beats.warnings[0]
 

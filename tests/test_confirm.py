@@ -199,7 +199,9 @@ def test_means_that_wander_are_left_out_of_a_change() -> None:
     """The gap falls, and the pulsation from 200 to 100 Pa, where the RMS with means rises: the pulsation is said."""
     before = Gap((9.0, 9.0), {"A.P": (9.0, 9.0)}, {"A.P": (300.0, 370.0)}, {"A.P": (200.0, 200.0)})
     after = Gap((4.0, 4.0), {"A.P": (4.0, 4.0)}, {"A.P": (500.0, 730.0)}, {"A.P": (100.0, 100.0)})
-    assert changed(before, after) == "falls from 9 to 4 times the noise (without the means A.P from 1.5 to 0.75 mmHg)"
+    assert (
+        changed(before, after) == "falls from 9 to 4 times the noise (rms without the means: A.P from 1.5 to 0.75 mmHg)"
+    )
 
 
 def test_an_effect_of_high_harmonics_is_told() -> None:

@@ -103,7 +103,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory, sheep: Network) -> Callabl
 
 SAID = {
     "none": (
-        "No effect is missing",
+        "No missing effect was found",
         "No place shows a residual beyond noise",
         "Smallest detectable sizes",
         "±2.1 kPa·s",

@@ -23,7 +23,10 @@ from solver import (
     simulate,
     simulate_periodic,
 )
+from solver.laws import effects
+from solver.laws.effect import Drag, Effect, Points, Values
 from solver.laws.effects import WOMERSLEY_RATES, WOMERSLEY_WEIGHTS
+from solver.quantities.quantity import Quantity
 
 L, R0, H, E, PHI0, RHO, NU = 0.4, 8e-3, 1e-3, 8e5, 1.2e4, 1060.0, 3.5e-6
 T = 0.25
@@ -121,6 +124,31 @@ def test_frequency_domain_of_a_network(sheep: Network) -> None:
         linear.propagation(sheep.with_terms({"CA.taper": 0.1}), omega)
     with pytest.raises(ValueError, match="leave out omega = 0"):
         linear.solve(network, np.array([0.0]), np.array([0.0]))
+
+
+class LinearDrag(Effect):
+    """A drag w U per mass along a segment: its memory does not relax, so that y = U."""
+
+    name = "linear_drag"
+    owner = "segment"
+    places = ("segment",)
+    terms = {"w": Quantity("1/s", "rate w of the drag", 0.0, 1e3, nominal=1.0)}
+    neutral = {"w": 0.0}
+
+    def drag(self, values: Values, points: Points) -> Drag:
+        weight = values["w"] + np.zeros(np.broadcast_shapes(points.R0.shape, points.x.shape))
+        return Drag(0.0 * weight, weight[None], 0.0 * weight[None])
+
+
+def test_a_drag_without_relaxation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """w U is the friction C_f U/A of w = C_f/A, in the mean as in the waves, to 1e-12; no 0/0 in a steady flow."""
+    monkeypatch.setattr(effects, "ALL", (*effects.ALL, LinearDrag()))
+    tube, omega = _tube(), np.array([0.0, OMEGA])
+    w = tube.fluid.friction * np.pi * NU / A0
+    flow = np.array([1e-9, 1e-9])
+    dragged = linear.solve(tube.with_terms({"tube.w": w}), flow, omega)
+    rubbed = linear.solve(tube.with_terms({"fluid.friction_scale": 2.0}), flow, omega)
+    np.testing.assert_allclose(dragged.P_site, rubbed.P_site, rtol=1e-12)
 
 
 # --- steady flow ---------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fitting.pages.page import in_words
+from fitting.pages.page import in_words, words
 from fitting.results.estimate import Estimate
 from solver.network.description import Segment
 from solver.quantities.legible import (
@@ -72,6 +72,8 @@ def test_provenance_in_words() -> None:
         "covariance": [[5.5e-8, -2.6e-8], [-2.6e-8, 1.1e-7]],
         "unknowns": {"all.E": {"x": -0.0005, "moves": {"AA.E": 1.0}}},
         "records": {f"{i}.csv": 64 * "a" for i in range(9)},
+        "columns": {"map": {"ABP_Ao": "Ao.P"}, "decimal_mark": "comma"},
+        "thresholds": {"HELD_OUT": 0.25},
     }
     told, data = in_words(entries)
     assert told == {
@@ -80,8 +82,10 @@ def test_provenance_in_words() -> None:
         "chi2 over dof": "9.696",
         "kept": "1, 2, 3",
         "channels": "AA.P: 1.1",
+        "thresholds": "HELD_OUT: 0.25",
     }
-    assert data == ["covariance", "unknowns", "records"]
+    assert data == ["covariance", "unknowns", "records", "columns"]
+    assert words(entries["columns"]) == "map: ABP_Ao: Ao.P; decimal mark: comma"  # titles and constants as they are
 
 
 @pytest.mark.parametrize("table", ["fitting/pages", "fitting/cohort/report.py", "discrepancy/report/tables.py",

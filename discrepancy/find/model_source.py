@@ -63,7 +63,7 @@ def first_of(
         ) from None
     write_whole(path, found.text)
     said = (
-        f"no model was given: {path} was made of the record, with a human's aorta for what a recording does not tell; "
-        "arterial-fmu first says how each number was found, and makes others."
+        f"no model was given: {path} was made from the record, with values of a typical human aorta where the record "
+        "says nothing; arterial-fmu first shows how each number was found, and makes models of other species."
     )
     return path, [said, *found.notes]

@@ -299,7 +299,7 @@ def changed(before: Gap, after: Gap) -> str:
     without = _of_means(before) or _of_means(after)
     first, last = (held_out(each.pulsation if without else each.rms) for each in (before, after))
     rms = changes(first, last, held_out(before.channels))
-    said = f"without the means {rms}" if without else rms
+    said = f"rms without the means: {rms}" if without else rms
     return f"{change(before, after)} times the noise" + (f" ({said})" if rms else "")
 
 

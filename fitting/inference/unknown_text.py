@@ -65,7 +65,7 @@ def parse_unknowns(texts: Iterable[str | Unknown], network: Network) -> tuple[Un
     if not unknowns:
         examples = ("all.E", *(name for name in network.parameter_quantities() if ".outlet.R" in name))[:2]
         given = " ".join(f'--free "{name}"' for name in examples)
-        raise InputError(f"unknowns: none given; name parameters of network {network.name}, such as {given}.")
+        raise InputError(f"unknowns: none given; name parameters of the network '{network.name}', such as {given}.")
     moved: dict[tuple[str, ...], str] = {}
     for unknown in unknowns:
         same = tuple(sorted(unknown.variables))

@@ -28,16 +28,21 @@ def environment(folder: Path) -> Environment:
     )
 
 
-def words(value: Any) -> str:
-    """Provenance in words."""
+def words(value: Any, literal: bool = False) -> str:
+    """Provenance in words. literal : the keys come from outside, such as titles of columns, and stay as they are."""
     if isinstance(value, Mapping) and set(value) == {"value", "unit"}:
         unit, factor = ("s", 1.0) if value["unit"] == "s" else readable(value["unit"])  # of runs and records, not walls
         return f"{number(factor * value['value'], 4)} {unit}".rstrip()
     if isinstance(value, Mapping):
-        return "; ".join(f"{str(key).replace('_', ' ')}: {words(each)}" for key, each in value.items())
+        return "; ".join(f"{_spaced(str(key), literal)}: {words(each, key == 'map')}" for key, each in value.items())
     if isinstance(value, list | tuple):
         return ", ".join(map(words, value))
     return number(value, 4) if isinstance(value, float) else str(value)
+
+
+def _spaced(key: str, literal: bool) -> str:
+    """A key with spaces for underscores. Names of constants, of variables and from outside stay as they are."""
+    return key if literal or not (key.isidentifier() and key.islower()) else key.replace("_", " ")
 
 
 def in_words(entries: Mapping[str, Any]) -> tuple[dict[str, str], list[str]]:

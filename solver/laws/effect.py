@@ -97,6 +97,7 @@ class Points:
 class Drag:
     """A force per mass f(U) = quadratic U|U| + Σ weight_i y_i [m/s²] with memory dy_i/dt = -rate_i y_i + dU/dt.
 
+    U = Q/A [m/s]. With rate_i = 0, y_i = U: a force that is linear in the velocity.
     quadratic : (B, n_e, N+1) [1/m]. weight, rate : (m, B, n_e, N+1) [1/s]; m may be 0.
     """
 

@@ -5,6 +5,9 @@ hooks of :class:`solver.laws.effect.Effect`, and its search coordinates. ``ALL``
 the network file, the FMU's variables, batch parameters, candidates and docs/effects.md (:mod:`solver.laws.catalogue`).
 Some effects use fields that every network has (phi0, R_t, k …); the numbers of the others are *terms*, which an owner
 has only if they were given.
+
+Effects on a part of a segment (stenosis, side branch, wall stiffness) are in :mod:`solver.laws.localised`, those of
+sensors in :mod:`solver.laws.sensors`, learned ones in :mod:`solver.laws.learned`.
 """
 
 from __future__ import annotations

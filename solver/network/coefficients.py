@@ -287,7 +287,7 @@ def _walls(numbers: _Numbers) -> Wall:
         K=E * h_over_R0 / plate,
         e=none,
         K_h=h_over_R0 / plate,
-        phi0=none,  # until the effect of wall viscosity sets it (:func:`wall_at`)
+        phi0=none,  # until the effect of wall viscosity sets it (:meth:`Coefficients.wall_at`)
         r=none,
         P_ref=np.broadcast_to(P_ref, R0.shape),
         rho=np.broadcast_to(numbers.of(numbers.owners["fluid"], "rho"), R0.shape),

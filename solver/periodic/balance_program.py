@@ -16,9 +16,9 @@ import numpy as np
 
 from ..laws.wall import Wall
 from ..scheme import terms
+from ..scheme.drag_and_leak import DragForce, Force
 from ..scheme.guards import margins
 from ..scheme.model import Model
-from ..scheme.optional import DragForce, Force
 from ..scheme.outputs import reporter
 from ..scheme.sdirk import GAMMA
 from ..scheme.stage import Loads, Memory, Operators, Stage, loads_of, memory_of, operators_about

@@ -17,8 +17,8 @@ from ..network.coefficients import Coefficients, Parameters, changes, coefficien
 from ..network.description import Network
 from ..network.validation import check_parameters
 from .damping import Damping, damping
+from .drag_and_leak import DragForce, Force, Leaking, NoForce, Storage, Tight
 from .inlet import Inlets
-from .optional import DragForce, Force, Leaking, NoForce, Storage, Tight
 
 Array = np.ndarray
 

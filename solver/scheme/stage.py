@@ -12,9 +12,9 @@ from ..laws.wall import Wall
 from ..mesh.elimination import Factor
 from ..mesh.mesh import Index, as_slice
 from . import terms
+from .drag_and_leak import Force
 from .guards import refuse
 from .model import Model
-from .optional import Force
 from .sdirk import GAMMA
 from .terms import Start
 

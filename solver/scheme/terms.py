@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..laws.wall import Wall
+from .drag_and_leak import Force, Storage
 from .model import Model
-from .optional import Force, Storage
 
 Array = np.ndarray
 

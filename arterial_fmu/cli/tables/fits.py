@@ -102,7 +102,7 @@ def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimat
     units = {name: read_in(estimate.unit) for found in sites.values() for name, estimate in found.items()}
     columns = [right(_HYPHENATED.get(name, name).replace("_", "\n") + (f"\n{unit}" if unit else ""))
                for name, (unit, _) in units.items()]  # fmt: skip
-    title = f"network {network}, calibrated, at the mean radius of the sites (± half the 95 % interval)"
+    title = f"Calibrated network '{network}', at the mean radius of the sites (± half the 95 % interval)"
     table = Table("site", *columns, title=title, padding=0)  # eight indices fit 80 columns
     for site, found in sites.items():
         table.add_row(site, *(_plus_minus(found.get(name), factor) for name, (_, factor) in units.items()))
@@ -111,7 +111,7 @@ def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimat
 
 def calibration_table(result: Calibration) -> Table:
     """Every fitted value with its interval, in its display unit."""
-    title = f"network {result.network}, calibrated: χ²/dof {number(result.chi2 / result.dof)}"
+    title = f"Calibrated network '{result.network}': χ²/dof {number(result.chi2 / result.dof)}"
     table = Table("parameter", right("value"), right("95 % interval"), "unit", title=title)
     for name, value in result.values.items():
         unit, factor = shown_in(quantity_of(name))

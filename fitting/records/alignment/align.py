@@ -18,7 +18,7 @@ from .equal_beats import Grid, check_steady, grid, strict_period, without_jitter
 from .period import Found, usual_period
 from .spikes import without_spikes
 from .upstrokes import find_upstrokes, without_gaps
-from .variable_beats import Whole, unequal
+from .variable_beats import UnequalBeats, unequal
 
 
 @single_threaded
@@ -40,7 +40,7 @@ def align(record: Record, period: float | None = None) -> Beats:
         require_phases((~np.isnan(x[cut.samples])).sum(axis=0), name, record.path)
     values: Mapping[str, Array] = {name: cut.of(x) for name, x in channels.items()}
     shifts, whole = np.zeros(len(cut.samples)), None
-    if isinstance(cut, Whole):
+    if isinstance(cut, UnequalBeats):
         whole = replace(cut, channels={name: without_gaps(x) for name, x in channels.items()})
     else:
         values, shifts = without_jitter(values, T)
@@ -66,7 +66,7 @@ def _check(period: float, record: Record) -> None:
 
 def _cut(
     record: Record, period: float | None, steps: Mapping[str, float]
-) -> tuple[Whole | Grid, float, tuple[str, ...]]:
+) -> tuple[UnequalBeats | Grid, float, tuple[str, ...]]:
     """How the record is cut, its period [s], and what is doubtful.
 
     Raises ValueError if the period cannot be told, or is not the given one or a whole part of it.

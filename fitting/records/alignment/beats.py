@@ -15,7 +15,7 @@ from solver.quantities.units import of_signal
 from .. import thresholds as limit
 from ..read.record import Array, require
 from .rounding import rounded_harmonics
-from .variable_beats import Whole, unlikeness
+from .variable_beats import UnequalBeats, unlikeness
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Beats:
 
     source, sha256, told : of the record. T : period [s]. shifts : (n_beats,) [s], how much later than the strict period
     each beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel.
-    steps : of the channels' converters, in SI. whole : the record that beats of unequal length were cut from, each at
+    steps : of the channels' converters, in SI. unequal : the record that beats of unequal length were cut from, each at
     the end of diastole; without, phase 0 is the record's first sample. said : what is doubtful of the period.
     """
 
@@ -35,7 +35,7 @@ class Beats:
     shifts: Array
     spikes: Mapping[str, int] = field(default_factory=dict)
     steps: Mapping[str, float] = field(default_factory=dict)
-    whole: Whole | None = None
+    unequal: UnequalBeats | None = None
     told: Mapping[str, Any] = field(default_factory=dict)
     said: tuple[str, ...] = ()
 
@@ -81,7 +81,7 @@ class Beats:
                 f"the heart rate was not steady: a beat lasted up to {self.unsteadiness:.1%} of the period more or "
                 "less; intervals do not cover what that does to the shape of a beat."
             )
-        found += self.whole.said if self.whole else ()
+        found += self.unequal.said if self.unequal else ()
         for name, count in self.spikes.items():
             found.append(
                 f"spikes of {name} left out ({count} samples): more than {limit.FAR:g} robust standard deviations "
@@ -115,7 +115,7 @@ class Beats:
     def _odd_beats(self) -> list[str]:
         """A sentence for each beat that is unlike the others: an artefact, an ectopic beat, a flushed catheter."""
         found: dict[int, str] = {}
-        w, at = self.whole, np.arange(self.n_beats) * self.T + self.shifts
+        w, at = self.unequal, np.arange(self.n_beats) * self.T + self.shifts
         begins = at if w is None else w.edges[w.serving] * w.dt  # [s] after the record's start
         for name, beats in self.values.items():
             measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
@@ -195,8 +195,8 @@ class Beats:
     def select(self, indices: Sequence[int] | Array) -> Beats:
         """Some of the beats, in that order, repetition allowed."""
         index = np.asarray(indices, dtype=int)
-        values, whole = {n: v[index] for n, v in self.values.items()}, self.whole and self.whole.select(index)
-        return replace(self, values=values, shifts=self.shifts[index], whole=whole)
+        values, unequal = {n: v[index] for n, v in self.values.items()}, self.unequal and self.unequal.select(index)
+        return replace(self, values=values, shifts=self.shifts[index], unequal=unequal)
 
     @cached_property
     def _cache(self) -> dict[str, tuple[Array, Array]]:

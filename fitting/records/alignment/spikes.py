@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import thresholds as limit
 from .equal_beats import Grid
-from .variable_beats import Whole
+from .variable_beats import UnequalBeats
 
 Array = np.ndarray
 
@@ -17,7 +17,7 @@ _LEAST = 1e-6  # of the range: rounding is no scatter
 
 
 def without_spikes(
-    channels: Mapping[str, Array], cut: Whole | Grid, steps: Mapping[str, float]
+    channels: Mapping[str, Array], cut: UnequalBeats | Grid, steps: Mapping[str, float]
 ) -> tuple[dict[str, Array], dict[str, int]]:
     """Channels with gaps in place of their spikes, and the number of these where there are any.
 

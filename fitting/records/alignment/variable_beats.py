@@ -20,7 +20,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Whole:
+class UnequalBeats:
     """The record that unequal beats are cut from, and how.
 
     channels : (n,) each, SI; dt [s]. edges : (m + 1,) samples, where the m beats of a stretch begin and the last one
@@ -61,7 +61,7 @@ class Whole:
         on = late[:, None] + slope * (beyond + 0.5 * (half + 1))
         return np.asarray(np.where(beyond >= 0, on, x[np.minimum(starts + at, len(x) - 1)])[self.serving])
 
-    def select(self, index: Array) -> Whole:
+    def select(self, index: Array) -> UnequalBeats:
         """With some of the beats that serve."""
         return replace(self, serving=self.serving[index])
 
@@ -79,7 +79,7 @@ def unlikeness(beats: Array) -> Array:
     return np.sqrt(mean((off - mean(off)[:, None]) ** 2))
 
 
-def unequal(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> Whole | None:
+def unequal(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> UnequalBeats | None:
     """The beats that begin with these upstrokes, if their intervals or pulses differ; else None."""
     x, usual = channels[found.channel], found.usual
     alike = _likeness(x, found.at[:-1][found.near], usual)
@@ -96,19 +96,19 @@ def unequal(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> Whole
     return _whole(channels, dt, edges[edges >= 0], usual)
 
 
-def _whole(channels: Mapping[str, Array], dt: float, edges: Array, usual: float) -> Whole | None:
+def _whole(channels: Mapping[str, Array], dt: float, edges: Array, usual: float) -> UnequalBeats | None:
     """The longest stretch of steady beats that no more than MISSING odd ones in a row interrupt; None if not two."""
     near = np.flatnonzero(np.abs(np.diff(edges) - usual) <= limit.NEAR * usual + 1.0)
     if len(near) < 2:
         return None
-    odd = _odd(channels, Whole({}, dt, edges, near, near))
+    odd = _odd(channels, UnequalBeats({}, dt, edges, near, near))
     alike = np.setdiff1d(near, odd)
     alike = max(np.split(alike, np.flatnonzero(np.diff(alike) > limit.MISSING + 1) + 1), key=len)
     if len(alike) < 2:
         return None
     first, last = int(alike[0]), int(alike[-1]) + 1
     said = _said(edges, near, odd, alike, dt)
-    return Whole(channels, dt, edges[first : last + 1], alike - first, alike - first, said)
+    return UnequalBeats(channels, dt, edges[first : last + 1], alike - first, alike - first, said)
 
 
 def _likeness(x: Array, at: Array, length: float) -> float:
@@ -120,7 +120,7 @@ def _likeness(x: Array, at: Array, length: float) -> float:
     return float(np.median(beats @ mean / np.maximum(size, np.finfo(float).tiny)))
 
 
-def _odd(channels: Mapping[str, Array], whole: Whole) -> Array:
+def _odd(channels: Mapping[str, Array], whole: UnequalBeats) -> Array:
     """The beats that are unlike the others in a channel: ectopic ones, a flushed line, a lost contact."""
     far = np.zeros(len(whole.serving), bool)
     for x in channels.values():
@@ -142,16 +142,20 @@ def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tup
         )
     irregular = np.setdiff1d(np.arange(first, last), near)
     for which, why in (
-        (irregular, f"more than {limit.NEAR:.0%} longer or shorter than the others"),
+        (irregular, f"more than {100.0 * limit.NEAR:g} % longer or shorter than the others"),
         (odd[(odd >= first) & (odd < last)], "unlike the others in shape"),
     ):
         if len(which):
             begin = ", ".join(f"{times[i]:.4g}" for i in which[: limit.NAMED])
-            begin += " …" if len(which) > limit.NAMED else ""
-            said.append(f"beats left out ({len(which)}, {begin} s after the record's start): {why}.")
+            begin += ", …" if len(which) > limit.NAMED else ""
+            said.append(f"{_count(len(which))} left out, {why}; at {begin} s after the record's start.")
     if outside := len(lengths) - (last - first):
         said.append(
             f"used from {times[first]:.4g} to {times[last]:.4g} s after the record's start, the longest stretch with a "
-            f"steady heart rate; beats before and after it left out ({outside})."
+            f"steady heart rate; {_count(outside)} before and after it left out."
         )
     return tuple(said)
+
+
+def _count(n: int) -> str:
+    return f"{n} beat{'s' if n > 1 else ''}"

@@ -277,8 +277,8 @@ def _check_names(unknown: Sequence[Column], place: Place) -> None:
     speed = f"; {of_velocity(speeds[0][0], INFLOW, speeds[0][1])}" if speeds else ""
     raise InputError(
         f"{place}: {titles} are no channels; allowed are {CHANNELS}, with any name of a site, and inlet.Q, the flow "
-        f"into the arteries; say which is which, such as {' '.join(maps)} (nothing behind = leaves a column out)"
-        f"{speed}."
+        f"into the arteries; say which is which, such as {' '.join(maps)} (an empty name leaves a column out: "
+        f'--map "ECG="){speed}.'
     )
 
 

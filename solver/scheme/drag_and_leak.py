@@ -1,5 +1,8 @@
-"""Optional physics: a model without it has a term that is zero in its place, at no cost.
+"""A drag beside friction, as of a stenosis, and a leak through the wall, as of a side branch.
 
+    ρ/A (∂Q/∂t + …) + ρ f(Q/A) = 0,     ∂A/∂t = -∂Q/∂x - g (P - P_sink)
+
+A model without them has a term that is zero in their place, at no cost.
 ``since`` makes the term of a stage from the term of the model and the start of the stage.
 """
 
