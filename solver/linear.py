@@ -232,16 +232,10 @@ def _line(network: Network, c: Coefficients, segment: Array, x: Array, omega: Ar
 def _way(network: Network, c: Coefficients, segment: Array, x: Array, omega: Array, Z_ref: Array) -> Array:
     """(2, 2, B, n, n_points): P' and Z_ref Q at points x/L of segments from those at the middles, as a product of
     e^Ω over pieces of length d, times e^{-γL/2} with γ of the middle, so that nothing overflows however large γL is.
-
-    With 1 and 2 the points at (1/2 ∓ √3/6) d of a piece,
+    With 1 and 2 at (1/2 ∓ √3/6) d of a piece (fourth order: S. Blanes et al., Phys. Rep. 470 (2009) 151),
 
         Ω = | -a  -b |     a = √3 d²/12 (Z'_1 Y'_2 - Z'_2 Y'_1)     b = d (Z'_1 + Z'_2)/2     c = d (Y'_1 + Y'_2)/2
-            | -c   a |
-
-        e^Ω = cosh μ + Ω sinh(μ)/μ,     μ² = a² + b c
-
-    W. Magnus, Commun. Pure Appl. Math. 7 (1954) 649; of fourth order: S. Blanes, F. Casas, J. A. Oteo, J. Ros, Phys.
-    Rep. 470 (2009) 151.
+            | -c   a |     e^Ω = cosh μ + Ω sinh(μ)/μ     μ² = a² + b c
     """
     n, pieces = c.L.shape[1], _PIECES if np.any(_varying(c)) else 1
     each = ((np.arange(pieces)[:, None] + _GAUSS) / pieces).ravel()
@@ -299,8 +293,7 @@ def _history(c: Coefficients, wall: Wall, segment: Array, x: Array, omega: Array
 
 def _modes(mu: Array) -> tuple[Array, Array]:
     """e^{-μ} cosh μ and e^{-μ} sinh(μ)/μ: exact at μ = 0, no overflow however large μ."""
-    x = 2.0 * mu
-    e = np.exp(-x)
+    x, e = 2.0 * mu, np.exp(-2.0 * mu)
     near = np.abs(x) < _NEAR
     series = 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0)))
     return 0.5 * (1.0 + e), np.where(near, series, (1.0 - e) / np.where(near, 1.0, x))

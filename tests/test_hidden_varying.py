@@ -133,8 +133,9 @@ def test_an_effect_does_not_make_noise_of_beats_that_differ() -> None:
 
 
 def test_held_out_beats_are_compared_under_the_fitted_flow() -> None:
-    """15 beats and 5 others whose strokes differ by 5 %, walls as in the file: the mean of the 5, as it would be under
-    the mean flow of the 15, differs from theirs by noise (rms over harmonics and channels 1.2: walls are not yet fitted; as recorded 7.2)."""
+    """15 beats and 5 others whose strokes differ by 5 %, walls not yet fitted: the mean of the 5, as it would be under
+    the mean flow of the 15, differs from theirs by 1.2 times the noise (rms over harmonics and channels), as recorded
+    by 7.2."""
     made = make(Case("network", "all", 40.0, varying=(0.03, 0.05)), 5)
     study = prepare(Record("made", "", made.time, made.channels, {}), made.base)
     problem, K = study.problem, study.problem.K
