@@ -48,7 +48,7 @@ _SHORTEST, _LONGEST = 5e-3, 0.6  # of a tube [m]
 _GRID = keyed(E=(0.6, 1.0, 1.7), phi0=(0.15, 1.0), C=(0.6, 1.0, 2.0))
 _LENGTHS = (0.2, 0.5, 1.0, 2.0)  # the same of all lengths
 _FORK, _ODDS = "fork", (0.1, 0.5, 2.0, 10.0)
-_SEARCHES = 3  # that are begun, without a simpler model
+_SEARCHES = 2  # that are begun at the best points of a grid
 _STEP = 1e-4  # of the finite differences
 
 
@@ -235,7 +235,7 @@ class _Problem:
         for grid in map(self._starts, self.begins):
             points = np.clip(np.pad(grid, ((0, 0), (0, 1)), constant_values=late / T), low, high)
             order = np.argsort(np.sum(self.residual(points * unit) ** 2, axis=1))
-            starts += list(points[order[: _SEARCHES if len(self.begins) == 1 else 1]])
+            starts += list(points[order[:_SEARCHES]])
         accuracy = {"ftol": 1e-4, "xtol": 1e-4, "max_nfev": 40, "bounds": (low - 1e-9, high + 1e-9)}
         found = [least_squares(at, start, slopes, **accuracy) for start in starts]
         return np.asarray(min(found, key=lambda each: each.cost).x * unit)
