@@ -21,7 +21,9 @@ from fmus import MS, Instance
 from native_fmus import needs_compiler
 from test_heart import evenly
 from test_native_fmu import table
+from typer.testing import CliRunner
 
+from arterial_fmu.cli.build import app
 from build_fmu import build_model, build_native_model
 from fmu_src.contents.models import Model, body_model, heart_model
 from fmu_src.importer import doctor
@@ -367,8 +369,8 @@ def test_a_host_without_python(c_host: CHost, tmp_path: Path) -> None:
 def test_command(tmp_path: Path) -> None:
     """build heart --native --fmi 3; its options are refused without it."""
     line = [sys.executable, "-m", "arterial_fmu", "build", "heart", "--out", os.fspath(tmp_path), "--fmi", "3"]
-    refused = subprocess.run(line, capture_output=True, text=True)
-    assert refused.returncode == 2
+    refused = CliRunner().invoke(app, line[4:])
+    assert refused.exit_code == 2
     assert "--fmi and --platforms: for FMUs that need no Python; add --native." in refused.stderr
     done = subprocess.run([*line, "--native", "--set", "heart.rate=1.3 Hz"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

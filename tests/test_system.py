@@ -166,8 +166,9 @@ def test_start_values_of_heart_and_body(tmp_path: Path) -> None:
         ("heart", "heart.rate=1.3 Hz", "heart.rate", "1.3"),
         ("body", "body.exchange=start", "body.exchange", "2"),
     ):
-        assert command(kind, "--set", text, cwd=tmp_path).returncode == 0
-        with zipfile.ZipFile(tmp_path / "dist" / f"human_{kind}.fmu") as archive:
+        done = CliRunner().invoke(build_command, [kind, "--set", text, "--out", os.fspath(tmp_path)])
+        assert done.exit_code == 0, done.output
+        with zipfile.ZipFile(tmp_path / f"human_{kind}.fmu") as archive:
             root = ElementTree.fromstring(archive.read("modelDescription.xml"))
         found = {v.attrib["name"]: v[0].get("start") for v in root.iter("ScalarVariable")}
         assert found[name] == start
