@@ -26,7 +26,7 @@ import pytest
 from c_host import CHost, unpack
 from fmus import Store
 
-from build_fmu import build, build_model
+from build_fmu import build
 from fmu_src.contents.models import body_model, heart_model
 from fmu_src.importer import doctor
 from fmu_src.variables.arteries_variables import INTERPOLATIONS
@@ -170,10 +170,9 @@ def test_same_answers(
 
 
 @pytest.fixture(scope="module")
-def fmus_of_all_kinds(built: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def fmus_of_all_kinds(built: dict[str, Path], stored: Store) -> list[Path]:
     """Arteries, a heart and a body."""
-    folder = tmp_path_factory.mktemp("kinds")
-    return [built["hold"], build_model(heart_model(), folder), build_model(body_model(), folder)]
+    return [built["hold"], stored.lumped(heart_model), stored.lumped(body_model)]
 
 
 def check_by_fmutool(fmu: Path) -> None:
