@@ -19,6 +19,8 @@ from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solv
 from fitting.results.parameter_set import ParameterSet, Value, read_set
 from solver import Settings, load
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 
 @cache
 def loop_channels(site: str = "AA", n: int = 100) -> dict[str, Array]:

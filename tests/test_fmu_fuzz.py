@@ -28,6 +28,7 @@ def fuzz(fmus: dict[str, Path], stored: Store, folder: Path, examples: int, step
     return found
 
 
+@pytest.mark.slow
 def test_fuzz(fmus: dict[str, Path], stored: Store, tmp_path: Path) -> None:
     """Some 2000 calls: the process ends well, each refusal is one sentence, and bystanders give their bits."""
     found = fuzz(fmus, stored, tmp_path, examples=25, steps=60, seed=1)
