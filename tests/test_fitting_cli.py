@@ -114,8 +114,13 @@ def test_other_models_and_options(folder: Path) -> None:
 
 
 def test_virtual_cohort_and_its_fit(tmp_path: Path) -> None:
-    """Two animals: records and cohort.csv, then results, claims and figures."""
+    """Two animals: records and cohort.csv, then of three sites results, claims and figures."""
     assert run("virtual", "--animals", 2, "--out", tmp_path / "v", "-q").exit_code == 0
+    head, *rows = (tmp_path / "v" / "cohort.csv").read_text().splitlines()
+    assert len(rows) == 14
+    fitted = [row for row in rows if any(f",{site}," in row for site in ("AA", "MD", "CA"))]
+    assert len(fitted) == 6
+    (tmp_path / "v" / "cohort.csv").write_text("\n".join([head, *fitted, ""]))
     assert "virtual" in (tmp_path / "v" / "README.txt").read_text().lower()
     done = run("cohort", tmp_path / "v" / "cohort.csv", "--out", tmp_path / "c")
     assert done.exit_code == 0, done.output
