@@ -18,6 +18,8 @@ from typing import Any
 import fmpy
 from fmpy.fmi2 import FMU2Slave
 
+from build_fmu import build_model, build_native_model
+from fmu_src.contents.models import Model
 from solver import Network, Pressure, Resistance, Settings, Windkessel, load
 from solver.io.writing import write_whole
 from solver.network.files import read_network
@@ -54,12 +56,23 @@ class Store:
         options = {name: value for name, value in sorted(options.items()) if value != defaults[name]}
         if options.get("settings") == Settings():
             del options["settings"]
-        key = hashlib.sha256(pickle.dumps((build.__name__, network, options))).hexdigest()[:20]
+        key = pickle.dumps((build.__name__, network, options))
+        return self._once(key, lambda folder: build(network, out=folder, **options))
+
+    def lumped(self, make: Callable[..., Model], species: str = "human", fmi: int = 0) -> Path:
+        """The FMU of ``make(species)``, a heart or a body. fmi : of one that needs no Python; 0 of the other."""
+        return self._once(
+            pickle.dumps((make.__name__, species, fmi)),
+            lambda to: build_native_model(make(species, None, fmi), to, fmi) if fmi else build_model(make(species), to),
+        )
+
+    def _once(self, what: bytes, build: Callable[[Path], Path]) -> Path:
+        key = hashlib.sha256(what).hexdigest()[:20]
         if key not in self._found:
             place = self._folder / key
             if not place.is_dir():
                 aside = self._folder / f"{key}.{os.getpid()}"
-                build(network, out=aside, **options)
+                build(aside)
                 with contextlib.suppress(OSError):  # another process was faster
                     aside.rename(place)
             (self._found[key],) = place.iterdir()

@@ -53,8 +53,9 @@ def tube(late: float, bump: float = 0.0, T: float = T) -> tuple[NetworkProblem, 
     return problem, candidates(network, (*names, INFLOW), None, spread(network).free)
 
 
-def named(late: float, bump: float = 0.0) -> Naming:
-    problem, terms = tube(late, bump)
+@cache
+def named(late: float, bump: float = 0.0, T: float = T) -> Naming:
+    problem, terms = tube(late, bump, T)
     return name(problem, terms, Runs())
 
 
@@ -100,7 +101,7 @@ def test_recordings_with_a_late_flow() -> None:
     """Two heart rates: a late flow delays each pressure by the same time, as an early pressure does. The lag within 0.5
     ms of the truth (0.2; alone 2.4 and 1.1 ms); each recording alone and both together have the same class."""
     each = [tube(0.02), tube(0.02, T=0.6)]
-    alone = [name(problem, terms, Runs()) for problem, terms in each]
+    alone = [named(0.02), named(0.02, T=0.6)]
     whole = Several(tuple(problem for problem, _ in each), ("slow", "fast")).individual()
     naming = name_together(whole, alone, each[0][1], Runs())
     assert naming.verdict == "ambiguous"
@@ -112,7 +113,7 @@ def test_recordings_in_which_nothing_is_missing() -> None:
     """Two heart rates of the tube that the first model is."""
     each = [tube(0.0), tube(0.0, T=0.6)]
     whole = Several(tuple(problem for problem, _ in each), ("slow", "fast")).individual()
-    naming = name_together(whole, [name(problem, terms, Runs()) for problem, terms in each], each[0][1], Runs())
+    naming = name_together(whole, [named(0.0), named(0.0, T=0.6)], each[0][1], Runs())
     assert (naming.verdict, naming.accuracy, naming.members) == ("none", ACCURACY, ())
 
 

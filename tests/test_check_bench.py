@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,10 @@ from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solv
 from fitting.results.parameter_set import ParameterSet, Value, read_set
 from solver import Settings, load
 
+pytestmark = pytest.mark.usefixtures("one_process")
 
+
+@cache
 def loop_channels(site: str = "AA", n: int = 100) -> dict[str, Array]:
     """P and R of a virtual wall on the bench, from rest to periodic by DOP853."""
     p = jarvik_pressure(T)

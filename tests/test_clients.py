@@ -1,8 +1,8 @@
 """Hosts of other makers drive the same FMU with the same inflow: FMPy, ecos, libcosim, and one of our own in C.
 
 None of them interpolates: inlet.Q = Q(t) is set before the step from t. So they must give the same answers, and where
-they make the same calls, the same bits. Each runs in a process of its own; see tests/clients. ecos and libcosim know no
-Enumerations: which interpolation is the FMU's own start value, given when it is built.
+they make the same calls, the same bits. Each host runs in a process of its own; see tests/clients. ecos and libcosim
+know no Enumerations: which interpolation is the FMU's own start value, given when it is built.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import sys
 import sysconfig
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ import pytest
 from c_host import CHost, unpack
 from fmus import Store
 
-from build_fmu import build, build_model
+from build_fmu import build
 from fmu_src.contents.models import body_model, heart_model
 from fmu_src.importer import doctor
 from fmu_src.variables.arteries_variables import INTERPOLATIONS
@@ -57,9 +58,9 @@ def job(fmu: Path, folder: Path) -> Job:
     return Job(os.fspath(fmu), os.fspath(folder / "unzipped"), starts, inflow, outputs)
 
 
-def run_client(name: str, job: Job, folder: Path) -> np.ndarray:
-    """The outputs after each step that a host in tests/clients found : (n, outputs)."""
-    return run_script(f"with_{name}", json.dumps(vars(job)), folder)
+def run_client(name: str, jobs: Sequence[Job], folder: Path) -> np.ndarray:
+    """The outputs after each step that a host in tests/clients found in one process : (jobs, n, outputs)."""
+    return run_script(f"with_{name}", json.dumps([*map(vars, jobs)]), folder)
 
 
 def run_script(name: str, job: str, folder: Path) -> np.ndarray:
@@ -90,13 +91,18 @@ def run_c(host: CHost, job: Job, folder: Path, environment: Mapping[str, str] | 
 def skip_unless_installed(name: str) -> None:
     """ecos needs a library that it does not bring."""
     package = {"ecos": "ecospy", "libcosim": "libcosimpy"}.get(name)
-    if package is None:
-        return
+    if package and (said := not_loaded(package)):
+        pytest.skip(said)
+
+
+@cache
+def not_loaded(package: str) -> str:
+    """Why a package cannot be used, if so."""
     if find_spec(package) is None:
-        pytest.skip(f"{package} is not installed")
+        return f"{package} is not installed"
     done = subprocess.run([sys.executable, "-c", f"import {package}"], capture_output=True, text=True)
-    if done.returncode:
-        pytest.skip(f"{package} cannot be loaded ({done.stderr.strip().splitlines()[-1]}); apt-get install libtbb12")
+    why = (done.stderr.strip().splitlines() or [""])[-1]
+    return f"{package} cannot be loaded ({why}); apt-get install libtbb12" if done.returncode else ""
 
 
 @pytest.fixture(scope="module")
@@ -109,11 +115,22 @@ def built(sheep: Network, stored: Store) -> dict[str, Path]:
 def reference(built: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
     """What FMPy finds, call by call."""
     folder = tmp_path_factory.mktemp("fmpy")
-    return {kind: run_client("fmpy", job(fmu, folder / kind), folder) for kind, fmu in built.items()}
+    found = run_client("fmpy", [job(fmu, folder / kind) for kind, fmu in built.items()], folder)
+    return dict(zip(built, found, strict=True))
+
+
+TOGETHER = ("simulate_fmu", "libcosim")  # which take all FMUs in one process
+FOUND: dict[tuple[str, Path], np.ndarray] = {}
 
 
 def check_client(
-    client: str, fmu: Path, expected: np.ndarray, folder: Path, request: pytest.FixtureRequest, **environment: str
+    client: str,
+    kind: str,
+    built: Mapping[str, Path],
+    reference: Mapping[str, np.ndarray],
+    folder: Path,
+    request: pytest.FixtureRequest,
+    **environment: str,
 ) -> None:
     """50 steps of 1 ms, every output: the bits of FMPy.
 
@@ -121,11 +138,15 @@ def check_client(
     counts the time in ns. environment : of the host in C.
     """
     skip_unless_installed(client)
+    fmu, expected = built[kind], reference[kind]
     task = job(fmu, folder)
     if client == "c":
-        found = run_c(request.getfixturevalue("c_host"), task, folder, environment)
-    else:
-        found = run_client(client, task, folder)
+        FOUND[client, fmu] = run_c(request.getfixturevalue("c_host"), task, folder, environment)
+    if (client, fmu) not in FOUND:
+        each = [*built.values()] if client in TOGETHER else [fmu]
+        tables = run_client(client, [job(other, folder / f"{i}") for i, other in enumerate(each)], folder)
+        FOUND.update({(client, other): table for other, table in zip(each, tables, strict=True)})
+    found = FOUND[client, fmu]
     assert found.shape == expected.shape == (N, len(task.outputs))
     assert np.ptp(expected[:, task.outputs.index("CA.P")]) > 100.0
     tolerance = 1e-12 if client in ("simulate_fmu", "libcosim") else 0.0
@@ -145,14 +166,13 @@ def test_same_answers(
     tmp_path: Path,
     request: pytest.FixtureRequest,
 ) -> None:
-    check_client(client, built[interpolation], reference[interpolation], tmp_path, request)
+    check_client(client, interpolation, built, reference, tmp_path, request)
 
 
 @pytest.fixture(scope="module")
-def fmus_of_all_kinds(built: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def fmus_of_all_kinds(built: dict[str, Path], stored: Store) -> list[Path]:
     """Arteries, a heart and a body."""
-    folder = tmp_path_factory.mktemp("kinds")
-    return [built["hold"], build_model(heart_model(), folder), build_model(body_model(), folder)]
+    return [built["hold"], stored.lumped(heart_model), stored.lumped(body_model)]
 
 
 def check_by_fmutool(fmu: Path) -> None:
@@ -193,7 +213,7 @@ def check_container(folder: Path, expected: np.ndarray) -> None:
     assert done.returncode == 0, done.stderr
     task = job(folder / "box.fmu", folder)
     del task.starts["CA.phi0"]
-    np.testing.assert_allclose(run_client("fmpy", task, folder), expected, rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(run_client("fmpy", [task], folder)[0], expected, rtol=1e-12, atol=1e-18)
 
 
 def test_within_a_container(sheep: Network, reference: dict[str, np.ndarray], tmp_path: Path) -> None:

@@ -19,11 +19,11 @@ from truth.shapes import arterial_pressure
 from discrepancy.find.study import prepare
 from discrepancy.name.verdict import Naming
 from fitting.inference.extended_network import estimates
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Fit, Member
 from fitting.inference.hypothesis import Term, candidates
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.bench_observation import chain
-from fitting.inference.models.loop import Loop
+from fitting.inference.models.loop import Loop, fourier, leading, linearise
 from fitting.inference.unknown import quantile
 from fitting.records.read.record import Record
 from solver.laws import catalogue
@@ -103,6 +103,18 @@ def test_columns_of_what_may_be_added(base: str) -> None:
             moved = replace(none, unknowns=(*none.unknowns, *term.unknowns), x=np.concatenate([none.x, added]))
             expected = 1e-6 * float(np.sum(columns[term.label][:, i] ** 2))
             assert problem.predict([moved])[0][0] == pytest.approx(expected, rel=0.03, abs=1e-9), term.label
+
+
+def test_leading_rows_alone() -> None:
+    """The first harmonics whitened by themselves: residual, columns and covariance of the whole problem, to 1e-9."""
+    problem, _ = noise_free(Case("bench", SITE, 40.0), OTHER, 40.0)
+    seen, loop = problem.seen(Member((), problem.hypothesis(()), np.full(3, 0.1)), np.full((1, 3), 0.1)), problem.loop
+    r, F, n = problem.start, fourier(loop.N), 2 * problem.K + 1
+    G, A, C = seen.pressure(r)[0], seen.slope(r), np.random.default_rng(0).normal(size=(loop.N, 2))
+    whole, (z, columns, L) = linearise(loop, r, G, A, C, F), leading(loop, r, G, A, C, F[:n])
+    assert n < loop.N
+    for found, expected in ((z, whole.z[:n]), (columns, whole.columns[:n]), (L, whole.L[:n, :n])):
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
 
 
 IDENTIFIABLE = [

@@ -151,14 +151,13 @@ from fmpy.fmi1 import FMICallException
 fmu, cases = sys.argv[1], json.loads(sys.stdin.read())
 description = fmpy.read_model_description(fmu)
 references = {v.name: v.valueReference for v in description.modelVariables}
+unpacked = fmpy.extract(fmu, tempfile.mkdtemp(dir=sys.argv[2]))
 
 class Instance:
     def __init__(self, logging=True):
         self.messages = []
-        self.folder = tempfile.mkdtemp(dir=sys.argv[2])
-        fmpy.extract(fmu, self.folder)
         self.slave = fmpy.instantiate_fmu(
-            self.folder, description, fmi_type="CoSimulation", debug_logging=logging,
+            unpacked, description, fmi_type="CoSimulation", debug_logging=logging,
             logger=lambda e, i, status, c, message: self.messages.append(message.decode()))
     def initialize(self):
         self.slave.setupExperiment(startTime=0.0)

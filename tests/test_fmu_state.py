@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2Fatal
-from fmus import MS, Instance, run_python
+from fmus import MS, Instance, Store, run_python
 
-from build_fmu import build, build_model
+from build_fmu import build
 from fmu_src.contents.models import body_model, heart_model
 from solver import Network, load
 
@@ -89,7 +89,7 @@ def test_other_instance(instantiate: Make, way: str) -> None:
 CONTINUED = """
 import json, sys
 from pathlib import Path
-from fmus import Instance
+from fmus import Instance, Store
 from test_fmu_state import onwards
 fmu, blob, folder, h = sys.argv[1:]
 instance = Instance(Path(fmu), Path(folder))
@@ -167,16 +167,16 @@ def test_effects_with_memory(sheep: Network, tmp_path: Path) -> None:
         each.slave.freeInstance()
 
 
-MODELS: dict[str, tuple[Callable[[Path], Path], dict[str, float | str], dict[str, float]]] = {
-    "heart": (lambda to: build_model(heart_model("human"), to), {}, {"heart.rate": 1.5}),
-    "body": (lambda to: build_model(body_model("sheep"), to), {"body.exchange": "start"}, {"arteries.V": 2e-6}),
+MODELS: dict[str, tuple[Callable[[Store], Path], dict[str, float | str], dict[str, float]]] = {
+    "heart": (lambda stored: stored.lumped(heart_model), {}, {"heart.rate": 1.5}),
+    "body": (lambda stored: stored.lumped(body_model, "sheep"), {"body.exchange": "start"}, {"arteries.V": 2e-6}),
     "pressure inlet": (
-        lambda to: build(replace(load("sheep"), inlet=replace(load("sheep").inlet, causality="pressure")), to),
+        lambda stored: stored(build, replace(load("sheep"), inlet=replace(load("sheep").inlet, causality="pressure"))),
         {},
         {"inlet.P": 900.0, "CA.E": 2e6},
     ),
     "periodic start": (
-        lambda to: build(load("sheep"), to),
+        lambda stored: stored(build, load("sheep")),
         {"network.start": "periodic", "inlet.interpolation": "smooth"},
         {"inlet.Q": 2e-5},
     ),
@@ -184,10 +184,10 @@ MODELS: dict[str, tuple[Callable[[Path], Path], dict[str, float | str], dict[str
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_other_models(tmp_path: Path, model: str) -> None:
+def test_other_models(stored: Store, tmp_path: Path, model: str) -> None:
     """Every kind of FMU goes on with the same bits in another instance that read its bytes."""
     make, starts, later = MODELS[model]
-    fmu = make(tmp_path)
+    fmu = make(stored)
     instance, other = (Instance(fmu, tmp_path / name) for name in ("first", "second"))
     instance.initialize(starts)
     for i in range(6):

@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fmus import Instance
+from fmus import Instance, Store
 from scipy.integrate import solve_ivp
 
-from build_fmu import build_model
 from fmu_src.contents.models import heart_model
 from fmu_src.slaves import body_slave
 from fmu_src.slaves.base import Subject
@@ -418,9 +417,9 @@ def test_no_output_is_infinite(tmp_path: Path) -> None:
     assert "venous.Q would be inf: must be finite; check the values" in slave.log_queue[-1].msg
 
 
-def test_saved_state(tmp_path: Path) -> None:
+def test_saved_state(stored: Store, tmp_path: Path) -> None:
     """In the middle of ejection and after a change of the heart rate, from the FMU to bytes and back: equal bits."""
-    instance = Instance(build_model(heart_model(), tmp_path), tmp_path / "heart")
+    instance = Instance(stored.lumped(heart_model), tmp_path / "heart")
     instance.initialize()
     load = {"aorta.P_0": 78 * MMHG, "aorta.Z": 0.2 * MMHG / ML}
 

@@ -13,11 +13,10 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
-from fmus import MS, Instance
+from fmus import MS, Instance, Store
 from native_fmus import needs_compiler
 from test_native_heart import MODELS, R1, R2, STIFF, C
 
-from build_fmu import build_native_model
 from fmu_src.contents.models import Model
 from solver.lumped import heart_step
 from solver.lumped.arithmetic import repeated, solution
@@ -129,11 +128,11 @@ class Pair:
         return (8.0 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12.0 * by)
 
 
-def pair(kind: str, folder: Path, start: Mapping[str, Any] | None = None) -> Pair:
+def pair(stored: Store, kind: str, folder: Path, start: Mapping[str, Any] | None = None) -> Pair:
     model: Model = MODELS[kind]("human", None, 2)
     subject = model.subject
     assert subject is not None
-    fmu = Instance(build_native_model(model, folder / "file"), folder / "fmu")
+    fmu = Instance(stored.lumped(MODELS[kind], fmi=2), folder / "fmu")
     values = {v.name: v.start for v in model.table if v.causality != "output"} | dict(start or {})
     fmu.initialize(start)
     component = subject.make()
@@ -182,10 +181,10 @@ def now_and_then(i: int) -> bool:
 
 
 @pytest.mark.parametrize("random", [False, True], ids=["even", "uneven"])
-def test_heart_by_complex_steps(tmp_path: Path, random: bool) -> None:
+def test_heart_by_complex_steps(stored: Store, tmp_path: Path, random: bool) -> None:
     """A beat, every output by every input and tunable parameter: the FMU's implicit function theorem against NumPy's
     iterations with complex numbers. From the first step on, in all phases, at the ends of ranges."""
-    heart = pair("heart", tmp_path)
+    heart = pair(stored, "heart", tmp_path)
     assert off(heart, beat(heart, lengths(random)), now_and_then, heart.complex_step) <= EXACT
 
 
@@ -194,15 +193,15 @@ INSIDE = {"mitral_valve.regurgitation": 0.01, "aortic_valve.regurgitation": 0.02
 
 
 @pytest.mark.parametrize("start", [INSIDE, INSIDE | STIFF], ids=["valves", "stiff valves"])
-def test_heart_by_differences(tmp_path: Path, start: Mapping[str, float]) -> None:
+def test_heart_by_differences(stored: Store, tmp_path: Path, start: Mapping[str, float]) -> None:
     """The same against differences of steps in NumPy, also of valves that open and close at once."""
-    heart = pair("heart", tmp_path, start)
+    heart = pair(stored, "heart", tmp_path, start)
     assert off(heart, beat(heart, lengths()), now_and_then, heart.differences) <= DIFFERENCES
 
 
-def test_where_flows_are_bisected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_flows_are_bisected(stored: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where Newton's method fails, too: the derivative of a bisection itself is none of its root's."""
-    heart, newton, failed = pair("heart", tmp_path, INSIDE | STIFF), heart_step.newton, list[bool]()
+    heart, newton, failed = pair(stored, "heart", tmp_path, INSIDE | STIFF), heart_step.newton, list[bool]()
 
     def counted(*given: Any) -> Any:
         found = newton(*given)
@@ -214,9 +213,9 @@ def test_where_flows_are_bisected(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("exchange", ["end", "start"])
-def test_body(tmp_path: Path, exchange: str) -> None:
+def test_body(stored: Store, tmp_path: Path, exchange: str) -> None:
     """Volumes that oscillate, in steps of different lengths, with both exchanges: by complex steps, and P by hand."""
-    body = pair("body", tmp_path, {"body.exchange": exchange})
+    body = pair(stored, "body", tmp_path, {"body.exchange": exchange})
 
     def filled() -> Steps:
         t, each = 0.0, lengths(random=True)
@@ -254,10 +253,10 @@ def derivatives(heart: Instance, seed: Mapping[str, float]) -> list[float]:
 BOTH = {"aorta.P_0": 2.0, "heart.rate": -0.5}
 
 
-def test_states(tmp_path: Path) -> None:
+def test_states(stored: Store, tmp_path: Path) -> None:
     """The same bits after a restored state, in another instance from bytes, and if a value was set since the step;
     linear in the direction. Asking changes nothing: steps and states are the same bits."""
-    file = build_native_model(MODELS["heart"]("human", None, 2), tmp_path)
+    file = stored.lumped(MODELS["heart"], fmi=2)
     heart, other, silent = (ejecting(file, tmp_path / name) for name in "abc")
     state = heart.slave.getFMUState()
     bytes_before = heart.slave.serializeFMUState(state)
@@ -278,9 +277,9 @@ def test_states(tmp_path: Path) -> None:
     )
 
 
-def test_nothing_received_yet(tmp_path: Path) -> None:
+def test_nothing_received_yet(stored: Store, tmp_path: Path) -> None:
     """In a first step with zeros at the port the start values apply: inputs have no effect, parameters have theirs."""
-    heart = Instance(build_native_model(MODELS["heart"]("human", None, 2), tmp_path), tmp_path / "fmu")
+    heart = Instance(stored.lumped(MODELS["heart"], fmi=2), tmp_path / "fmu")
     heart.initialize()
     heart.set({"aorta.P_0": 0.0})
     heart.slave.doStep(0.0, MS)
@@ -290,9 +289,9 @@ def test_nothing_received_yet(tmp_path: Path) -> None:
     assert any(derivatives(heart, {"aorta.P_0": 1.0}))
 
 
-def test_fmi_3(tmp_path: Path) -> None:
+def test_fmi_3(stored: Store, tmp_path: Path) -> None:
     """The same bits."""
-    files = [build_native_model(MODELS["heart"]("human", None, fmi), tmp_path / str(fmi), fmi) for fmi in (2, 3)]
+    files = [stored.lumped(MODELS["heart"], fmi=fmi) for fmi in (2, 3)]
     two = ejecting(files[0], tmp_path / "two")
     description = fmpy.read_model_description(str(files[1]))
     folder = fmpy.extract(str(files[1]), str(tmp_path / "three"))
@@ -308,9 +307,9 @@ def test_fmi_3(tmp_path: Path) -> None:
     three.freeInstance()
 
 
-def test_refused(tmp_path: Path) -> None:
+def test_refused(stored: Store, tmp_path: Path) -> None:
     """Before a step, after a restored state; by fixed parameters, Enumerations, outputs; of inputs; infinite ones."""
-    body = Instance(build_native_model(MODELS["body"]("human", None, 2), tmp_path), tmp_path / "fmu")
+    body = Instance(stored.lumped(MODELS["body"], fmi=2), tmp_path / "fmu")
     body.initialize()
 
     def refusal(unknown: str, known: str, seed: float = 1.0) -> str:

@@ -90,7 +90,7 @@ def test_a_varying_bench_against_an_ode_solver(sheep: Network) -> None:
     assert np.abs(run.y[0] * v.R0 - R).max() <= 1e-6 * np.ptp(R)
 
 
-@pytest.mark.parametrize("kind", ["bench", "network"])
+@pytest.mark.parametrize("kind", ["bench", pytest.param("network", marks=pytest.mark.slow)])
 def test_a_record_of_unlike_beats(kind: str) -> None:
     """As long as its beats, with the noise of the steady beat, and a faulty sensor's offset in the truth's unit."""
     site = "AA" if kind == "bench" else "three pressures"

@@ -15,7 +15,7 @@ import fmpy
 import numpy as np
 import pytest
 from c_host import CHost, unpack
-from fmus import COARSE, MS, Instance, mixed
+from fmus import COARSE, MS, Instance, Store, mixed
 from test_several_inlets import fork
 from typer.testing import CliRunner
 
@@ -227,9 +227,9 @@ def test_run_without_inputs(fmus: dict[str, Path], sheep: Network) -> None:
         run_fmu(fmus["coarse sheep"], np.zeros_like, STOP, start_values=OWN)
 
 
-def test_built_in(sheep: Network, tmp_path: Path) -> None:
+def test_built_in(sheep: Network, stored: Store, tmp_path: Path) -> None:
     """Hosts without Enumerations: built with it, FMPy needs nothing; a pressure that is not known is refused."""
-    fmu = build(sheep, tmp_path, COARSE, starts=OWN)
+    fmu = stored(build, sheep, settings=COARSE, starts=OWN)
     result = fmpy.simulate_fmu(os.fspath(fmu), stop_time=0.1, output_interval=0.01, output=["AA.P"])
     assert np.ptp(result["AA.P"]) > 1000.0
     line = ["sheep", "--inlet", "pressure", "--set", "inlet.drive=network", "--out", os.fspath(tmp_path / "P")]
@@ -238,12 +238,13 @@ def test_built_in(sheep: Network, tmp_path: Path) -> None:
     assert "network sheep gives no curve of inlet.P" in done.stderr and not (tmp_path / "P").exists()
 
 
-def test_the_doctor_tells(fmus: dict[str, Path], sheep: Network, tmp_path: Path) -> None:
+def test_the_doctor_tells(fmus: dict[str, Path], sheep: Network, stored: Store) -> None:
     """The doctor says what an FMU does that nobody drives; nothing where the FMU is no network of arteries."""
 
     def said(fmu: Path) -> str:
         return next(f"{f.state}: {f.found}; {f.remedy}" for f in examine(fmu) if f.what == "inflow")
 
-    assert said(fmus["coarse sheep"]).startswith(f"{OK}: an input: a host that never sets inlet.Q")
-    assert "inlet.drive = network" in said(fmus["coarse sheep"])
-    assert said(build(sheep, tmp_path, COARSE, starts=OWN)).startswith(f"{OK}: the network's own")
+    driven = said(fmus["coarse sheep"])
+    assert driven.startswith(f"{OK}: an input: a host that never sets inlet.Q")
+    assert "inlet.drive = network" in driven
+    assert said(stored(build, sheep, settings=COARSE, starts=OWN)).startswith(f"{OK}: the network's own")

@@ -12,8 +12,9 @@ DOUBLED = Fault("three times", "own.py", "2 * x", "3 * x", "own")
 
 
 @pytest.fixture
-def tree(tmp_path: Path) -> Path:
-    """A module and a test that catches one of its faults."""
+def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A module and a test that catches one of its faults, which needs no plugins of pytest."""
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     (tmp_path / "tests").mkdir()
     (tmp_path / "own.py").write_text("def doubled(x):\n    return 2 * x + 0\n")
     (tmp_path / "tests" / "test_own.py").write_text(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from c_host import CHost, unpack
 from fmpy.fmi1 import FMICallException
-from fmus import Instance
+from fmus import Instance, Store
 from native_fmus import needs_compiler
 
 from build_fmu import build_model, build_native_model
@@ -74,9 +74,9 @@ def test_sentences_that_cannot_be_printed(tmp_path: Path, sentence: str, numbers
 
 
 @needs_compiler
-def test_fewer_programs_are_not_enough(c_host: CHost, tmp_path: Path) -> None:
+def test_fewer_programs_are_not_enough(stored: Store, c_host: CHost, tmp_path: Path) -> None:
     """A resource without the program of the derivatives, or of the step, is damaged; with its checksum right, too."""
-    fmu = unpack(build_native_model(heart_model("human", None, 2), tmp_path), tmp_path / "fmu")
+    fmu = unpack(stored.lumped(heart_model, fmi=2), tmp_path / "fmu")
     file = fmu.folder / "resources" / "arterial.bin"
     content = bytearray(file.read_bytes())
     meta = np.frombuffer(content, "<i4", count=5, offset=int(arrays._entries(bytes(content))[0][0]))

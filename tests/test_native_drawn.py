@@ -71,6 +71,7 @@ def test_engine_further(further_seed: int) -> None:
     draw()
 
 
+@pytest.mark.slow
 @needs_compiler
 @settings(max_examples=5, **GENERATED)
 @given(networks(), st.sampled_from(INTERPOLATIONS))

@@ -41,9 +41,8 @@ def coarse(stored: Store, tmp_path_factory: pytest.TempPathFactory) -> Unpacked:
 
 
 @pytest.fixture(scope="module")
-def body(tmp_path_factory: pytest.TempPathFactory) -> Unpacked:
-    folder = tmp_path_factory.mktemp("body")
-    return unpack(build_native_model(body_model("human", None, 2), folder), folder / "fmu")
+def body(stored: Store, tmp_path_factory: pytest.TempPathFactory) -> Unpacked:
+    return unpack(stored.lumped(body_model, fmi=2), tmp_path_factory.mktemp("body") / "fmu")
 
 
 def run(fmu: Unpacked, uri: str | None = None, h: float = 2e-3) -> list[str]:

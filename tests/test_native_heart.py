@@ -17,12 +17,14 @@ from c_host import CHost, unpack
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2Discard, fmi2Error, fmi2Fatal
 from fmpy.validation import validate_fmu
-from fmus import MS, Instance
+from fmus import MS, Instance, Store
 from native_fmus import needs_compiler
 from test_heart import evenly
 from test_native_fmu import table
+from typer.testing import CliRunner
 
-from build_fmu import build_model, build_native_model
+from arterial_fmu.cli.build import app
+from build_fmu import build_native_model
 from fmu_src.contents.models import Model, body_model, heart_model
 from fmu_src.importer import doctor
 from fmu_src.slaves import body_slave, heart_slave
@@ -41,10 +43,9 @@ MODELS: Mapping[str, Callable[..., Model]] = {"heart": heart_model, "body": body
 STIFF = {f"aortic_valve.{key}": x for key, x in {"l": 0.0, "R": R1, "K_open": 1e3, "K_close": 1e3}.items()}
 
 
-def built(make: Callable[..., Model], folder: Path, species: str = "human") -> tuple[Path, Path]:
+def built(stored: Store, make: Callable[..., Model], species: str = "human") -> tuple[Path, Path]:
     """Both FMUs: pythonfmu's and the native one."""
-    one = build_model(make(species), folder / "python")
-    return one, build_native_model(make(species, None, 2), folder / "native")
+    return stored.lumped(make, species), stored.lumped(make, species, 2)
 
 
 def instances(files: tuple[Path, Path], folder: Path) -> tuple[Instance, Instance]:
@@ -52,9 +53,9 @@ def instances(files: tuple[Path, Path], folder: Path) -> tuple[Instance, Instanc
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Path]]:
+def files(stored: Store) -> dict[str, tuple[Path, Path]]:
     """Both FMUs of the human heart and body."""
-    return {kind: built(make, tmp_path_factory.mktemp(kind)) for kind, make in MODELS.items()}
+    return {kind: built(stored, make) for kind, make in MODELS.items()}
 
 
 @pytest.fixture(scope="module")
@@ -98,9 +99,9 @@ def off(found: Array, expected: Array) -> float:
 
 
 @pytest.mark.parametrize("species", SPECIES)
-def test_ten_beats_of_a_heart(tmp_path: Path, species: str) -> None:
+def test_ten_beats_of_a_heart(stored: Store, tmp_path: Path, species: str) -> None:
     """On a Windkessel, with rate, contractility and a valve changed in mid-run (measured 2e-15)."""
-    one, two = instances(built(heart_model, tmp_path, species), tmp_path)
+    one, two = instances(built(stored, heart_model, species), tmp_path)
     T = 1.0 / SPECIES[species][0].heart.rate
     tuned = {2000: {"heart.rate": 1.2 / T, "heart.contractility": 1.3}, 3000: {"aortic_valve.regurgitation": 0.05}}
     expected, found = (beats(each, [MS] * round(10 * T / MS), tuned=tuned) for each in (one, two))
@@ -272,10 +273,9 @@ def test_refused_values(
 
 @pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize("kind", MODELS)
-def test_the_same_variables(tmp_path: Path, kind: str, fmi: int) -> None:
+def test_the_same_variables(stored: Store, tmp_path: Path, kind: str, fmi: int) -> None:
     """Names, references, causalities, units, ranges and start values; no Python, no fault that FMPy finds."""
-    one = build_model(MODELS[kind](starts={}), tmp_path / "one")
-    two = build_native_model(MODELS[kind]("human", {}, fmi), tmp_path / "two", fmi)
+    one, two = stored.lumped(MODELS[kind]), stored.lumped(MODELS[kind], fmi=fmi)
     assert validate_fmu(os.fspath(two)) == []
     description = fmpy.read_model_description(os.fspath(two))
     assert (description.fmiVersion, description.coSimulation.needsExecutionTool) == (f"{fmi}.0", False)
@@ -289,23 +289,22 @@ def test_the_same_variables(tmp_path: Path, kind: str, fmi: int) -> None:
     assert again.read_bytes() == two.read_bytes()
 
 
-def test_fmi_3(tmp_path: Path) -> None:
+def test_fmi_3(stored: Store) -> None:
     """FMI 3.0 gives the numbers of 2.0, bit by bit."""
     found = []
     for fmi in (2, 3):
-        file = build_native_model(heart_model("human", None, fmi), tmp_path / str(fmi), fmi)
+        file = stored.lumped(heart_model, fmi=fmi)
         names = ["left_ventricle.P", "left_ventricle.V", "aorta.Q"]
         found.append(fmpy.simulate_fmu(os.fspath(file), output=names, stop_time=1.0, output_interval=2e-3))
     assert len(found[0]) == 501 and np.ptp(found[0]["left_ventricle.P"]) > 80 * MMHG
     assert found[0].tobytes() == found[1].tobytes()
 
 
-def test_states(hearts: tuple[Instance, Instance], tmp_path: Path) -> None:
+def test_states(files: dict[str, tuple[Path, Path]], hearts: tuple[Instance, Instance], tmp_path: Path) -> None:
     """In the middle of ejection and after a change of the heart rate: the same bits from a state, and from its bytes in
     another instance."""
     heart = hearts[1]
-    file = build_native_model(heart_model("human", None, 2), tmp_path)
-    other = Instance(file, tmp_path / "other")
+    other = Instance(files["heart"][1], tmp_path / "other")
     names = anew(heart)
 
     def run(each: Instance, first: int, last: int) -> list[list[float]]:
@@ -330,9 +329,9 @@ def test_states(hearts: tuple[Instance, Instance], tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", MODELS)
-def test_doctor(tmp_path: Path, kind: str) -> None:
+def test_doctor(stored: Store, tmp_path: Path, kind: str) -> None:
     """Whole, without Python, and one step made; a change is found by the GUID."""
-    file = build_native_model(MODELS[kind]("sheep", None, 2), tmp_path)
+    file = stored.lumped(MODELS[kind], "sheep", 2)
     found = {finding.what: finding for finding in doctor.examine(file)}
     assert {finding.state for finding in found.values()} == {doctor.OK}
     assert found["one step"].found == "loaded, initialized, stepped, read, freed"
@@ -343,9 +342,9 @@ def test_doctor(tmp_path: Path, kind: str) -> None:
     assert doctor.state(doctor.examine(changed)) == doctor.FATAL
 
 
-def test_a_host_without_python(c_host: CHost, tmp_path: Path) -> None:
+def test_a_host_without_python(stored: Store, c_host: CHost, tmp_path: Path) -> None:
     """A host in C with no Python on its path: every step done, nothing logged."""
-    fmu = unpack(build_native_model(heart_model("human", None, 2), tmp_path), tmp_path / "fmu")
+    fmu = unpack(stored.lumped(heart_model, fmi=2), tmp_path / "fmu")
     steps = [f"step 0 {k * MS!r} {MS!r}" for k in range(200)]
     read = "getReal 0 " + " ".join(str(fmu.references[name]) for name in fmu.outputs)
     lines = [
@@ -367,8 +366,8 @@ def test_a_host_without_python(c_host: CHost, tmp_path: Path) -> None:
 def test_command(tmp_path: Path) -> None:
     """build heart --native --fmi 3; its options are refused without it."""
     line = [sys.executable, "-m", "arterial_fmu", "build", "heart", "--out", os.fspath(tmp_path), "--fmi", "3"]
-    refused = subprocess.run(line, capture_output=True, text=True)
-    assert refused.returncode == 2
+    refused = CliRunner().invoke(app, line[4:])
+    assert refused.exit_code == 2
     assert "--fmi and --platforms: for FMUs that need no Python; add --native." in refused.stderr
     done = subprocess.run([*line, "--native", "--set", "heart.rate=1.3 Hz"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -211,10 +211,12 @@ def test_an_outlet_and_a_law_of_a_script_are_in_files(tmp_path: Path, monkeypatc
         ParameterSet("mine", {}, {"network.elastic_law": "yours"})
 
 
-def test_an_effect_of_a_script_is_refused_by_the_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_effect_of_a_script_is_refused_by_the_build(
+    fmus: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The FMU carries the solver's code alone: what else a network needs is named; what it does not use, is not."""
     sheep = load("sheep")
-    before = build(sheep, tmp_path / "before").read_bytes()
+    before = fmus["sheep"].read_bytes()
     monkeypatch.setattr(effects, "ALL", (*effects.ALL, TissueSupport()))
     assert build(sheep, tmp_path / "after").read_bytes() == before
     held = sheep.with_terms({"CA.k_near": 5e6})

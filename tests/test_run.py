@@ -78,6 +78,7 @@ def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(*arguments: str | os.PathLike[str]) -> subprocess.CompletedProcess[str]:
+    """In a process of its own."""
     line = [sys.executable, "-m", "arterial_fmu.cli.run", *map(os.fspath, arguments)]
     return subprocess.run(line, capture_output=True, text=True, cwd=ROOT)
 
@@ -176,7 +177,7 @@ def test_command_without_inputs(coarse: Path, tmp_path: Path) -> None:
     """No inputs: the network's own inflow; start values may ask for rest under P_0. --quiet says nothing."""
     (tmp_path / "starts.json").write_text('{"inlet.drive": "input"}')
     for more, pulse in (((), True), (("--start-values", tmp_path / "starts.json"), False)):
-        done = command(coarse, "--stop-time", "0.05 s", "--out", tmp_path / "out.csv", "--quiet", *more)
+        done = in_process(main, [coarse, "--stop-time", "0.05 s", "--out", tmp_path / "out.csv", "--quiet", *more])
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
         result = table(tmp_path / "out.csv")
         assert result["time [s]"][-1] == 0.05
@@ -246,13 +247,16 @@ def test_command_refuses(coarse: Path, tmp_path: Path, options: list[str], sente
 
 def test_command_describes_itself(tmp_path: Path) -> None:
     """--help names every option; a file that is no FMU is refused."""
-    done = command("--help")
+    done = in_process(main, ["--help"])
     assert done.returncode == 0
     assert all(option in done.stdout for option in ("--inputs", "--start-values", "--stop-time", "--step", "--out"))
-    assert "not an FMU; build one with arterial-fmu build." in command(__file__).stderr
+    assert "not an FMU; build one with arterial-fmu build." in in_process(main, [__file__]).stderr
     with zipfile.ZipFile(tmp_path / "human.ssp", "w") as file:
         file.writestr("SystemStructure.ssd", "<System/>")
-    assert "a system of FMUs (SSP); run it in a simulator that reads SSP" in command(tmp_path / "human.ssp").stderr
+    assert (
+        "a system of FMUs (SSP); run it in a simulator that reads SSP"
+        in in_process(main, [tmp_path / "human.ssp"]).stderr
+    )
 
 
 def test_a_table_of_ranges() -> None:

@@ -19,6 +19,7 @@ import pytest
 from commands import without_progress
 from fmpy.ssp.ssd import read_ssd, read_ssv
 from fmpy.validation import validate_fmu
+from fmus import Store
 from loops import loop
 from pyssp_standard.ssp import SSP
 from pyssp_standard.ssv import SSV
@@ -27,7 +28,7 @@ from typer.testing import CliRunner
 
 import build_fmu
 from arterial_fmu.cli.build import app as build_command
-from build_fmu import build_model, build_system
+from build_fmu import build_system
 from fmu_src.contents.models import body_model, heart_model
 from fmu_src.contents.system import first_port, start_values
 from solver import load
@@ -166,8 +167,9 @@ def test_start_values_of_heart_and_body(tmp_path: Path) -> None:
         ("heart", "heart.rate=1.3 Hz", "heart.rate", "1.3"),
         ("body", "body.exchange=start", "body.exchange", "2"),
     ):
-        assert command(kind, "--set", text, cwd=tmp_path).returncode == 0
-        with zipfile.ZipFile(tmp_path / "dist" / f"human_{kind}.fmu") as archive:
+        done = CliRunner().invoke(build_command, [kind, "--set", text, "--out", os.fspath(tmp_path)])
+        assert done.exit_code == 0, done.output
+        with zipfile.ZipFile(tmp_path / f"human_{kind}.fmu") as archive:
             root = ElementTree.fromstring(archive.read("modelDescription.xml"))
         found = {v.attrib["name"]: v[0].get("start") for v in root.iter("ScalarVariable")}
         assert found[name] == start
@@ -216,11 +218,11 @@ def test_full_disk_leaves_the_old_system(ssp: Path, tmp_path: Path, monkeypatch:
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"the system from before"]
 
 
-def test_fmus_of_heart_and_body(tmp_path: Path) -> None:
+def test_fmus_of_heart_and_body(stored: Store) -> None:
     """Both species are valid FMUs without the arteries' code, below 300 kB."""
     for species in ("human", "sheep"):
-        for model in (heart_model(species), body_model(species)):
-            fmu = build_model(model, tmp_path)
+        for make in (heart_model, body_model):
+            model, fmu = make(species), stored.lumped(make, species)
             assert validate_fmu(str(fmu)) == []
             assert fmu.stat().st_size < 300_000
             with zipfile.ZipFile(fmu) as archive:

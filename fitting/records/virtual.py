@@ -94,17 +94,19 @@ def solve_radii(walls: Sequence[VirtualWall], p: Array, T: Array, N: int, rtol: 
     """
     R0, h, E, phi0, phiNL, ENL, eta = np.array([[getattr(wall, name) for name in _NUMBERS] for wall in walls]).T
     beta = np.array([wall.elastic == "beta" for wall in walls])
-    monotone = np.array([wall.viscous == "monotone" for wall in walls])
-    orders = 2j * np.pi * np.arange(p.shape[1])
+    strain_rate = _strain_rates(phi0, phiNL, np.array([wall.viscous == "monotone" for wall in walls]))
+    orders, plate = 2j * np.pi * np.arange(p.shape[1]), (1.0 - eta**2) * R0
 
     def viscous_stress(strain: Array, P: Array) -> Array:
         stretch = 1.0 + strain
-        stress = (E + ENL * strain) * strain * np.where(beta, stretch, 1.0)
-        return (1.0 - eta**2) * R0 * stretch / h * P - stress
+        stress = (E + ENL * strain) * strain
+        if beta.any():
+            stress = stress * np.where(beta, stretch, 1.0)
+        return plate * stretch / h * P - stress
 
     def rate(phase: float, strain: Array) -> Array:
         P = (p @ np.exp(orders * phase)).real
-        return T * _strain_rate(viscous_stress(strain, P), phi0, phiNL, monotone)
+        return T * strain_rate(viscous_stress(strain, P))
 
     done = solve_ivp(
         rate,
@@ -134,20 +136,28 @@ def _at_rest(viscous_stress: Callable[[Array, Array], Array], P: Array) -> Array
     return 0.5 * (low + high)
 
 
-def _strain_rate(stress: Array, phi0: Array, phiNL: Array, monotone: Array) -> Array:
-    """ε̇ with σ_v(ε̇) = stress, of walls with the monotone or the quadratic law."""
-    linear, r = stress / phi0, phiNL / phi0
-    # a trial step may ask for more than the law's largest stress φ0/(2|r|): a huge rate makes the step shorter
-    bent = np.log(np.maximum(1.0 + 2.0 * r * linear, 1e-9)) / np.where(r == 0.0, 1.0, 2.0 * r)
-    root = np.where(monotone, 1.0, 1.0 + 4.0 * r * linear)
-    if np.any(root <= 0.0):
-        worst = int(np.argmin(root))
-        raise InputError(
-            f"virtual wall: phiNL = {phiNL[worst]:g} Pa.s^2 has no strain rate for the viscous stress "
-            f"{stress[worst]:g} Pa; use the monotone law or a smaller pulse."
-        )
-    quadratic = 2.0 * linear / (1.0 + np.sqrt(root))
-    return np.asarray(np.where(r == 0.0, linear, np.where(monotone, bent, quadratic)))
+def _strain_rates(phi0: Array, phiNL: Array, monotone: Array) -> Callable[[Array], Array]:
+    """ε̇ by σ_v(ε̇), of walls with the monotone or the quadratic law; what no wall of them has is not computed."""
+    r = phiNL / phi0
+    straight, quadratic = r == 0.0, not monotone.all()
+    twice, fourfold, divisor = 2.0 * r, 4.0 * r, np.where(straight, 1.0, 2.0 * r)
+
+    def rate(stress: Array) -> Array:
+        linear = stress / phi0
+        # a trial step may ask for more than the law's largest stress φ0/(2|r|): a huge rate makes the step shorter
+        found = np.log(np.maximum(1.0 + twice * linear, 1e-9)) / divisor
+        if quadratic:
+            root = np.where(monotone, 1.0, 1.0 + fourfold * linear)
+            if np.any(root <= 0.0):
+                worst = int(np.argmin(root))
+                raise InputError(
+                    f"virtual wall: phiNL = {phiNL[worst]:g} Pa.s^2 has no strain rate for the viscous stress "
+                    f"{stress[worst]:g} Pa; use the monotone law or a smaller pulse."
+                )
+            found = np.where(monotone, found, 2.0 * linear / (1.0 + np.sqrt(root)))
+        return np.where(straight, linear, found) if straight.any() else found
+
+    return rate
 
 
 def measured(clean: Array, rng: np.random.Generator, dB: float, drift: float = 0.0, bits: int | None = None) -> Array:

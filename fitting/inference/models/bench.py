@@ -36,7 +36,7 @@ from ..runs import Runs
 from ..unknown import Unknown, finite_steps, values
 from .bench_network import on_bench
 from .bench_observation import chain, of_other_beats
-from .loop import Loop, NoFit, fourier, linearise, mean_loop
+from .loop import Loop, NoFit, fourier, leading, linearise, mean_loop
 
 Array = np.ndarray
 Chain = tuple[Array, Array]
@@ -321,7 +321,7 @@ def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[M
 
 def _promise(problem: Bench, member: Member) -> float:
     """The cost predicted by one linear step from a point."""
-    point = _linearised(problem, member, problem.start)
+    point = _linearised(problem, member, problem.start, radius=False)
     try:
         return np.inf if point is None else Search(member, _RULES, point).promised()
     except np.linalg.LinAlgError:  # a law that nearly overflows
@@ -342,24 +342,28 @@ def _settled(problem: Bench, member: Member) -> Point | None:
     return _linearised(problem, member, r)
 
 
-def _linearised(problem: Bench, member: Member, r: Array, by: Array | None = None) -> Point | None:
+def _linearised(problem: Bench, member: Member, r: Array, by: Array | None = None, radius: bool = True) -> Point | None:
     """The whitened linear problem at a point and the measured radius r, harmonic by harmonic up to K, with derivatives
-    by the unknowns ``by`` : (q,), default all; None if the law has no pressure there.
+    by the unknowns ``by`` : (q,), default all; None if the law has no pressure there. radius : whether the
+    point's memory gives the most probable radius, which needs all harmonics.
 
     Harmonics beyond K contain only noise, which a sufficiently slow sensor would explain. log_volume : log det of V up
     to K, which penalises hypotheses that explain the residual by a larger noise.
     """
     by = np.arange(len(member.x)) if by is None else by
-    steps = finite_steps(member.unknowns, member.x, _STEP)
+    steps, n = finite_steps(member.unknowns, member.x, _STEP), 2 * problem.K + 1
+    F, memory = fourier(len(r)), None
     with np.errstate(all="ignore"):
         seen = problem.seen(member, np.concatenate([member.x[None], (member.x + np.diag(steps))[by]]))
         G = seen.pressure(r)
         columns = (G[1:] - G[0]).T / steps[by]
         try:
             # L in the order of the harmonics: an entry of z depends only on harmonics up to its own
-            linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, fourier(len(r)))
+            if radius:
+                memory = linearise(problem.loop, r, G[0], seen.slope(r), columns, F)
+                z, columns, L = memory.z[:n], memory.columns[:n], memory.L
+            else:
+                z, columns, L = leading(problem.loop, r, G[0], seen.slope(r), columns, F[:n])
         except NoFit:
             return None
-    n = 2 * problem.K + 1
-    log_volume = 2.0 * float(np.log(np.diag(linear.L)[:n]).sum())
-    return Point(linear.z[:n], -linear.columns[:n], log_volume, linear)
+    return Point(z, -columns, 2.0 * float(np.log(np.diag(L)[:n]).sum()), memory)

@@ -211,18 +211,33 @@ def linearise(loop: Loop, R: Array, G: Array, A: Array, C: Array, F: Array | Non
     u = loop.P - G - A @ (loop.R - R)
     B = A @ C_RR - C_RP.T
     V = C_PP + B @ A.T - A @ C_RP
-    if not (np.isfinite(V).all() and np.isfinite(C).all() and np.isfinite(u).all()):
+    L, white = _whitened(V if F is None else F @ V @ F.T, np.column_stack([u, C]), F)
+    return Linear(white[:, 0], white[:, 1:], L, F, B, V, loop.R)
+
+
+def leading(loop: Loop, R: Array, G: Array, A: Array, C: Array, F: Array) -> tuple[Array, Array, Array]:
+    """z : (n,), columns : (n, p) and L : (n, n) of :func:`linearise` for its first n rows F : (n, N), at a fraction of
+    the cost: they do not depend on later rows, but the most probable radius does. Raises NoFit as there."""
+    C_PP, C_RR, C_RP = loop.covariances
+    u = loop.P - G - A @ (loop.R - R)
+    FA = F @ A
+    V = F @ C_PP @ F.T + (FA @ C_RR - F @ C_RP.T) @ FA.T - FA @ (C_RP @ F.T)
+    L, white = _whitened(V, np.column_stack([u, C]), F)
+    return white[:, 0], white[:, 1:], L
+
+
+def _whitened(V: Array, right: Array, F: Array | None) -> tuple[Array, Array]:
+    """L with L Lᵀ = V, and L⁻¹ F times the columns of ``right``."""
+    if not (np.isfinite(V).all() and np.isfinite(right).all()):
         raise NoFit("the law overflows on this loop; check the units of P, R and h.")
     try:
-        L = cholesky(V if F is None else F @ V @ F.T, lower=True, check_finite=False)
+        L = cholesky(V, lower=True, check_finite=False)
     except LinAlgError:
         raise NoFit(
             "P and R are noise-free functions of one another, with no noise to weigh them by; "
             "check that one was not computed from the other."
         ) from None
-    right = np.column_stack([u, C])
-    white = solve_triangular(L, right if F is None else F @ right, lower=True, check_finite=False)
-    return Linear(white[:, 0], white[:, 1:], L, F, B, V, loop.R)
+    return L, solve_triangular(L, right if F is None else F @ right, lower=True, check_finite=False)
 
 
 def spectrum(V: Array) -> Array:
