@@ -164,8 +164,9 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
     yield (result := replace(result, columns=columns))
     if result.none.explains:
         yield (result := _also_promising(result, columns, runs))
-        if implausible(result.none.fit):
-            yield (result := _of_the_file(result, found, runs))
+    first = result.none if result.none.explains else result.best
+    if first.explains and implausible(first.fit) and len(first.fit.terms) < at.MOST_EFFECTS:
+        yield (result := _from_plausible_walls(result, first.fit, found, runs))
     tried, known = set[str](), Responses()
     for _ in range(_ROUNDS):
         best, left = result.best.key, _leaves(result)
@@ -245,16 +246,23 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
     return result.joined_by(result.problem.refit([(t,) for t in chosen], base, runs, columns)).polished(runs)
 
 
-def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
-    """Add the laws that promise most from the walls of the network file, and every change of outlet kind. Used if the
-    model without effect explains the record only with implausible walls, which are no guide to a starting point."""
-    problem = result.problem
+def _from_plausible_walls(result: Compared, first: Fit, found: SourceMap, runs: Runs) -> Compared:
+    """Add the laws that promise most beside those of a fit, and every change of outlet kind, from the walls of the map
+    without outliers; of the file if the map has no places. Used if the fit explains the record only with implausible
+    walls, which are no guide to a starting point."""
+    problem, own = result.problem, dict(zip((u.name for u in first.unknowns), first.x, strict=True))
     assert isinstance(problem, NetworkProblem)
-    plain, walls = found.forced(problem, []), replace(found, x=np.zeros(len(found.x)))
-    laws = [t for t in result.terms if t.rewires or t in result.sought]
-    wide = plain.granted(at.AFAR)
-    chosen = nearest(wide, base(wide, walls), laws, runs)
-    return result.joined_by(refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)).polished(runs)
+    plain, x = found.forced(problem, []), found.standing_out(()).x if found.places else np.zeros(len(found.x))
+    wide, walls = plain.granted(at.AFAR), replace(found, x=x)
+    kept = [(t, np.array([own[u.name] for u in t.unknowns])) for t in first.terms]
+    member = base(wide, walls).with_laws(wide, kept)
+    (point,) = wide.points([Trial(member, np.arange(len(member.x)), None, np.zeros(len(member.x)))], runs)
+    if point is None:
+        return result
+    laws = [t for t in result.terms if (t.rewires or t in result.sought) and joins(t, first.terms)]
+    chosen = nearest(wide, Base(member, point.J), laws, runs)
+    fits = refitted(plain, walls, [[*kept, (b.term, b.x)] for b in chosen], runs)
+    return result.joined_by(fits).polished(runs)
 
 
 def _leaves(result: Compared) -> bool:
