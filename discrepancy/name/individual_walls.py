@@ -168,19 +168,32 @@ def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
 
 
 def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
-    """The subject of a hypothesis without its effect, if an outlier was bounded or ``none``, the best fit without
-    effect, has one; otherwise None.
+    """The subject of a hypothesis without its effect, if an outlier was bounded, if ``none``, the best fit without
+    effect, has one, or if the effect is a parameter of the subject; otherwise None.
 
     Without the effect, a subject with an outlier elsewhere may fit the record as well, and then the effect is not
-    missing. An outlier where the effect acts is an alias of the effect.
+    missing. An outlier where the effect acts is an alias of the effect: the best fit without effect has the same waves,
+    and no gap can distinguish them. Evidence did.
     """
     own = {u.name: u for u in problem.individual().deviations}
     held = any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns)
-    if not held and not standing_out(none.unknowns, none.x):
+    if not held and not standing_out(none.unknowns, none.x) and not _is_own_number(fit):
         return None
     mine = np.array([not any(u in t.unknowns for t in fit.terms) for u in fit.unknowns], bool)
     unknowns = tuple(u for u, keep in zip(fit.unknowns, mine, strict=True) if keep)
     return replace(fit, terms=(), unknowns=unknowns, x=fit.x[mine], J=fit.J[:, mine])
+
+
+def _is_own_number(fit: Fit) -> bool:
+    """True if the effect of a fit changes the record as a parameter of the same artery does."""
+    mine = {u.name for t in fit.terms for u in t.unknowns}
+    effect = [fit.J[:, j] for j, u in enumerate(fit.unknowns) if u.name in mine]
+    if len(fit.terms) != 1 or len(effect) != 1 or not effect[0].any():
+        return False
+    (moved,), place = effect, fit.terms[0].place
+    others = [fit.J[:, j] for j, u in enumerate(fit.unknowns) if u.group and u.name not in mine and _owner(u) == place]
+    left = [moved - other * ((other @ moved) / (other @ other)) for other in others if other.any()]
+    return any(np.linalg.norm(each) < _SAME * np.linalg.norm(moved) for each in left)
 
 
 def subject_without(naming: Naming) -> Fit:

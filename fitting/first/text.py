@@ -101,7 +101,7 @@ def _inlet(source: Source, segment: str) -> list[str]:
         "",
         "[inlet]  # the mean beat of inlet.Q, by its harmonics [m^3/s]",
         f'segment = "{segment}"',
-        f'T = "{source.T!r} s"',
+        f'T = "{source.T:.15g} s"',
         f"Q_mean = {source.Q[0].real:.5g}",
         f"Q_cos = [{', '.join(f'{x:.4g}' for x in 2.0 * source.Q[1:].real)}]",
         f"Q_sin = [{', '.join(f'{x:.4g}' for x in -2.0 * source.Q[1:].imag)}]",
