@@ -1,4 +1,7 @@
-"""The verdict: the hypotheses that remain, exact or with model discrepancy, and the conclusion from them."""
+"""The verdict: the hypotheses that remain, exact or with model discrepancy, and the conclusion from them.
+
+Free runs of the FMU may withdraw a name (:func:`discrepancy.show.fmu_validation.confirmed`).
+"""
 
 from __future__ import annotations
 
