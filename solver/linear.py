@@ -41,7 +41,7 @@ Inflows = Array | Mapping[str, Array]
 _PLACES = np.linspace(0.0, 1.0, 21)  # x/L, to find walls that vary
 _PIECES = 4  # from the middle of a segment to any place in it, where a wall varies
 _GAUSS = 0.5 + np.array([-1.0, 1.0]) * np.sqrt(3.0) / 6.0  # points of a piece
-_NEAR = 1e-3  # below which a series is as exact as 1 - e^{-x}
+_NEAR = 1e-2  # of x, below which (1 - e^{-x})/x is a series: either way it is exact to 1e-13
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import sensor_terms
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import absent
+from fitting.records.channels.noise import scaled
 from fitting.results.estimate import Estimate
 
 E = "B.E"
@@ -116,11 +117,12 @@ def test_a_model_that_does_not_run_before_any_effect_was_compared() -> None:
     assert agreement(s, NOTHING, wave, run) is not None
 
 
-def test_how_often_a_fall_is_chance() -> None:
+@pytest.mark.parametrize("strokes", [0.0, 0.05])
+def test_how_often_a_fall_is_chance(strokes: float) -> None:
     """Two models as far from the truth on either side: χ² falls by nothing on average.
 
     Over 200 records the fall over its standard deviation has mean 0 and standard deviation 1 within 4 standard errors,
-    and is above 1.645 in 5 %, at most 10 %.
+    and is above 1.645 in 5 %, at most 10 %; likewise if strokes differ by 5 %, and all channels follow.
     """
     s = study()
     before, after = stiffer(s, 0.02), stiffer(s, -0.02)
@@ -132,15 +134,18 @@ def test_how_often_a_fall_is_chance() -> None:
     rng, found = np.random.default_rng(1), []
     waves = clean()
     for _ in range(200):
-        values = {
-            n: waves[n] + 0.01 * waves[n].std() * rng.normal(size=(20, N))
-            if n != "inlet.Q"
-            else np.tile(waves[n], (20, 1))
-            for n in ("inlet.Q", *CHANNELS)
-        }
+        more = strokes * rng.normal(size=(20, 1)) * waves["inlet.Q"]
+        values = {"inlet.Q": waves["inlet.Q"] + more}
+        for n in CHANNELS:
+            values[n] = waves[n] + 0.01 * waves[n].std() * rng.normal(size=(20, N))
+        for n, H in zip(s.problem.signals, s.problem.response.T, strict=True):
+            values[n] += scaled(more - more.mean(axis=1, keepdims=True), H)
         beats = replace(s.fitted, values=values, shifts=np.zeros(20))
         other = replace(s, fitted=beats.select(range(15)), held_out=beats.select(range(15, 20)))
-        value, sd = fall(other, before, after)
+        H = s.problem.response
+        flow = np.fft.rfft(more[:15].mean(axis=0), norm="forward")[: len(H), None]
+        flow[0] = 0.0
+        value, sd = fall(other, *(replace(run, X=run.X + H * flow) for run in (before, after)))
         found.append(value / sd)
     assert np.mean(found) == pytest.approx(0.0, abs=4.0 / np.sqrt(200))
     assert np.std(found) == pytest.approx(1.0, abs=4.0 / np.sqrt(400))

@@ -113,6 +113,12 @@ def test_an_odd_animal_is_no_model_without_the_effect() -> None:
     alone = animal_without(problem, fit, none)
     assert alone is not None and alone.terms == () and set(alone.unknowns) == set(unknowns) - set(effect.unknowns)
     assert animal_without(problem, fit, replace(none, x=0.0 * odd)) is None
+    names = [u.name for u in unknowns]
+    for own, left, aliased in (("B.outlet.R_t", 0.0, True), ("B.outlet.R_t", 0.05, False), ("A.E", 0.0, False)):
+        J = np.zeros((2, len(unknowns)))
+        J[0, names.index(effect.unknowns[0].name)] = 3.0
+        J[:, names.index(f"{own} of its own")] = 1.0, left
+        assert (animal_without(problem, replace(fit, J=J), replace(none, x=0.0 * odd)) is not None) == aliased
     assert implausible(none) == pytest.approx({"B.outlet.R_t of its own": 10.0})
 
 

@@ -177,28 +177,31 @@ def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
     """
     own = {u.name: u for u in problem.individual().deviations}
     held = any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns)
-    if not held and not standing_out(none.unknowns, none.x) and not _is_own_number(fit):
+    if not held and not standing_out(none.unknowns, none.x) and not _aliases_a_parameter(fit):
         return None
     mine = np.array([not any(u in t.unknowns for t in fit.terms) for u in fit.unknowns], bool)
     unknowns = tuple(u for u, keep in zip(fit.unknowns, mine, strict=True) if keep)
     return replace(fit, terms=(), unknowns=unknowns, x=fit.x[mine], J=fit.J[:, mine])
 
 
-def _is_own_number(fit: Fit) -> bool:
-    """True if the effect of a fit changes the record as a parameter of the same artery does."""
-    mine = {u.name for t in fit.terms for u in t.unknowns}
-    effect = [fit.J[:, j] for j, u in enumerate(fit.unknowns) if u.name in mine]
+def _aliases_a_parameter(fit: Fit) -> bool:
+    """True if a fit has one effect, of one unknown, which changes the record as a parameter of the same artery does."""
+    of_effect = {u.name for t in fit.terms for u in t.unknowns}
+    effect = [fit.J[:, j] for j, u in enumerate(fit.unknowns) if u.name in of_effect]
     if len(fit.terms) != 1 or len(effect) != 1 or not effect[0].any():
         return False
     (moved,), place = effect, fit.terms[0].place
-    others = [fit.J[:, j] for j, u in enumerate(fit.unknowns) if u.group and u.name not in mine and _owner(u) == place]
+    others = [
+        fit.J[:, j] for j, u in enumerate(fit.unknowns) if u.group and u.name not in of_effect and _owner(u) == place
+    ]
     left = [moved - other * ((other @ moved) / (other @ other)) for other in others if other.any()]
     return any(np.linalg.norm(each) < _SAME * np.linalg.norm(moved) for each in left)
 
 
 def subject_without(naming: Naming) -> Fit:
     """The model without effect that an added effect must improve: the nearest one if much is missing, the subject of
-    the best hypothesis if outliers decide (:func:`animal_without`), otherwise the best fit without effect."""
+    the best hypothesis if outliers decide or its effect is a parameter (:func:`animal_without`), otherwise the best fit
+    without effect."""
     if naming.nearest is not None:
         return naming.nearest
     alone = animal_without(naming.problem.first, naming.best.fit, naming.base.fit) if naming.adds else None

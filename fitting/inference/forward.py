@@ -195,8 +195,8 @@ class Single(Forward, Protocol):
         return None
 
     def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
-        """(K+1, m) coefficients of the mean of some beats, corrected to a periodic beat under the drive of the fitted
-        ones."""
+        """(K+1, m) coefficients of the mean of some beats; those of a network corrected to a periodic beat under the
+        inflow of the fitted ones."""
         return mean_beat(beats, self.signals, K)
 
     def steady(self, beats: Beats, fitted: Beats) -> Beats:

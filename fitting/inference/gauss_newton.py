@@ -4,8 +4,8 @@ A search minimises, over unknowns x within their bounds,
 
     C(x) = |z(x)|² + Σ ρ(x_i) + log V(x),    ρ : the priors (:func:`fitting.inference.unknown.penalty`)
 
-by steps s with (JᵀJ + W + λ diag JᵀJ) s = -(Jᵀz + W x), where W is the precision of the priors at x. An unknown that
-would leave its range stops at its bound. No step exceeds the reach, which shrinks if the cost rises or if z is
+by steps s with (JᵀJ + W + λ diag JᵀJ) s = -(Jᵀz + W x), where W is the precision of the priors at x, to the minimum
+within the bounds. No step exceeds the reach, which shrinks if the cost rises or if z is
 undefined. If the cost rises again, λ increases as well (D. W. Marquardt, J. SIAM 11 (1963) 431). The search ends if the
 linear problem predicts a gain of less than g². If C is quadratic, each unknown is then within g of its
 standard deviation from the minimum, as s_i² ≤ (A⁻¹)_ii sᵀA s with A = JᵀJ + W. J is computed at
@@ -53,10 +53,12 @@ def held_step(normal: Array, gradient: Array, x: Array, low: Array, high: Array)
 
     Unknowns outside their range stop at its bound, and those at a bound where the slope leads inwards are freed, all at
     once; where that does not lower their number, only the last of them (block principal pivoting: L. F. Portugal,
-    J. J. Júdice, L. N. Vicente, Math. Comput. 63 (1994) 625). Unknowns with equal bounds stay fixed.
+    J. J. Júdice, L. N. Vicente, Math. Comput. 63 (1994) 625). Unknowns with equal bounds stay fixed. If ``normal`` is
+    nearly singular the rounds may run out; then the step is the best of theirs.
     """
     lower, upper, moves = low - x, high - x, low < high
-    free, step, fewest, tries = moves, np.zeros(len(x)), len(x) + 1, _TRIES
+    free, step, fewest, tries = moves, np.clip(np.zeros(len(x)), lower, upper), len(x) + 1, _TRIES
+    best, least = step, np.inf
     for _ in range(_ROUNDS * len(x)):
         held = normal[np.ix_(free, ~free)] @ step[~free]
         step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=1e-12)[0]
@@ -65,13 +67,15 @@ def held_step(normal: Array, gradient: Array, x: Array, low: Array, high: Array)
         wrong = inwards | free & ((step < lower) | (step > upper))
         step = np.clip(step, lower, upper)
         if not wrong.any():
-            break
+            return step
+        if (value := float(step @ (normal @ step / 2.0 + gradient))) < least:
+            best, least = step.copy(), value
         tries = _TRIES if wrong.sum() < fewest else tries - 1
         fewest = min(fewest, int(wrong.sum()))
         if tries < 0:
             wrong &= np.arange(len(x)) == np.flatnonzero(wrong)[-1]
         free = free ^ wrong
-    return step
+    return best
 
 
 def linear_step(fit: Fit, J: Array, z: Array) -> Array:

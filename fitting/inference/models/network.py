@@ -22,7 +22,6 @@ from ...records.channels.inflow import flowed, inflow, undone
 from ...records.channels.inflow_variability import Felt
 from ...records.channels.noise import (
     Target,
-    as_driven,
     degrees_of_freedom,
     inflow_noise,
     mean_beat,
@@ -30,6 +29,7 @@ from ...records.channels.noise import (
     sensor_noise,
     solver_error,
     steady_beats,
+    under_drive_of,
 )
 from ..extended_network import allowed
 from ..fit import Fit, Member, begun, sizes_of, taken_over
@@ -175,11 +175,14 @@ class NetworkProblem(Single):
         if beats is fitted:
             return self.target.X[: K + 1]
         X = self.held_out(beats, fitted).target.X
-        return as_driven(X, beats, fitted, self.signals, self.response, self.felt)[: K + 1]
+        return under_drive_of(fitted, X, beats, self.signals, self.response, self.felt)[: K + 1]
 
     def steady(self, beats: Beats, fitted: Beats) -> Beats:
-        felt = self.felt if beats is fitted else varying(beats, self.network, self.signals, self.K, self.felt_at)
-        return steady_beats(beats, self.signals, self.response, felt)[1]
+        share, steady = steady_beats(fitted, self.signals, self.response, self.felt)
+        if beats is fitted:
+            return steady
+        felt = varying(beats, self.network, self.signals, self.K, self.felt_at)
+        return steady_beats(beats, self.signals, self.response, felt, share=share)[1]
 
     def driven(self, wave: Array) -> Drive:
         """The inflow."""

@@ -127,16 +127,17 @@ def target(
 
 
 def steady_beats(
-    beats: Beats, names: Sequence[str], response: Array, felt: Felt | None, drive: str = INFLOW
-) -> tuple[Array, Beats]:
+    beats: Beats, names: Sequence[str], response: Array, felt: Felt | None, drive: str = INFLOW,
+    share: Array | None = None,
+) -> tuple[Array, Beats]:  # fmt: skip
     """The share (n,) of the drive's change from beat to beat that is noise, and beats of drive and channels without the
-    change of channels that is not.
+    change of channels that is not. share : if it is known from other beats.
 
     What is left of the channels when the real part of the drive's change is taken out has nothing in common with the
     drive as measured: a covariance that can be pooled and shrunk.
     """
     moved = following(beats, response, felt, drive)
-    share = noise_share(beats, names, moved, len(response))
+    share = noise_share(beats, names, moved, len(response)) if share is None else share
     values = {name: beats.values[name] - scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)}
     return share, replace(beats, values={drive: beats.values[drive], **values})
 
@@ -188,20 +189,20 @@ def mean_beat(beats: Beats, names: Sequence[str], K: int, felt: Felt | None = No
     return X if felt is None else X - felt.coefficients(K + 1)[0]
 
 
-def as_driven(
-    X: Array, beats: Beats, fitted: Beats, names: Sequence[str], response: Array, felt: Felt | None,
-    drive: str = INFLOW,
-) -> Array:  # fmt: skip
-    """X : (K+1, m) of the mean of some beats, as it would be under the mean drive of others, ``fitted``, whose response
-    (n, m) and felt are given.
+def under_drive_of(
+    fitted: Beats, X: Array, beats: Beats, names: Sequence[str], response: Array, felt: Felt | None
+) -> Array:
+    """The coefficients X : (K+1, m) of the mean of some beats, moved to the mean inflow of the fitted beats:
 
-    By the linear response to the difference of the drives that is not noise. Means are left as they are: arteries fill
-    over many beats.
+        X_k + (1 - share_k) H_k (Q_k of the fitted - Q_k of these),     k >= 1
+
+    H : (n, m) the linear response, felt : as in :func:`target`, both of the fitted beats; share : the part of the
+    inflow's change that is noise of its meter. Means (k = 0) stay as they are, because arteries fill over many beats.
     """
     share, n = noise_share(fitted, names, following(fitted, response, felt), len(response)), len(X)
-    more = (coefficients(beats.mean(drive)) - coefficients(fitted.mean(drive)))[:n]
+    more = (coefficients(fitted.mean(INFLOW)) - coefficients(beats.mean(INFLOW)))[:n]
     more[0] = 0.0
-    return np.asarray(X - ((1.0 - share[:n]) * more)[:, None] * response[:n])
+    return np.asarray(X + ((1.0 - share[:n]) * more)[:, None] * response[:n])
 
 
 def pulses(beats: Beats, names: Sequence[str]) -> Array:
