@@ -5,11 +5,11 @@ A search minimises, over unknowns x within their bounds,
     C(x) = |z(x)|² + Σ ρ(x_i) + log V(x),    ρ : the priors (:func:`fitting.inference.unknown.penalty`)
 
 by steps s with (JᵀJ + W + λ diag JᵀJ) s = -(Jᵀz + W x), where W is the precision of the priors at x, to the minimum
-within the bounds. No step exceeds the reach, which shrinks if the cost rises or if z is
-undefined. If the cost rises again, λ increases as well (D. W. Marquardt, J. SIAM 11 (1963) 431). The search ends if the
-linear problem predicts a gain of less than g². If C is quadratic, each unknown is then within g of its
-standard deviation from the minimum, as s_i² ≤ (A⁻¹)_ii sᵀA s with A = JᵀJ + W. J is computed at
-every point, or updated from the residuals (C. G. Broyden, Math. Comput. 19 (1965) 577) and recomputed at intervals.
+within the bounds. No step exceeds the reach, which shrinks if the cost rises or if z is undefined. If the cost rises
+again, λ increases as well (D. W. Marquardt, J. SIAM 11 (1963) 431). The search ends if the linear problem predicts a
+gain of less than g². If C is quadratic, each unknown is then within g of its standard deviation from the minimum, as
+s_i² ≤ (A⁻¹)_ii sᵀA s with A = JᵀJ + W. J is computed at every point, or updated from the residuals (C. G. Broyden,
+Math. Comput. 19 (1965) 577) and recomputed at intervals.
 """
 
 from __future__ import annotations

@@ -39,13 +39,13 @@ def align(record: Record, period: float | None = None) -> Beats:
     for name, x in channels.items():
         require_phases((~np.isnan(x[cut.samples])).sum(axis=0), name, record.path)
     values: Mapping[str, Array] = {name: cut.of(x) for name, x in channels.items()}
-    shifts, whole = np.zeros(len(cut.samples)), None
+    shifts, singly = np.zeros(len(cut.samples)), None
     if isinstance(cut, UnequalBeats):
-        whole = replace(cut, channels={name: without_gaps(x) for name, x in channels.items()})
+        singly = replace(cut, channels={name: without_gaps(x) for name, x in channels.items()})
     else:
         values, shifts = without_jitter(values, T)
     said = (*record.said, *said)
-    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, whole, record.told, said)
+    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, singly, record.told, said)
     check_steady(beats.unsteadiness, T, record.path)
     return beats
 
@@ -83,9 +83,9 @@ def _cut(
     if period is not None and abs(period / usual.other - 1.0) <= limit.NEAR:  # of the two, the record does not say
         usual = replace(usual, T=period)
     found = find_upstrokes(channels, usual.T / dt)
-    whole, T = None if found is None else unequal(channels, dt, found), usual.T
-    if whole is not None:
-        T = whole.T
+    singly, T = None if found is None else unequal(channels, dt, found), usual.T
+    if singly is not None:
+        T = singly.T
     elif told:
         T = T if found is None else dt * found.line[0]
         ordinary, _ = without_spikes(channels, grid(T, dt, n, source), steps)
@@ -94,15 +94,15 @@ def _cut(
     if period is not None:
         count = max(1, round(period / T))
         off = abs(period / T - count)
-        if off > limit.NEAR if whole is not None else off / count * n * dt / period > limit.VARIES:
+        if off > limit.NEAR if singly is not None else off / count * n * dt / period > limit.VARIES:
             raise InputError(
                 f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
             )
         said = ()
-        if whole is None:
+        if singly is None:
             T = float(period)
         elif count > 1:
             said = (
                 f"the given period of {period:.4g} s holds {count} beats; they vary, so that each was cut by itself.",
             )
-    return whole or grid(T, dt, n, source), T, said
+    return singly or grid(T, dt, n, source), T, said

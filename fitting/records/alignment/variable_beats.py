@@ -93,10 +93,10 @@ def unequal(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> Unequ
     if wander <= limit.VARIES * usual and pulses.std() <= max(limit.VARIES, limit.NO_PULSE * noise) * pulses.mean():
         return None
     edges = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
-    return _whole(channels, dt, edges[edges >= 0], usual)
+    return _cut_singly(channels, dt, edges[edges >= 0], usual)
 
 
-def _whole(channels: Mapping[str, Array], dt: float, edges: Array, usual: float) -> UnequalBeats | None:
+def _cut_singly(channels: Mapping[str, Array], dt: float, edges: Array, usual: float) -> UnequalBeats | None:
     """The longest stretch of steady beats that no more than MISSING odd ones in a row interrupt; None if not two."""
     near = np.flatnonzero(np.abs(np.diff(edges) - usual) <= limit.NEAR * usual + 1.0)
     if len(near) < 2:
@@ -120,14 +120,14 @@ def _likeness(x: Array, at: Array, length: float) -> float:
     return float(np.median(beats @ mean / np.maximum(size, np.finfo(float).tiny)))
 
 
-def _odd(channels: Mapping[str, Array], whole: UnequalBeats) -> Array:
+def _odd(channels: Mapping[str, Array], singly: UnequalBeats) -> Array:
     """The beats that are unlike the others in a channel: ectopic ones, a flushed line, a lost contact."""
-    far = np.zeros(len(whole.serving), bool)
+    far = np.zeros(len(singly.serving), bool)
     for x in channels.values():
-        rows = whole.of(x)
+        rows = singly.of(x)
         size, pulse = unlikeness(rows), float(np.nanstd(np.nanmedian(rows, axis=0)))
         far |= size > max(limit.UNLIKE * pulse, limit.USUAL * float(np.nanmedian(size)))
-    return whole.serving[far]
+    return singly.serving[far]
 
 
 def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tuple[str, ...]:

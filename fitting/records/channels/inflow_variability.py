@@ -47,12 +47,12 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
     """
     if beats.unequal is None:
         return None
-    whole, N, mean = beats.unequal, beats.N, beats.mean(drive)
-    first, last = whole.edges[[0, -1]]
-    q = whole.channels[drive][first:last]
+    singly, N, mean = beats.unequal, beats.N, beats.mean(drive)
+    first, last = singly.edges[[0, -1]]
+    q = singly.channels[drive][first:last]
     before = limit.BEATS_BEFORE * N
     length = before + len(q)
-    H = transfer(length * whole.dt, int(harmonics * length / N))
+    H = transfer(length * singly.dt, int(harmonics * length / N))
     larger = np.zeros(length)
     if memory:
         unknown = np.tile(mean, limit.BEATS_UNKNOWN)
@@ -61,7 +61,7 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
 
     def cut(x: Array) -> Array:
         """(m, n_beats, N) of (m, length)."""
-        return np.stack([whole.of(np.concatenate([np.zeros(first), each[before:]])) for each in x])
+        return np.stack([singly.of(np.concatenate([np.zeros(first), each[before:]])) for each in x])
 
     followed = cut(_filtered(H, np.concatenate([np.tile(mean, limit.BEATS_BEFORE), q])))
     mean_followed = followed.mean(axis=1)
