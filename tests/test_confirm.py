@@ -182,6 +182,33 @@ def test_nothing_is_missing_below_the_noise(verdict: str) -> None:
     assert found.reason is not None and "0.77 times the noise" in found.reason
 
 
+@pytest.mark.parametrize(("error", "verdict"), [(0.9, "none"), (1.1, "effect")])
+def test_nothing_is_named_within_the_stated_error(error: float, verdict: str) -> None:
+    """A first model that leaves 3 times the noise, but 0.9 times what noise and its stated error leave, lacks nothing
+    that held-out beats show."""
+    s = study()
+    before, after = stiffer(s, 0.1), stiffer(s, 0.0)
+    before = replace(before, gap=replace(before.gap, total=(3.0, 3.0), in_error=(error, error)))
+    found = confirmed(s, named(), before, after)
+    assert found.verdict == verdict
+    assert verdict == "effect" or (found.reason or "").endswith("no more than noise and the stated error of the model")
+
+
+def test_the_stated_error_is_of_every_harmonic() -> None:
+    """Without noise, with a stated error of 0.5 % of a channel's pulsation at every harmonic, its gap is
+    √(Σ w |ΔX|²/(0.005 s)² / ((2K + 1) m)) of m channels with pulsations s, w = 1 at the mean, else 2: to 1e-6."""
+    s = study(noise=1e-9)
+    own = replace(s, problem=replace(s.problem, accuracy=0.005))
+    run = stiffer(own, 0.3)
+    part = own.held_out
+    X = np.stack([np.fft.rfft(part.mean(n), norm="forward")[: len(run.X)] for n in NAMES], axis=1)
+    size = np.array([s.fitted.mean(n).std() for n in NAMES])
+    w = np.where(np.arange(len(X)) == 0, 1.0, 2.0)[:, None]
+    expected = np.sqrt((w * np.abs(run.X - X) ** 2 / (0.005 * size) ** 2).sum() / w.sum() / len(size))
+    assert run.gap.in_error is not None and run.gap.in_error[1] == pytest.approx(expected, rel=1e-6)
+    assert stiffer(s, 0.3).gap.in_error is None
+
+
 def test_a_record_that_an_improbable_animal_meets() -> None:
     """All moduli 2.97 times the file's, 5.4 stated spreads: the verdict was `none`, "nothing is missing"."""
     s, run = study(), stiffer(study(), 0.0)

@@ -21,7 +21,7 @@ from fitting.inference.models.bench_observation import mean_wander, sense
 from fitting.inference.models.simulator import as_shown
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels.amounts import changes, sizes
-from fitting.records.channels.noise import check_flow_driven
+from fitting.records.channels.noise import check_flow_driven, pulses
 from fitting.records.channels.spectral import interpolated
 from solver import Settings, simulate
 from solver.network.description import Network
@@ -44,13 +44,20 @@ _AT_REST = 1e-4  # of a pressure: if all vary by less, there are no waves to com
 @dataclass(frozen=True)
 class Gap:
     """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI];
-    pulsation : the same without the means. above : that of all channels from harmonic 2, 4, 8 … on."""
+    pulsation : the same without the means. above : that of all channels from harmonic 2, 4, 8 … on. in_error : the
+    total in units of noise and stated error of the network together, if it has one."""
 
     total: tuple[float, float]
     channels: Mapping[str, tuple[float, float]]
     rms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     pulsation: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     above: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    in_error: tuple[float, float] | None = None
+
+    @property
+    def is_noise(self) -> bool:
+        """True if held-out beats show nothing but noise and the stated error of the network."""
+        return (self.in_error or self.total)[1] <= at.NO_GAP
 
 
 @dataclass(frozen=True)
@@ -101,13 +108,16 @@ def of_coefficients(study: Study, X: Array, stands_in: str = "") -> Run:
 def gap(study: Study, X: Array) -> Gap:
     """The gap between coefficients X : (K+1, m), after sensors, and the record."""
     K = len(X) - 1
-    weight, each, rms, pulsation, above = _weights(K), [], [], [], list[list[float]]()
+    weight, each, rms, pulsation, above, in_error = _weights(K), [], [], [], list[list[float]](), list[float]()
+    stated = study.problem.accuracy * pulses(study.fitted, study.problem.signals)
     lowest = [k for k in _OCTAVES if k <= K]
     for part in (study.fitted, study.held_out):
         power = np.abs(X - study.problem.repeated(part, study.fitted, K)) ** 2
         rms.append(np.sqrt((weight * power).sum(axis=0)))
         pulsation.append(np.sqrt((weight * power)[1:].sum(axis=0)))
-        whitened = weight * power / _noise(study, part, K)
+        noise = _noise(study, part, K)
+        in_error.append(math.sqrt((weight * power / (noise + stated**2)).sum() / weight.sum() / len(stated)))
+        whitened = weight * power / noise
         each.append(np.sqrt(whitened.sum(axis=0) / weight.sum()))
         above.append([float(np.sqrt((whitened[k:].sum(axis=0) / weight[k:].sum()).mean())) for k in lowest])
     fitted, held_out = (float(np.sqrt(np.mean(e**2))) for e in each)
@@ -116,8 +126,9 @@ def gap(study: Study, X: Array) -> Gap:
         for pair in (each, rms, pulsation)
     )
     return Gap(
-        (fitted, held_out), by_channel, of_beat, of_pulsation, dict(zip(lowest, zip(*above, strict=True), strict=True))
-    )
+        (fitted, held_out), by_channel, of_beat, of_pulsation, dict(zip(lowest, zip(*above, strict=True), strict=True)),
+        (in_error[0], in_error[1]) if stated.any() else None,
+    )  # fmt: skip
 
 
 def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
@@ -212,16 +223,15 @@ def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap 
 def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
     best, left = label_text(naming.best.label), before.total[1]
     none = naming.verdict == "none"
-    failed = (
-        next((r.failed for r in each if r.failed and (none or r.gap_after is None)), "") if left > at.NO_GAP else ""
-    )
+    failed = "" if before.is_noise else next((r.failed for r in each if r.failed and (none or r.gap_after is None)), "")
     if failed and none:
         return _without(naming, "unknown", f"the model fits the record, but this cannot be judged: {failed}")
     if not naming.adds and naming.verdict != "unknown":
         return naming
-    if left <= at.NO_GAP:
+    if before.is_noise:
         found = f"{best} was found but not named" if after else "no effect was named"
-        reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
+        known = "noise" if before.in_error is None else "noise and the stated error of the model"
+        reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than {known}"
         return _without(naming, "none", reason)
     if failed:
         nearest = f"{best} comes nearest, but cannot be judged" if naming.best.label else "no effect can be judged"
