@@ -10,6 +10,7 @@ import numpy as np
 from fitting.first.spread import is_first
 from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
+from fitting.inference.gauss_newton import Trial
 from fitting.inference.hierarchy import Linear, with_widths
 from fitting.inference.hypothesis import Term, rewired
 from fitting.inference.model_discrepancy import settled
@@ -132,7 +133,7 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
         return
     odd = _odd(none, limits)
     asked = [t for t in found.terms if t.place in {_owner(none.unknowns[i]) for i in odd} and not t.rewires]
-    columns = found.problem.columns(none, asked, runs)
+    columns, none = found.problem.columns(none, asked, runs), _derived(found.problem, none, odd, runs)
     instead = {i: _instead(none, i, asked, columns) for i in odd}
     own = [none.unknowns[i] for i in odd if instead[i] and instead[i][0][0] < _SAME]
     kinds = {u.group: limits[u.name] for u in own if u.name in limits}
@@ -152,6 +153,16 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
         hypotheses.append([effects[0][0], effects[1][0]])
     base, *fits = found.problem.refine([held, *(f for each in hypotheses for f in _with(held, each))], runs)
     yield found.of_fits([*kept, base or settled(held), *there(fits)])
+
+
+def _derived(problem: Forward, fit: Fit, of: Sequence[int], runs: Runs) -> Fit:
+    """A fit with its derivatives by some unknowns simulated at its point, as those of effects beside it are: the ones
+    that its search ended with may be of an earlier point."""
+    (point,) = problem.points([Trial(fit.member, np.array(of), None, np.zeros(len(fit.x)))], runs)
+    J = fit.J.copy()
+    if point is not None:
+        J[:, of] = point.J
+    return replace(fit, J=J)
 
 
 def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
@@ -177,25 +188,23 @@ def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
     """
     own = {u.name: u for u in problem.individual().deviations}
     held = any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns)
-    if not held and not standing_out(none.unknowns, none.x) and not _aliases_a_parameter(fit):
+    if not held and not standing_out(none.unknowns, none.x) and not _aliases_a_parameter(problem, fit):
         return None
     mine = np.array([not any(u in t.unknowns for t in fit.terms) for u in fit.unknowns], bool)
     unknowns = tuple(u for u, keep in zip(fit.unknowns, mine, strict=True) if keep)
     return replace(fit, terms=(), unknowns=unknowns, x=fit.x[mine], J=fit.J[:, mine])
 
 
-def _aliases_a_parameter(fit: Fit) -> bool:
+def _aliases_a_parameter(problem: Forward, fit: Fit) -> bool:
     """True if a fit has one effect, of one unknown, which changes the record as a parameter of the same artery does."""
-    of_effect = {u.name for t in fit.terms for u in t.unknowns}
-    effect = [fit.J[:, j] for j, u in enumerate(fit.unknowns) if u.name in of_effect]
-    if len(fit.terms) != 1 or len(effect) != 1 or not effect[0].any():
+    effect = [i for i, u in enumerate(fit.unknowns) if any(u in t.unknowns for t in fit.terms)]
+    if len(fit.terms) != 1 or len(effect) != 1:
         return False
-    (moved,), place = effect, fit.terms[0].place
-    others = [
-        fit.J[:, j] for j, u in enumerate(fit.unknowns) if u.group and u.name not in of_effect and _owner(u) == place
-    ]
-    left = [moved - other * ((other @ moved) / (other @ other)) for other in others if other.any()]
-    return any(np.linalg.norm(each) < _SAME * np.linalg.norm(moved) for each in left)
+    place = fit.terms[0].place
+    others = [i for i, u in enumerate(fit.unknowns) if u.group and i not in effect and _owner(u) == place]
+    moved, *each = _derived(problem, fit, [*effect, *others], Runs()).J[:, [*effect, *others]].T
+    left = [moved - other * ((other @ moved) / (other @ other)) for other in each if other.any()]
+    return any(np.linalg.norm(rest) < _SAME * np.linalg.norm(moved) for rest in left)
 
 
 def subject_without(naming: Naming) -> Fit:
