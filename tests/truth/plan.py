@@ -84,12 +84,12 @@ GROUPS = {
     "varying": Group(23, 20331103, {"bench": 240, "network": 140}, 0.6, varying=(0.03, 0.05)),
     "offcentre": Group(24, 20331104, {"network": 100}, 0.0, walls=(0.0, 1.0), only=("stenosis", "side_branch"),
                        position=(0.15, 0.85)),
-    "outside_walls": Group(25, 20331105, {"bench": 120, "network": 120}, 0.0, 1.0, walls=_SPREADS),
-    "own": Group(26, 20331106, {"network": 90}, 0.0, 1 / 3, least=0.0, walls=_SPREADS, only=tuple(_OWN), sizes=_OWN),
-    "elastic": Group(27, 20331107, {"network": 60}, 0.0, pairs=0.5, least=2 / 3, walls=_SPREADS, channels="all",
+    "outside_walls": Group(25, 20331205, {"bench": 120, "network": 120}, 0.0, 1.0, walls=_SPREADS),
+    "own": Group(26, 20331206, {"network": 90}, 0.0, 1 / 3, least=0.0, walls=_SPREADS, only=tuple(_OWN), sizes=_OWN),
+    "elastic": Group(27, 20331207, {"network": 60}, 0.0, pairs=0.5, least=2 / 3, walls=_SPREADS, channels="all",
                      base="elastic"),
-    "pairs": Group(28, 20331108, {"network": 60}, 0.0, pairs=1.0, least=0.75, walls=_SPREADS, channels="all"),
-    "three": Group(29, 20331109, {"network": 60}, 0.0, least=2 / 3, walls=_SPREADS, channels="three pressures"),
+    "pairs": Group(28, 20331208, {"network": 60}, 0.0, pairs=1.0, least=0.75, walls=_SPREADS, channels="all"),
+    "three": Group(29, 20331209, {"network": 60}, 0.0, least=2 / 3, walls=_SPREADS, channels="three pressures"),
 }  # fmt: skip
 TUNING_SEED, REPORTED_SEED = GROUPS["standard"].tuning, GROUPS["standard"].reported
 REPORTED = GROUPS["standard"].records
