@@ -317,10 +317,13 @@ def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
     own = {u.name for term in fit.terms for u in term.unknowns}
     sd = np.sqrt(np.diag(with_widths(fit).covariance))
     return tuple(
-        Absorbed(f"ln {u.name}" if u.kind == "scale" else u.name, float(x) * u.size, float(s) * u.size, u.size, u.unit)
+        Absorbed(
+            f"ln {u.name}" if u.kind == "scale" else u.name,
+            float(x) * u.size, float(s) * u.size, (u.prior_sd or 0.0) * u.size, u.unit,
+        )
         for u, x, s in zip(fit.unknowns, fit.x, sd, strict=True)
         if u.name not in own and not u.group
-    )
+    )  # fmt: skip
 
 
 def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:

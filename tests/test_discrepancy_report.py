@@ -531,9 +531,11 @@ def test_long_odds_are_not_counted(sheep: Network) -> None:
 
 def test_what_all_have_in_common_is_a_factor(sheep: Network) -> None:
     """ln 1.2 = 0.182 of a scale is a factor of 1.2; a shift is none."""
-    absorbed = (Absorbed("ln all.E", 0.18232, 0.01, 0.2), Absorbed("all.outlet.R_t", 0.1, 0.01, 0.2))
+    free = Absorbed("all.outlet.P_venous of A", -190.0, 210.0, 0.0, "Pa")
+    absorbed = (Absorbed("ln all.E", 0.18232, 0.01, 0.2), Absorbed("all.outlet.R_t", 0.1, 0.01, 0.2), free)
     shown = rows(replace(synthetic("none", sheep), absorbed=absorbed), "Changes common to all arteries")
-    assert [row[-1] for row in shown] == ["× 1.2", "–"]
+    assert [row[-1] for row in shown] == ["× 1.2", "–", "–"]
+    assert [row[2] for row in shown] == ["0 ± 0.2", "0 ± 0.2", "none"] and not free.far
 
 
 def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:

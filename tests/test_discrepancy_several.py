@@ -28,7 +28,7 @@ from typer.testing import CliRunner
 
 import arterial_fmu.__main__
 from arterial_fmu.cli.tables.study import gap_text, recordings_table
-from discrepancy.assemble import sentence
+from discrepancy.assemble import _absorbed, sentence
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.recorded import rows as rows_of
@@ -40,13 +40,15 @@ from discrepancy.plan.second_state import second_state, separations
 from discrepancy.recordings import Judged, Recordings, _named
 from discrepancy.show.fmu_validation import Gap, Run, confirmed, gap
 from fitting.check.fmu_run import RunFailed
-from fitting.inference.fit import Member
+from fitting.inference.fit import Fit, Member
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import OutOfTime, Runs
+from fitting.inference.unknown_text import parse_unknowns
 from fitting.records.read.record import Record, write_record
 from solver.network.files import read_network, write_network
+from solver.quantities.units import MMHG
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -294,6 +296,16 @@ def test_own_numbers_are_of_the_model_that_stands() -> None:
     (found,) = judged.recordings
     assert judged.naming.verdict == "unknown" and judged.after is None and judged.gaps[1] is None
     assert found.own == {"CA.E": 1e6} and found.gap_after is None
+
+
+def test_own_numbers_stand_beside_their_own_prior() -> None:
+    """A venous pressure that recordings have of their own moves in Pa, with a prior in Pa or none: not one of 1 Pa, of
+    which a change by 1.4 mmHg would be 190 spreads."""
+    unknowns = parse_unknowns(["C.outlet.P_venous:2 mmHg", "B.outlet.P_venous:none", "all.E:0.2"], NETWORK)
+    fit = Fit((), unknowns, np.array([-190.0, 7.0, 0.1]), np.zeros(3), np.eye(3), *2 * [np.zeros(3, int)])
+    found = _absorbed(fit)
+    assert [each.prior_sd for each in found] == pytest.approx([2.0 * MMHG, 0.0, 0.2])
+    assert [each.x for each in found] == [-190.0, 7.0, 0.1] and not any(each.far for each in found)
 
 
 def test_an_fmu_that_does_not_run_bears_no_name_out() -> None:

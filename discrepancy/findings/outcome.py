@@ -87,7 +87,8 @@ class Balance:
 
 @dataclass(frozen=True)
 class Absorbed:
-    """A refitted nuisance parameter: its shift x in ``unit``, with prior and posterior standard deviations."""
+    """A refitted nuisance parameter: its shift x in ``unit``, with posterior and prior standard deviations; the latter
+    is 0 if it has no prior."""
 
     name: str
     x: float

@@ -160,21 +160,28 @@ def _why(outcome: Outcome, effect: Effect) -> str:
 
 
 def late_drive(effects: Iterable[NamedEffect], channels: Sequence[str]) -> str:
-    """ "inlet.Q is 22 ms late", if all pressure and radius channels are early, by delays that agree within their
-    intervals; flows without a delay are then late, like inlet.Q. Else "".
+    """ "inlet.Q is 22 ms late", if that is its named delay, or if all pressure and radius channels are early, by delays
+    that agree within their intervals; flows without a delay are then late, like inlet.Q. Else "".
 
     effects : the effects added to a model that inlet.Q drives.
     """
     delays = {e.where[0]: ends for e in effects if (ends := _delay(e)) is not None}
+    if INFLOW in delays:
+        return _late([INFLOW], delays[INFLOW][0])
     others = {name for name in channels if not name.endswith(".Q")}
     if not delays or not others <= set(delays) or any(value >= 0.0 for value, _, _ in delays.values()):
         return ""
     if max(low for _, low, _ in delays.values()) > min(high for _, _, high in delays.values()):
         return ""
     late = [INFLOW, *(name for name in channels if name.endswith(".Q") and name not in delays)]
+    return _late(late, -sum(value for value, _, _ in delays.values()) / len(delays))
+
+
+def _late(channels: Sequence[str], delay: float) -> str:
+    """Channels and their delay [s] in words."""
     unit, factor = readable("s", "ms")
-    size = number(-factor * sum(value for value, _, _ in delays.values()) / len(delays))
-    return f"{' and '.join(late)} {'are' if len(late) > 1 else 'is'} {size} {unit} late"
+    verb, side = "are" if len(channels) > 1 else "is", "late" if delay > 0.0 else "early"
+    return f"{' and '.join(channels)} {verb} {number(factor * abs(delay))} {unit} {side}"
 
 
 def _delay(effect: NamedEffect) -> tuple[float, float, float] | None:
