@@ -70,7 +70,7 @@ class Shown:
 
 
 WALLS = (
-    Slider("Young’s modulus E", "factor", 0.5, 2.0, ("E",), log=True),
+    Slider("Modulus E", "factor", 0.5, 2.0, ("E",), log=True),
     Slider("Wall viscosity φ0", "factor", 0.0, 3.0, ("phi0",)),
 )
 SHOWN = {
