@@ -1,23 +1,10 @@
 """The network linearised at rest, one harmonic at a time: a reference for the solvers and a first guess for fits.
 
-With P = P_0 + P', A = A_rest + A', small Q and time dependence e^{iωt}, `momentumConserv_AQ` and `sheep_constitutive`
-become in each segment
-
-    dP'/dx = -Z' Q,     Z' = (ρ/A_rest)(iω + C_f/A_rest + Σ weight_i iω/(iω + rate_i))
-    dQ/dx = -Y' P',     Y' = iω/(dP_el/dA + iω ν_s Σ share_j/(1 + iωτ_j)) + g
-
-with waves e^{±γx}, γ² = Z'Y', and characteristic impedance Z_c² = Z'/Y'. A segment is described by the pressure and the
-flow at its middle (s = x - L/2), which is regular at ω = 0, without friction, at resonance and for large γL alike:
-
-    P'(x) = P'_mid cosh γs - Q_mid Z_c sinh γs,     Q(x) = Q_mid cosh γs - P'_mid sinh(γs)/Z_c
-
-The sums belong to the effects unsteady_friction, stress_relaxation and fractional_viscosity, g to side_branch of
-:mod:`~solver.laws.effects`; a stenosis vanishes at rest. Where walls vary along a segment, the way
-from the middle to x is a chain of pieces: the error falls with the fourth power of their length.
-
-Joined ends share one pressure and have ΣQ = 0, in trees and loops alike. Valid for small strain and U/c; the nonlinear
-wall viscosity and convection vanish. Source: linear one-dimensional theory, Alastruey, Parker and Sherwin, ICPS (2012),
-with the Kelvin–Voigt walls of Wang, Fullana and Lagrée, Comput. Methods Biomech. Biomed. Engng 18 (2015) 1704.
+With P = P_0 + P', A = A_rest + A', small Q and time dependence e^{iωt} each segment carries waves
+(:mod:`~solver.transmission`). Joined ends share one pressure and have ΣQ = 0, in trees and loops alike. Valid for small
+strain and U/c; the nonlinear wall viscosity and convection vanish. Source: linear one-dimensional theory, Alastruey,
+Parker and Sherwin, ICPS (2012), with the Kelvin–Voigt walls of Wang, Fullana and Lagrée, Comput. Methods Biomech.
+Biomed. Engng 18 (2015) 1704.
 """
 
 from __future__ import annotations
@@ -28,20 +15,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from .errors import InputError
-from .laws.effect import Points
 from .laws.wall import Wall
 from .mesh.mesh import Topology, topology
-from .network.coefficients import Coefficients, Parameters, changes, coefficients
+from .network.coefficients import Coefficients, Parameters, coefficients
 from .network.description import Network
 from .network.table_source import refuse
+from .transmission import Places, line, ways
 
 Array = np.ndarray
 Inflows = Array | Mapping[str, Array]
 
 _PLACES = np.linspace(0.0, 1.0, 21)  # x/L, to find walls that vary
-_PIECES = 4  # from the middle of a segment to any place in it, where a wall varies
-_GAUSS = 0.5 + np.array([-1.0, 1.0]) * np.sqrt(3.0) / 6.0  # points of a piece
-_NEAR = 1e-2  # of x, below which (1 - e^{-x})/x is a series: either way it is exact to 1e-13
 
 
 @dataclass(frozen=True)
@@ -81,8 +65,10 @@ def propagation(network: Network, omega: Array, parameters: Parameters | None = 
             "constant; switch off what makes it vary, or take solve for the waves in it."
         )
     n = c.L.shape[1]
-    Z, Y = _line(network, c, np.arange(n), np.full(n, 0.5), omega)
-    return _things_first(np.sqrt(Z * Y), c.batched), _things_first(np.sqrt(Z / Y), c.batched)
+    places, which = Places.of(network, c, np.arange(n), np.full(n, 0.5))
+    Z, Y = line(places, omega)
+    which = which if c.batched else which[0]
+    return np.sqrt(Z * Y)[which], np.sqrt(Z / Y)[which]
 
 
 def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | None = None) -> Harmonics:
@@ -109,29 +95,31 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     batched = c.batched or any(each.ndim == 2 for each in given)
     nodes = topology(network)
     n = c.L.shape[1]
-    site = np.array([[s.name for s in network.segments].index(s.segment) for s in network.sites], int)
-    position = np.array([s.position for s in network.sites])
-    # flows are expressed in Pa, as Z_ref Q, so that all unknowns and equations have one scale
-    with np.errstate(invalid="ignore"):  # an unstable wall is refused with the others
-        A = c.wall.area(c.P_0)
-        Z_ref = np.sqrt(c.wall.rho * c.wall.stiffness(A) / A)[:, :1, None]
-    segment = np.concatenate([np.arange(n), np.arange(n), site])
-    way = _way(network, c, segment, np.concatenate([np.zeros(n), np.ones(n), position]), omega, Z_ref)
-    conditions = _conditions(network, c, nodes, np.broadcast_arrays(*map(np.atleast_2d, given)), omega, Z_ref)
-    lossless = bool(np.any((c.C_f == 0.0) & np.all(c.wall.phi0 == 0.0, axis=1, keepdims=True)))
+    site = [[s.name for s in network.segments].index(s.segment) for s in network.sites]
+    segment = np.array([*range(n), *range(n), *site])
+    places, which = Places.of(
+        network, c, segment, np.array([0.0] * n + [1.0] * n + [s.position for s in network.sites])
+    )
+    found = ways(places, omega)
+    # flows are expressed in Pa, as Z_ref Q, so that all equations have one scale
+    Z, way = found.Z[which], found.matrix[:, :, which]
+    way[1] *= (Z[:, :1] / Z)[..., None]
+    way, Z_ref = np.swapaxes(way, -1, -2), Z[:, :1, None]
+    outlet, at_site = n + nodes.outlet_segment, slice(2 * n, None)
+    given = np.broadcast_arrays(*map(np.atleast_2d, given))
+    conditions = _conditions(network, c, nodes, found.wall.picked(0, which[:, outlet]), given, omega, Z_ref)
+    elastic = np.all(found.wall.phi0[0, which[:, :n]] == 0.0, axis=1, keepdims=True)
+    lossless = bool(np.any((c.C_f == 0.0) & elastic))
     P_mid, Q_mid = (x[..., segment] for x in _middles(nodes, conditions, way[..., : 2 * n], lossless))
     P = way[0, 0] * P_mid + way[0, 1] * Q_mid
     flow = (way[1, 0] * P_mid + way[1, 1] * Q_mid) / Z_ref
 
-    _, first = _ends(nodes)
-    outlet, at_site = n + nodes.outlet_segment, slice(2 * n, None)
     steady = np.where(omega == 0.0, 1.0, 0.0)[:, None]
-    wall = c.wall_at(site, position)
-    A = wall.area(c.P_0)
-    R_rest = np.sqrt(A / np.pi)[:, None]
-    R = R_rest * steady + P[..., at_site] * _compliance(wall, A, omega) / (2.0 * np.pi * R_rest)
+    R_rest = np.sqrt(found.wall.area(places.c.P_0) / np.pi)[0, which[:, None, at_site]]
+    compliance = np.swapaxes(found.compliance[which[:, at_site]], -1, -2)
+    R = R_rest * steady + P[..., at_site] * compliance / (2.0 * np.pi * R_rest)
     P += c.P_0[:, None] * steady
-    parts = P[..., first], flow[..., outlet], P[..., at_site], flow[..., at_site], R
+    parts = P[..., _ends(nodes)[1]], flow[..., outlet], P[..., at_site], flow[..., at_site], R
     P_node, *others = (_things_first(x, batched) for x in parts)
     Q_inlet = _things_first(flow[..., nodes.inlet_segment], batched)
     return Harmonics(omega, P_node, Q_inlet if len(given) > 1 else Q_inlet[..., 0, :], *others)
@@ -209,115 +197,26 @@ def _varying(c: Coefficients) -> Array:
     return np.asarray(whole.differs(whole.at(np.tile(np.arange(n), places))).reshape(places, n).any(axis=0))
 
 
-def _line(network: Network, c: Coefficients, segment: Array, x: Array, omega: Array) -> tuple[Array, Array]:
-    """Z' [Pa·s/m⁴] and Y' [m²/(Pa·s)], (B, n, n_points), at points x/L of segments."""
-    wall = c.wall_at(segment, x)
-    with np.errstate(invalid="ignore"):
-        A = wall.area(c.P_0)
-        stiffness = wall.stiffness(A)
-    for b, i in np.argwhere(~(stiffness > 0.0)):
-        raise InputError(
-            f"segment {network.segments[segment[i]].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
-            f"(dP_el/dA = {stiffness[b, i]:g} Pa/m^2, must be positive); change E, ENL or P_0."
-        )
-    if wall.leakage.any() and np.any(omega == 0.0):
-        raise InputError(
-            f"network {network.name}: the mean flow of a leak depends on the mean pressure; leave out omega = 0."
-        )
-    iw = 1j * omega[:, None]
-    Y = iw * _compliance(wall, A, omega) + wall.leakage[:, None]
-    return (c.rho / A)[:, None] * (iw + (c.C_f / A)[:, None] + _history(c, wall, segment, x, omega)), Y
-
-
-def _way(network: Network, c: Coefficients, segment: Array, x: Array, omega: Array, Z_ref: Array) -> Array:
-    """(2, 2, B, n, n_points): P' and Z_ref Q at points x/L of segments from those at the middles, as a product of
-    e^Ω over pieces of length d, times e^{-γL/2} with γ of the middle, so that nothing overflows however large γL is.
-    With 1 and 2 at (1/2 ∓ √3/6) d of a piece (fourth order: S. Blanes et al., Phys. Rep. 470 (2009) 151),
-
-        Ω = | -a  -b |     a = √3 d²/12 (Z'_1 Y'_2 - Z'_2 Y'_1)     b = d (Z'_1 + Z'_2)/2     c = d (Y'_1 + Y'_2)/2
-            | -c   a |     e^Ω = cosh μ + Ω sinh(μ)/μ     μ² = a² + b c
-    """
-    n, pieces = c.L.shape[1], _PIECES if np.any(_varying(c)) else 1
-    each = ((np.arange(pieces)[:, None] + _GAUSS) / pieces).ravel()
-    at = np.concatenate([(0.5 + np.outer(each, x - 0.5)).ravel(), np.full(n, 0.5)])
-    Z, Y = _line(network, c, np.concatenate([np.tile(segment, len(each)), np.arange(n)]), at, omega)
-    half = (np.sqrt(Z * Y)[..., -n:] * 0.5 * c.L[:, None])[..., segment]  # γL/2
-    d = (c.L[:, segment] * (x - 0.5) / pieces)[:, None]
-    z = np.split(np.tile(0.5 * d / Z_ref, len(each)) * Z[..., :-n], len(each), axis=-1)
-    y = np.split(np.tile(0.5 * d * Z_ref, len(each)) * Y[..., :-n], len(each), axis=-1)
-    whole = np.zeros(1)
-    P, F = np.eye(2)[..., None, None, None]
-    for z1, z2, y1, y2 in zip(z[::2], z[1::2], y[::2], y[1::2], strict=True):
-        p, q, r = z1 + z2, y1 + y2, (z1 * y2 - z2 * y1) / np.sqrt(3.0)
-        mu = np.sqrt(r * r + p * q)
-        even, odd = _modes(mu)
-        whole = whole + mu
-        P, F = even * P - odd * (r * P + p * F), even * F - odd * (q * P - r * F)
-    return np.asarray(np.stack([P, F]) * np.exp(whole - half))
-
-
-def _compliance(wall: Wall, A: Array, omega: Array) -> Array:
-    """A'/P' [m²/Pa] of walls at rest at an area A : (B, n_walls), (B, n, n_walls)."""
-    iw = 1j * omega[:, None]
-    responses, linear = wall.responses(iw), (wall.viscosity_area / A)[:, None]
-    law = wall.viscosity(A, np.zeros_like(A))[:, None]  # a learned stress adds to φ0 in the first element
-    viscosity = iw * (law * responses[0] + linear * responses[1:].sum(axis=0))
-    return np.asarray(1.0 / (wall.stiffness(A)[:, None] + viscosity))
-
-
-def _history(c: Coefficients, wall: Wall, segment: Array, x: Array, omega: Array) -> Array:
-    """Σ weight iω/(iω + rate) [1/s] of the drag of all effects : (B, n, n_points), at points x/L of segments."""
-    iw = 1j * omega[:, None]
-    # every point as a whole element
-    each = Points(
-        x=x[:, None],
-        left=np.zeros((len(x), 1)),
-        right=np.ones((len(x), 1)),
-        R0=np.sqrt(wall.A0 / np.pi)[..., None],
-        L=c.L[:, segment, None],
-        nu=c.nu[..., None],
-        integral=np.array([[0.5, 0.5]]),
-    )
-    found = np.zeros((c.B, len(omega), len(x)), complex)
-    for term in c.terms:
-        if not changes(term.effect, "drag"):
-            continue
-        own = term.at(segment) if term.effect.owner == "segment" else term.values
-        drag = term.effect.drag({key: value[..., None] for key, value in own.items()}, each)
-        if drag is not None:
-            weight, rate = drag.weight[:, :, None, :, 0], drag.rate[:, :, None, :, 0]
-            poles = iw + rate  # 0 of a steady flow without relaxation: there y = U
-            found += (weight * np.divide(iw, poles, out=np.ones_like(poles), where=poles != 0.0)).sum(axis=0)
-    return found
-
-
-def _modes(mu: Array) -> tuple[Array, Array]:
-    """e^{-μ} cosh μ and e^{-μ} sinh(μ)/μ: exact at μ = 0, no overflow however large μ."""
-    x, e = 2.0 * mu, np.exp(-2.0 * mu)
-    near = np.abs(x) < _NEAR
-    series = 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0)))
-    return 0.5 * (1.0 + e), np.where(near, series, (1.0 - e) / np.where(near, 1.0, x))
-
-
 # --- the network --------------------------------------------------------------------------------------------------
 
 
 def _ends(nodes: Topology) -> tuple[Array, Array]:
     """The node of every end of a segment, first all starts and then all ends; and one of the ends of every node."""
     node = np.concatenate([nodes.start, nodes.end])
-    return node, np.unique(node, return_index=True)[1]
+    first = np.empty(nodes.n_nodes, int)
+    first[node[::-1]] = np.arange(len(node))[::-1]
+    return node, first
 
 
 def _conditions(
-    network: Network, c: Coefficients, nodes: Topology, Q: Sequence[Array], omega: Array, Z_ref: Array
+    network: Network, c: Coefficients, nodes: Topology, wall: Wall, Q: Sequence[Array], omega: Array, Z_ref: Array
 ) -> tuple[Array, Array, Array]:
     """Coefficients (B, n, n_nodes) of a F + b P' = r at each node, F = Z_ref · flow from the node into segments.
 
-    Inlets, Q : (B, n) of each: F = Z_ref Q, or P' given. Junction: F = 0. Outlets: each kind's own
+    Inlets, Q : (B, n) of each: F = Z_ref Q, or P' given. Junction: F = 0. Outlets, with these walls: each kind's own
     (:mod:`solver.laws.outlets`).
     Raises ValueError if this leaves the mean undetermined.
     """
-    wall = c.wall_at(nodes.outlet_segment, np.ones(len(nodes.outlet_segment)))
     _refuse_unreachable(network, c, wall)
     shape = (max(c.B, len(Q[0])), len(omega), nodes.n_nodes)
     a, b, r = np.ones(shape, complex), np.zeros(shape, complex), np.zeros(shape, complex)
@@ -365,28 +264,26 @@ def _check_mean(network: Network, c: Coefficients, nodes: Topology, a: Array, b:
 def _middles(
     nodes: Topology, conditions: tuple[Array, Array, Array], way: Array, lossless: bool
 ) -> tuple[Array, Array]:
-    """e^{γL/2} times P' and Z_ref Q at the middle of each segment, (B, n, n_segments): 2 unknowns per segment.
+    """e^{γL/2} times P' and Z Q at the middle of each segment, (B, n, n_segments): 2 unknowns per segment.
 
     The equations are the conditions at the nodes, and a common pressure of all ends at a node. way : to the starts and
     to the ends of the segments.
     """
     a, b, r = conditions
-    n = len(nodes.start)
+    n, n_nodes = len(nodes.start), nodes.n_nodes
     node, first = _ends(nodes)
-    others = np.setdiff1d(np.arange(2 * n), first)
-    one = np.eye(2 * n)
-    meets = (node == np.arange(nodes.n_nodes)[:, None]) * np.repeat([1.0, -1.0], n)  # a flow leaves a node at a start
-    differs = one[first[node[others]]] - one[others]
-
-    def rows(ends: Array, of: Array) -> Array:
-        """Sums over ends of a quantity, by P and by Z_ref Q at the middles."""
-        each = ends * of[..., None, :]
-        return np.concatenate(each[..., :n] + each[..., n:], axis=-1)
-
-    condition = a[..., None] * rows(meets, way[1]) + b[..., None] * rows(one[first], way[0])
-    continuity = np.broadcast_to(rows(differs, way[0]), condition.shape[:-2] + (len(others), 2 * n))
-    right = np.concatenate([r, np.zeros(r.shape[:-1] + (len(others),))], axis=-1)
-    M = np.concatenate([condition, continuity], axis=-2)
+    others = np.delete(np.arange(2 * n), first)
+    same = first[node[others]]
+    leaves = np.repeat([1.0, -1.0], n)  # a flow leaves a node at a start
+    of_flow, of_pressure, row = a[..., node] * leaves, b[..., node], n_nodes + np.arange(len(others))
+    M = np.zeros((*r.shape[:-1], 2 * n, 2 * n), complex)
+    for column, (P, F) in zip((np.arange(n), np.arange(n, 2 * n)), np.swapaxes(way, 0, 1), strict=True):
+        each = of_flow * F + of_pressure * P  # where b is not 0, one end alone is at the node
+        M[..., nodes.start, column] = each[..., :n]
+        M[..., nodes.end, column] += each[..., n:]
+        M[..., row, column[same % n]] = P[..., same]
+        M[..., row, column[others % n]] -= P[..., others]
+    right = np.concatenate([r, np.zeros((*r.shape[:-1], len(others)))], axis=-1)
     try:
         x = np.linalg.solve(M, right[..., None])[..., 0]
         singular = not np.all(np.isfinite(x)) or (lossless and np.max(np.linalg.cond(M, 1)) > 1e13)

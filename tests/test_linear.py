@@ -13,7 +13,7 @@ import pytest
 from scipy.special import jv, jvp
 from tubes import OMEGA, RHO, VISCOUS, area, artery, impedance, inlet_impedance, line, speed, tube
 
-from solver import linear
+from solver import transmission
 from solver.laws.outlets import Pressure, Reflection, Resistance, Windkessel
 from solver.linear import propagation, solve, waveforms
 
@@ -215,5 +215,5 @@ def test_a_tube_that_narrows_or_widens(taper: float, monkeypatch: pytest.MonkeyP
 
     with_4 = errors()
     assert np.all(with_4 < [6e-8, 3.8e-7, 1.4e-5, 4.8e-4, 2e-2])
-    monkeypatch.setattr(linear, "_PIECES", 8)
+    monkeypatch.setattr(transmission, "_PIECES", 8)
     np.testing.assert_allclose(errors() / with_4, 1 / 16, rtol=0.2)

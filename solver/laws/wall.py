@@ -63,6 +63,10 @@ class Wall:
         """The walls at some of the points: last axis indexed."""
         return self._with(lambda array: array[..., index].copy())
 
+    def picked(self, member: Array | int, index: Array) -> Wall:
+        """The walls at points : (B, n) of members that broadcast against it."""
+        return self._with(lambda array: array[..., member, index])
+
     def shaped(self, shape: tuple[int, ...]) -> Wall:
         """The same walls with the last axis in this shape."""
         return self._with(lambda array: array.reshape(*array.shape[:-1], *shape).copy())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
 
@@ -22,6 +22,8 @@ from .validation import check_parameters
 
 Array = np.ndarray
 Parameters = Mapping[str, Any]
+
+_ALONG = ("segment", "fluid")  # owners of what acts along segments
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,35 @@ class Coefficients:
         """The walls at the middles of the segments : (B, n_segments)."""
         n = self.L.shape[1]
         return self.wall_at(np.arange(n), np.full(n, 0.5))
+
+    @property
+    def numbers(self) -> Array:
+        """All numbers of the segments and the fluid in them : (B, n_segments, m)."""
+        along = [value for term in self.terms if term.effect.owner in _ALONG for value in term.values.values()]
+        base = self.base.A0, self.base.K, self.base.K_h, self.base.P_ref
+        held = self.L, *base, self.rho, self.nu, self.C_f, self.P_0, *along
+        found = np.empty((*self.L.shape, len(held)))
+        for i, values in enumerate(held):
+            found[..., i] = values
+        return found
+
+    def picked(self, member: Array, segment: Array) -> Coefficients:
+        """Segments : (n,) of members : (n,) of the batch, and the fluid in them, as the segments of one member."""
+
+        def one(values: Array) -> Array:
+            return np.asarray(values[member[None], segment % values.shape[1]])  # one column of the fluid
+
+        terms = (term for term in self.terms if term.effect.owner in _ALONG)
+        fluid = {key: one(getattr(self, key)) for key in ("rho", "nu", "C_f", "alpha", "P_0")}
+        return replace(
+            self,
+            L=one(self.L),
+            base=self.base.picked(member[None], segment),
+            terms=tuple(Term(term.effect, {key: one(x) for key, x in term.values.items()}) for term in terms),
+            outlets=(),
+            batched=False,
+            **fluid,
+        )
 
     @property
     def cuts(self) -> tuple[tuple[float, ...], ...]:

@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..laws.catalogue import quantities_of, terms_of, value_of
 from ..laws.effect import Described
 from ..laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
+from ..quantities.quantity import Quantity
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 CHECKED_TOGETHER = ("L", "phi0", "phiNL")  # numbers of a segment that are checked by more than their own range
@@ -91,11 +92,11 @@ def check_terms(network: Described, values: Mapping[str, Any]) -> None:
 
 def _check_ratio(segment: str, phi0: np.ndarray, phiNL: np.ndarray) -> None:
     """The nonlinear viscous laws contain phiNL/phi0."""
-    phi0, phiNL = (x.ravel() for x in np.broadcast_arrays(phi0, phiNL))
     bad = np.abs(phiNL) > _LARGEST_RATIO * phi0
     if bad.any():
+        phi0, phiNL = (x[bad] for x in np.broadcast_arrays(phi0, phiNL))
         raise InputError(
-            f"{segment}.phiNL = {phiNL[bad][0]:g} Pa.s^2 is too large for {segment}.phi0 = {phi0[bad][0]:g} Pa.s: "
+            f"{segment}.phiNL = {phiNL[0]:g} Pa.s^2 is too large for {segment}.phi0 = {phi0[0]:g} Pa.s: "
             f"phiNL/phi0 must lie in [-{_LARGEST_RATIO:g}, {_LARGEST_RATIO:g}] s; "
             f"set {segment}.phiNL to 0 or raise {segment}.phi0."
         )
@@ -207,21 +208,34 @@ def _check_reachable(network: Described) -> None:
 
 def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
     """Raise ValueError unless every name is a parameter of the network and every value (scalar or array) is allowed."""
-    known = network.parameter_quantities()
+    known, arrays = network.parameter_quantities(), dict[str, np.ndarray]()
     for name, value in values.items():
         if name not in known:
             inflow = "the inflow is under [inlet] in the network file; change it there."
             hint = inflow if name.startswith("inlet.") else suggest(name, known)
             raise InputError(f"{name}: not a parameter of network {network.name}; {hint}")
         try:
-            flat = np.asarray(value)
+            arrays[name] = np.asarray(value).ravel()
         except ValueError:  # rows of different lengths
-            flat = np.asarray(None)
-        if flat.dtype.kind not in "fiu":
+            arrays[name] = np.asarray(None)
+        if arrays[name].dtype.kind not in "fiu":
             raise InputError(f"{name} = {value!r}: must be a number{known[name].in_unit}, or an array (B,) of them.")
-        for single in flat.ravel():
+    for name in _doubtful(known, arrays):
+        for single in arrays[name]:
             known[name].check(name, float(single))
     for segment in network.segments:
         phi0 = np.asarray(values.get(f"{segment.name}.phi0", segment.phi0))
         phiNL = np.asarray(values.get(f"{segment.name}.phiNL", segment.phiNL))
         _check_ratio(segment.name, phi0, phiNL)
+
+
+def _doubtful(known: Mapping[str, Quantity], arrays: Mapping[str, np.ndarray]) -> list[str]:
+    """The names whose numbers are not all well inside their range, by one comparison for all of one length."""
+    inside = set[str]()
+    for size in {array.size for array in arrays.values()}:
+        names = [name for name, array in arrays.items() if array.size == size]
+        table = np.array([arrays[name] for name in names], float)
+        low, high = np.array([(known[name].low, known[name].high) for name in names]).T[:, :, None]
+        within = np.all((table > low) & (table <= high) & np.isfinite(table), axis=1)
+        inside |= {name for name, each in zip(names, within, strict=True) if each and not known[name].whole}
+    return [name for name in arrays if name not in inside]
