@@ -125,12 +125,26 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     return Harmonics(omega, P_node, Q_inlet if len(given) > 1 else Q_inlet[..., 0, :], *others)
 
 
+def amplitudes(network: Network, Q: Inflows, omega: Array, parameters: Parameters | None = None) -> dict[str, Array]:
+    """The harmonics of :func:`solve`, (n,) or (B, n) each, by the FMU's names: ``inlet.P`` [Pa] or ``inlet.Q``,
+    ``<site>.P``, ``.Q`` [m³/s] and ``.R`` [m], ``<segment>.outlet.P`` and ``.Q``."""
+    h = solve(network, Q, omega, parameters)
+    at_sites = {"P": h.P_site, "Q": h.Q_site, "R": h.R_site}
+    at_outlets = {"P": h.P_node[..., topology(network).outlets, :], "Q": h.Q_outlet}
+    at_inlets = {"P": h.P_node, "Q": h.Q_inlet if network.further_inlets else h.Q_inlet[..., None, :]}
+    result = {inlet.answer: at_inlets[inlet.answer[-1]][..., i, :] for i, inlet in enumerate(network.inlets)}
+    for i, site in enumerate(network.sites):
+        result |= {f"{site.name}.{key}": x[..., i, :] for key, x in at_sites.items()}
+    for i, outlet in enumerate(network.outlets):
+        result |= {f"{outlet.segment}.outlet.{key}": x[..., i, :] for key, x in at_outlets.items()}
+    return result
+
+
 def waveforms(network: Network, Q: Inflows, T: float, parameters: Parameters | None = None) -> dict[str, Array]:
     """The periodic waveforms for n samples of inflow, evenly spaced over one period without its end.
 
     Q : (n,) or (B, n) [m³/s], or the pressure [Pa] that drives the inlet, for several as in :func:`solve`. T : period
-    [s]. Returns arrays (n,) or (B, n) by the FMU's names: ``inlet.P`` [Pa] or ``inlet.Q``, ``<site>.P``, ``.Q`` [m³/s]
-    and ``.R`` [m], ``<segment>.outlet.P`` and ``.Q``. Raises ValueError as :func:`solve`.
+    [s]. Returns arrays (n,) or (B, n) by the names of :func:`amplitudes`. Raises ValueError as :func:`solve`.
     """
     given = {name: np.asarray(each, float) for name, each in _of_inlets(network, Q).items()}
     for each in given.values():
@@ -142,24 +156,11 @@ def waveforms(network: Network, Q: Inflows, T: float, parameters: Parameters | N
         raise InputError(f"T = {T:g} s: the period must be positive.")
     n = next(iter(given.values())).shape[-1]
     omega = 2.0 * np.pi / T * np.arange(n // 2 + 1)
-    h = solve(network, {name: np.fft.rfft(each, norm="forward") for name, each in given.items()}, omega, parameters)
-
-    def back(x: Array) -> Array:
-        # for even n the samples determine only the cosine of the last (Nyquist) harmonic: the mean of the responses at
-        # ±ω, the real part, which irfft uses
-        return np.fft.irfft(x, n, norm="forward")
-
-    P_node = back(h.P_node)
-    at_sites = {"P": back(h.P_site), "Q": back(h.Q_site), "R": back(h.R_site)}
-    at_outlets = {"P": P_node[..., topology(network).outlets, :], "Q": back(h.Q_outlet)}
-    several = len(given) > 1
-    at_inlets = {"P": P_node, "Q": back(h.Q_inlet if several else h.Q_inlet[..., None, :])}
-    result = {inlet.answer: at_inlets[inlet.answer[-1]][..., i, :] for i, inlet in enumerate(network.inlets)}
-    for i, site in enumerate(network.sites):
-        result |= {f"{site.name}.{key}": x[..., i, :] for key, x in at_sites.items()}
-    for i, outlet in enumerate(network.outlets):
-        result |= {f"{outlet.segment}.outlet.{key}": x[..., i, :] for key, x in at_outlets.items()}
-    return result
+    drive = {name: np.fft.rfft(each, norm="forward") for name, each in given.items()}
+    # for even n the samples determine only the cosine of the last (Nyquist) harmonic: the mean of the responses at
+    # ±ω, the real part, which irfft uses
+    found = amplitudes(network, drive, omega, parameters)
+    return {name: np.fft.irfft(x, n, norm="forward") for name, x in found.items()}
 
 
 def _of_inlets(network: Network, Q: Inflows) -> dict[str, Array]:

@@ -20,14 +20,14 @@ ACCURACY = 0.005
 
 class Data:
     """root : the channel of the pressure at the root, the one whose mean counts. k : (K+1,) of the harmonics. Q :
-    (2K+2,) samples of the inflow [m³/s]. names : the pressures and flows. X, sigma : (K+1,) of each, with the standard
-    deviation √(noise² + (error of the model)²). n : how many real numbers count."""
+    (K+1,) of the inflow [m³/s]. names : the pressures and flows. X, sigma : (K+1,) of each, with the standard deviation
+    √(noise² + (error of the model)²). n : how many real numbers count."""
 
     def __init__(self, beats: Beats, root: str) -> None:
         self.beats, self.root = beats, root
         most = min(_HARMONICS, max(int(heard(beats, name).max(initial=1)) for name in beats.values))
         self.k = np.arange(most + 1)
-        self.Q = resample(beats.mean(INFLOW), 2 * most + 2)
+        self.Q = coefficients(resample(beats.mean(INFLOW), 2 * most + 2))[: most + 1]
         self.names = [name for name in beats.values if name[-2:] in (".P", ".Q") and name != INFLOW]
         self.X = {name: coefficients(beats.mean(name))[: most + 1] for name in self.names}
         self.sigma = {name: self._sigma(name) for name in self.names}

@@ -19,7 +19,7 @@ from itertools import product
 import numpy as np
 from scipy.optimize import least_squares
 
-from solver.linear import waveforms
+from solver.linear import amplitudes
 from solver.network.description import Network
 
 from ..records import thresholds as limit
@@ -198,9 +198,9 @@ class _Problem:
     def model(self, X: Array) -> dict[str, Array]:
         """Harmonics (B, K+1) of every channel for a batch of points X : (B, p)."""
         data = self.data
-        wave = waveforms(self.network, data.Q, data.beats.T, self.values(X))
-        turn = np.exp(1j * data.beats.omega * data.k * X[:, -1:])
-        return {name: np.fft.rfft(wave[name], norm="forward")[:, : len(data.k)] * turn for name in data.names}
+        omega = data.beats.omega * data.k
+        found, turn = amplitudes(self.network, data.Q, omega, self.values(X)), np.exp(1j * omega * X[:, -1:])
+        return {name: found[name] * turn for name in data.names}
 
     def residual(self, X: Array) -> Array:
         """(B, n) weighted residuals, priors included."""

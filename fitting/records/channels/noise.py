@@ -240,10 +240,9 @@ def response(network: Network, names: Sequence[str], T: float, K: int, parameter
 
     Raises ValueError as :func:`solver.linear.solve`.
     """
-    impulse = np.zeros((2, 2 * K + 2))
-    impulse[1, 0] = 1.0  # every rfft coefficient is 1; the other member is rest, which the means are counted from
-    waves = linear.waveforms(network, impulse, T, dict(parameters))
-    return np.stack([np.fft.rfft(waves[name][1] - waves[name][0])[: K + 1] for name in names], axis=1)
+    unit = np.array([np.zeros(K + 1), np.ones(K + 1)])  # the first is rest, which the means are counted from
+    waves = linear.amplitudes(network, unit, 2.0 * np.pi / T * np.arange(K + 1), dict(parameters))
+    return np.stack([waves[name][1] - waves[name][0] for name in names], axis=1)
 
 
 def solver_error(X: Array, X_finer: Array, pulse: Array) -> Array:
