@@ -170,7 +170,13 @@ class Beats:
         correlated (r), by (1 + r)/(1 - r). Gaps are filled with the mean beat, and the covariance scaled to the
         number that was measured. Raises ValueError for a missing channel or a single beat.
         """
-        C = self._scatter_matrices(tuple(names))
+        if (key := tuple(names)) not in self._covariances:
+            self._covariances[key] = self._covariance(key)
+            self._covariances[key].setflags(write=False)
+        return self._covariances[key]
+
+    def _covariance(self, names: tuple[str, ...]) -> Array:
+        C = self._scatter_matrices(names)
         K = len(C) - 1
         pooled = np.empty_like(C)
         factors = np.sqrt(self.serial_factors(names))
@@ -197,6 +203,10 @@ class Beats:
         index = np.asarray(indices, dtype=int)
         values, unequal = {n: v[index] for n, v in self.values.items()}, self.unequal and self.unequal.select(index)
         return replace(self, values=values, shifts=self.shifts[index], unequal=unequal)
+
+    @cached_property
+    def _covariances(self) -> dict[tuple[str, ...], Array]:
+        return {}
 
     @cached_property
     def _cache(self) -> dict[str, tuple[Array, Array]]:

@@ -74,10 +74,12 @@ def without_still(values: Array, name: str, dt: float, place: Place) -> tuple[Ar
 
 def _range(x: Array, n: int) -> Array:
     """(N - n + 1,) the range of x : (N,) over each stretch of n samples."""
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # takes a fifth of a second
-
-    whole = maximum_filter1d(x, n) - minimum_filter1d(x, n)
-    return np.asarray(whole[n // 2 : n // 2 + len(x) - n + 1])
+    high, low, covered = x, x, 1
+    while covered < n:  # of stretches of ``covered`` samples, those that are longer by up to as much
+        more = min(covered, n - covered)
+        high, low = np.maximum(high[:-more], high[more:]), np.minimum(low[:-more], low[more:])
+        covered += more
+    return np.asarray(high - low)
 
 
 def _stretches(quiet: Array, n: int, length: int) -> list[tuple[int, int]]:
