@@ -116,8 +116,8 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
 
     steady = np.where(omega == 0.0, 1.0, 0.0)[:, None]
     R_rest = np.sqrt(found.wall.area(places.c.P_0) / np.pi)[0, which[:, None, at_site]]
-    compliance = np.swapaxes(found.compliance[which[:, at_site]], -1, -2)
-    R = R_rest * steady + P[..., at_site] * compliance / (2.0 * np.pi * R_rest)
+    stiffness = np.swapaxes(found.stiffness[which[:, at_site]], -1, -2)
+    R = R_rest * steady + P[..., at_site] / (2.0 * np.pi * R_rest * stiffness)
     P += c.P_0[:, None] * steady
     parts = P[..., _ends(nodes)[1]], flow[..., outlet], P[..., at_site], flow[..., at_site], R
     P_node, *others = (_things_first(x, batched) for x in parts)
@@ -230,8 +230,7 @@ def _conditions(
         at = nodes.outlets.start + ends.index
         a[..., at], b[..., at], r[..., at] = ends.condition(wall.at(ends.index), c.P_0, omega, Z_ref)
     if np.any(omega == 0.0):
-        open_ends = np.r_[nodes.inlets, nodes.outlets]
-        _check_mean(network, c, nodes, a[..., open_ends], b[..., open_ends])
+        _check_mean(network, c, nodes, a, b)
     return a, b, r
 
 
@@ -246,7 +245,8 @@ def _refuse_unreachable(network: Network, c: Coefficients, wall: Wall) -> None:
 
 
 def _check_mean(network: Network, c: Coefficients, nodes: Topology, a: Array, b: Array) -> None:
-    """a, b : of a F + b P' = r at the open ends. A given flow or a closed end has b = 0, a given pressure a = 0."""
+    """a, b : of a F + b P' = r at the nodes. A given flow, a closed end and a junction have b = 0, a given pressure
+    a = 0."""
     if np.any(np.all(b == 0.0, axis=-1)):
         raise InputError(
             f"network {network.name}: all outlets are closed, so the mean pressure is undetermined; "

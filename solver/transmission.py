@@ -66,13 +66,13 @@ class Ways:
 
     matrix : (2, 2, n, n_omega), P' and Z Q there from those at the middle, times e^{-γL/2} with γ of the middle, so
     that nothing overflows however large γL is. Z : (n,) [Pa·s/m³], which gives flows the scale of pressures.
-    wall : at the places, arrays (1, n); compliance : A'/P' [m²/Pa] of them, (n, n_omega).
+    wall : at the places, arrays (1, n); stiffness : P'/A' [Pa/m²] of them, (n, n_omega).
     """
 
     matrix: Array
     Z: Array
     wall: Wall
-    compliance: Array
+    stiffness: Array
 
 
 def ways(places: Places, omega: Array) -> Ways:
@@ -87,10 +87,10 @@ def ways(places: Places, omega: Array) -> Ways:
     parts = np.concatenate([[0.0, 1.0], gauss.ravel()])  # of the way: middle, place, and the points of all pieces
     x, own = (0.5 + np.outer(parts, places.x - 0.5)).ravel(), np.tile(np.arange(n), len(parts))
     wall, pieces = places.c.wall_at(own, x), _PIECES
-    if not wall.differs(wall.at(own)).any():
+    if not wall.varies(n):
         pieces, used = 1, slice(4 * n)
         wall, x, own = wall.at(used), x[used], own[used]
-    Z, Y, compliance = _line(places, wall, own, x, omega)
+    Z, Y, stiffness = _line(places, wall, own, x, omega)
     half = 0.5 * L[:, None] * np.sqrt(Z[:n] * Y[:n])  # γL/2
     Z0 = base.rho[0] * base.c0[0] / base.A0[0]
     d, shape = L * (places.x - 0.5) / pieces, (pieces, 2, n, len(omega))
@@ -99,11 +99,14 @@ def ways(places: Places, omega: Array) -> Ways:
     b, c, a = z.sum(axis=1), y.sum(axis=1), (z[:, 0] * y[:, 1] - z[:, 1] * y[:, 0]) / np.sqrt(3.0)
     mu = np.sqrt(a * a + b * c)
     even, odd = _modes(mu)
-    step = np.array([[even - odd * a, -odd * b], [-odd * c, even + odd * a]])
+    step = np.empty((2, 2, *mu.shape), complex)
+    a *= odd
+    step[0, 0], step[0, 1], step[1, 0], step[1, 1] = even - a, -odd * b, -odd * c, even + a
     whole = step[:, :, 0]
     for k in range(1, pieces):
         whole = step[:, :1, k] * whole[0] + step[:, 1:, k] * whole[1]
-    return Ways(whole * np.exp(mu.sum(axis=0) - half), Z0, wall.at(slice(n, 2 * n)), compliance[n : 2 * n])
+    there = slice(n, 2 * n)
+    return Ways(whole * np.exp(mu.sum(axis=0) - half), Z0, wall.at(there), stiffness[there])
 
 
 def line(places: Places, omega: Array) -> tuple[Array, Array]:
@@ -113,7 +116,8 @@ def line(places: Places, omega: Array) -> tuple[Array, Array]:
 
 
 def _line(places: Places, wall: Wall, own: Array, x: Array, omega: Array) -> tuple[Array, Array, Array]:
-    """Z', Y' and the compliance A'/P' [m²/Pa], (n_points, n_omega), of walls at points x/L of the places' own segments.
+    """Z', Y' and the dynamic stiffness P'/A' [Pa/m²], (n_points, n_omega), of walls at points x/L of the places' own
+    segments.
 
     Raises InputError for a wall that is unstable at P_0, and for the mean flow of a leak.
     """
@@ -136,10 +140,10 @@ def _line(places: Places, wall: Wall, own: Array, x: Array, omega: Array) -> tup
     if wall.remembers:
         first, *others = wall.responses(iw[:, None])[:, 0].swapaxes(1, 2)
         viscosity = viscosity * first + (wall.viscosity_area / A)[0, :, None] * sum(others)
-    compliance = 1.0 / (stiffness[0, :, None] + iw * viscosity)
-    inertia = c.rho[:, own] / A
-    resisting = (c.C_f[:, own] / A)[0, :, None] + iw + _history(c, wall, own, x, iw)
-    return inertia[0, :, None] * resisting, iw * compliance + wall.leakage[0, :, None], compliance
+    dynamic = stiffness[0, :, None] + iw * viscosity
+    Z = (c.rho[:, own] / A)[0, :, None] * ((c.C_f[:, own] / A)[0, :, None] + iw + _history(c, wall, own, x, iw))
+    Y = iw / dynamic
+    return Z, Y + wall.leakage[0, :, None] if wall.leaks else Y, dynamic
 
 
 def _history(c: Coefficients, wall: Wall, own: Array, x: Array, iw: Array) -> Array | float:

@@ -203,6 +203,11 @@ class Wall:
         pairs = ((getattr(self, name), getattr(other, name)) for name in _WALL_ARRAYS)
         return np.any([np.any(a != b, axis=tuple(range(a.ndim - 1))) for a, b in pairs if a is not None], axis=0)
 
+    def varies(self, n: int) -> bool:
+        """Whether any of n walls is not the same at all places, of walls by place: (places · n) points."""
+        arrays = (getattr(self, name) for name in _WALL_ARRAYS)
+        return any((a.reshape(*a.shape[:-1], -1, n) != a[..., None, :n]).any() for a in arrays if a is not None)
+
     @property
     def learns(self) -> bool:
         """Whether any wall has a learned stress."""
