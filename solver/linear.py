@@ -106,8 +106,8 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     way[1] *= (Z[:, :1] / Z)[..., None]
     way, Z_ref = np.swapaxes(way, -1, -2), Z[:, :1, None]
     outlet, at_site = n + nodes.outlet_segment, slice(2 * n, None)
-    given = np.broadcast_arrays(*map(np.atleast_2d, given))
-    conditions = _conditions(network, c, nodes, found.wall.picked(0, which[:, outlet]), given, omega, Z_ref)
+    drives = np.broadcast_arrays(*map(np.atleast_2d, given))
+    conditions = _conditions(network, c, nodes, found.wall.picked(0, which[:, outlet]), drives, omega, Z_ref)
     elastic = np.all(found.wall.phi0[0, which[:, :n]] == 0.0, axis=1, keepdims=True)
     lossless = bool(np.any((c.C_f == 0.0) & elastic))
     P_mid, Q_mid = (x[..., segment] for x in _middles(nodes, conditions, way[..., : 2 * n], lossless))

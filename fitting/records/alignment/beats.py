@@ -172,8 +172,7 @@ class Beats:
         """
         if (key := tuple(names)) not in self._covariances:
             self._covariances[key] = self._covariance(key)
-            self._covariances[key].setflags(write=False)
-        return self._covariances[key]
+        return self._covariances[key].copy()
 
     def _covariance(self, names: tuple[str, ...]) -> Array:
         C = self._scatter_matrices(names)

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 
 from solver.errors import InputError
 from solver.network.files import write_whole
@@ -303,6 +302,8 @@ def record_content(
     few units in the last place. Raises ValueError for a name that no record has, a unit that does not fit, or unequal
     lengths.
     """
+    import polars as pl  # takes a fifth of a second
+
     source, units = os.fspath(path), dict(units or {})
     time = np.asarray(time, float)
     for name in units:
