@@ -236,7 +236,8 @@ def _conditions(
 
 def _refuse_unreachable(network: Network, c: Coefficients, wall: Wall) -> None:
     for ends in c.outlets:
-        for b, i in np.argwhere(ends.kind.unreachable(ends.numbers, wall.at(ends.index), c.P_0)):
+        bad = ends.kind.unreachable(ends.numbers, wall.at(ends.index), c.P_0)
+        for b, i in np.argwhere(bad) if bad.any() else ():
             o = ends.index[i]
             raise InputError(
                 f"outlet {network.outlets[o].segment}: no stable wall carries P_0 - P_venous = "

@@ -53,11 +53,12 @@ class Places:
         numbers = c.numbers[:, segment]
         whole = np.concatenate([numbers, np.broadcast_to(x[:, None], (*numbers.shape[:2], 1))], axis=-1)
         rows = whole.view((np.void, whole.itemsize * whole.shape[-1])).ravel().tolist()
-        found: dict[bytes, int] = {}
-        which = np.array([found.setdefault(row, len(found)) for row in rows])
-        member, point = np.divmod(np.unique(which, return_index=True)[1], len(x))
+        found: dict[bytes, int] = {}  # the first that is equal
+        like = np.array([found.setdefault(row, i) for i, row in enumerate(rows)])
+        first = np.fromiter(found.values(), int)
+        member, point = np.divmod(first, len(x))
         places = Places(network, c.picked(member, segment[point]), segment[point], x[point])
-        return places, which.reshape(-1, len(x))
+        return places, np.searchsorted(first, like).reshape(-1, len(x))
 
 
 @dataclass(frozen=True)
@@ -93,15 +94,18 @@ def ways(places: Places, omega: Array) -> Ways:
     Z, Y, stiffness = _line(places, wall, own, x, omega)
     half = 0.5 * L[:, None] * np.sqrt(Z[:n] * Y[:n])  # γL/2
     Z0 = base.rho[0] * base.c0[0] / base.A0[0]
-    d, shape = L * (places.x - 0.5) / pieces, (pieces, 2, n, len(omega))
-    z = (0.5 * d / Z0)[:, None] * Z[2 * n :].reshape(shape)
-    y = (0.5 * d * Z0)[:, None] * Y[2 * n :].reshape(shape)
-    b, c, a = z.sum(axis=1), y.sum(axis=1), (z[:, 0] * y[:, 1] - z[:, 1] * y[:, 0]) / np.sqrt(3.0)
+    back, shape = L * (0.5 - places.x) / pieces, (pieces, 2, n, len(omega))  # -d
+    z = (0.5 * back / Z0)[:, None] * Z[2 * n :].reshape(shape)
+    y = (0.5 * back * Z0)[:, None] * Y[2 * n :].reshape(shape)
+    b, c, a = z.sum(axis=1), y.sum(axis=1), (z[:, 0] * y[:, 1] - z[:, 1] * y[:, 0]) / np.sqrt(3.0)  # -b, -c, a
     mu = np.sqrt(a * a + b * c)
     even, odd = _modes(mu)
     step = np.empty((2, 2, *mu.shape), complex)
     a *= odd
-    step[0, 0], step[0, 1], step[1, 0], step[1, 1] = even - a, -odd * b, -odd * c, even + a
+    np.subtract(even, a, out=step[0, 0])
+    np.multiply(odd, b, out=step[0, 1])
+    np.multiply(odd, c, out=step[1, 0])
+    np.add(even, a, out=step[1, 1])
     whole = step[:, :, 0]
     for k in range(1, pieces):
         whole = step[:, :1, k] * whole[0] + step[:, 1:, k] * whole[1]

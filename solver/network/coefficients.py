@@ -278,7 +278,8 @@ class _Numbers:
         """(B, n): the number behind a key of every owner, ``otherwise`` if an owner does not have it."""
         values = np.empty_like(self.like, float, shape=(self.size, len(owners)))
         for i, (prefix, owner) in enumerate(owners):
-            values[:, i] = self.parameters.get(f"{prefix}.{key}", _number(owner, key, otherwise))
+            name = f"{prefix}.{key}"
+            values[:, i] = self.parameters[name] if name in self.parameters else _number(owner, key, otherwise)
         return values
 
     def term(self, effect: Effect) -> Term | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -82,11 +82,12 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
     mean = x[inside[:, None] + np.arange(-before, end)].mean(axis=0)
     at = marks + int(_rise(mean, length).argmax()) - before
     at = at[(at >= before + most) & (at < len(x) - after - most)].astype(float)
-    likeness = np.zeros(len(at))
+    likeness, alike = np.zeros(len(at)), _alike(x, before + after)
     for _ in range(2 if len(at) else 0):
         near = np.rint(at).astype(int)
-        alike = _alike(x, x[near[:, None] + np.arange(-before, after)].mean(axis=0))
-        r = alike[near[:, None] - before + np.arange(-most, most + 1)]
+        r = alike(x[near[:, None] + np.arange(-before, after)].mean(axis=0))[
+            near[:, None] - before + np.arange(-most, most + 1)
+        ]
         best = r.argmax(axis=1)
         likeness = r.max(axis=1)
         at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
@@ -108,9 +109,10 @@ def _beats(x: Array, length: float) -> Array:
     tops = sorted((float(rise[i : i + block].max()), i + int(rise[i : i + block].argmax())) for i in starts)
     at = np.array([tops[len(tops) // 2][1]])
     padded = np.pad(x, ((0, 0), (before, end)), mode="edge")
+    correlations = [_alike(each, before + end) for each in padded]
     for _ in range(3):
         windows = padded[:, at[:, None] + np.arange(before + end)]
-        alike = np.mean([_alike(each, w.mean(axis=0)) for each, w in zip(padded, windows, strict=True)], axis=0)
+        alike = np.mean([of(w.mean(axis=0)) for of, w in zip(correlations, windows, strict=True)], axis=0)
         usual = np.median([alike[i : i + block].max() for i in starts])
         at = _peaks(alike, limit.RESEMBLING * usual, round(limit.NEAREST * length))
         if not len(at):
@@ -137,15 +139,22 @@ def _rise(x: Array, length: float) -> Array:
     return np.asarray((total[j + half] - 2.0 * total[j] + total[j - half]) / half)
 
 
-def _alike(x: Array, beat: Array) -> Array:
-    """The correlation of a beat with each stretch of x that is as long."""
-    w, x, beat = len(beat), x - x.mean(), beat - beat.mean()
+def _alike(x: Array, w: int) -> Callable[[Array], Array]:
+    """The correlation of each stretch of w samples of x with a beat of as many."""
+    x = x - x.mean()
     total, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (x, x * x))
     power = squares[w:] - squares[:-w] - (total[w:] - total[:-w]) ** 2 / w
-    size = np.sqrt(np.maximum(power, 1e-9 * w * float(x.var())) * max(float(beat @ beat), np.finfo(float).tiny))
+    power = np.maximum(power, 1e-9 * w * float(x.var()))
     n = 1 << (len(x) - 1).bit_length()
-    product = np.fft.irfft(np.fft.rfft(x, n) * np.fft.rfft(beat, n).conj(), n)[: len(size)]
-    return np.asarray(product / size)
+    waves = np.fft.rfft(x, n)
+
+    def of(beat: Array) -> Array:
+        beat = beat - beat.mean()
+        size = np.sqrt(power * max(float(beat @ beat), np.finfo(float).tiny))
+        product = np.fft.irfft(waves * np.fft.rfft(beat, n).conj(), n)[: len(size)]
+        return np.asarray(product / size)
+
+    return of
 
 
 def vertex(r: Array, at: Array) -> Array:
