@@ -75,6 +75,15 @@ def test_covariance_of_white_noise(n_beats: int, N: int) -> None:
     assert not C[:, 0].imag.any() and (N % 2 or not C[:, -1].imag.any())
 
 
+def test_who_asks_again_gets_the_same_covariance() -> None:
+    """Also after someone has changed the one that was given."""
+    beats = white(4, 48, 0)
+    first = beats.covariance(("AA.P",))
+    kept = first.copy()
+    first += 1.0
+    np.testing.assert_array_equal(beats.covariance(["AA.P"]), kept)
+
+
 def test_noise_is_the_standard_deviation_of_a_sample() -> None:
     """White noise on beats whose means differ by ten times as much: 2 % from 15 beats of 94 samples."""
     beats = white(15, 94, 0)

@@ -158,6 +158,17 @@ def test_range_ends() -> None:
         Quantity("m", "length", 1.0, 2.0, open_low=True).check("x", 1.0)
 
 
+def test_of_a_batch_the_first_number_that_is_not_allowed_is_named() -> None:
+    """The first by name, whatever the lengths of the arrays; ends of ranges are allowed."""
+    fine = {"AA.phi0": np.zeros(3), "fluid.friction": 0.0, "network.eta": np.array([0.0, 0.25, 0.5])}
+    check_parameters(fork(), fine)
+    bad = {"BT.E": np.array([1e6, -1.0, -2.0]), "AA.E": -3.0, "PD.E": np.full(3, np.nan), "AA.L": np.array([np.inf])}
+    for names, words in ((list(bad), "BT.E = -1 "), (["AA.E", "BT.E"], "AA.E = -3 "), (["PD.E"], "PD.E = nan "),
+                         (["AA.L"], "AA.L = inf ")):  # fmt: skip
+        with pytest.raises(ValueError, match=f"^{words}"):
+            check_parameters(fork(), fine | {name: bad[name] for name in names})
+
+
 def test_defaults_lie_in_their_ranges() -> None:
     """Every default value passes its own check."""
     for kind in (Fluid, Segment, Junction, Site, Inlet, Network, Reflection, Windkessel, Resistance, Pressure):

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from record_files import DT, P_MMHG, R_MM, TIME, WAVE, N, T, bench, save, text
 
 from fitting.records.alignment.align import align
+from fitting.records.read import numbers
 from fitting.records.read.record import read_record, write_record
 from solver.quantities.units import MMHG
 
@@ -247,6 +248,22 @@ def test_what_is_written_reads_back(seed: int, n: int, unit_P: str, unit_Q: str,
     assert np.abs(record.time - time).max() <= 1e-14 * np.abs(time).max()
     for name, values in channels.items():
         np.testing.assert_allclose(record.channels[name], values, rtol=5e-16)  # NaN where NaN
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_numpy_reads_what_polars_reads(separator: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A number in every cell: the same bits by both. Anything else is left to polars, and of it to a look at cells."""
+    rng = np.random.default_rng(5)
+    rows = [[f"{x:.17g}", f"{y:.5e}", "-.5", "+7", "nan"] for x, y in 10.0 ** rng.uniform(-20, 20, (50, 2))]
+    lines = [b"a header", *(separator.join(row).encode() for row in rows)]
+    plain = b"\n".join(lines)
+    for end in (b"", b"\n"):
+        mine = numbers.quickly(plain + end, 1, 5, separator, ".")
+        with monkeypatch.context() as without:
+            without.setattr(numbers, "_SMALL", 0)
+            np.testing.assert_array_equal(mine, numbers.quickly(plain + end, 1, 5, separator, "."))
+    for odd in (b"", b"1", separator.join("12345").encode() + b"6" + separator.encode(), separator.encode() * 4):
+        assert numbers._of_plain_cells(b"\n".join([*lines, odd, lines[-1]]), 1, 5, separator) is None
 
 
 @settings(max_examples=60)
