@@ -424,7 +424,8 @@ def test_species() -> None:
     assert (human_.R, pig.R) == (pytest.approx(1.47e-2), pytest.approx(1.47e-2))
     assert typical("dog", 35.0).R == pytest.approx(1.47e-2 * 0.5**0.375)
     assert all(4.0 < typical(name).c < 8.0 for name in NAMES)
-    for wrong in (("cat", None), ("dog", 7000.0)):
+    assert typical("human", 0.35).R == pytest.approx(2.0e-3, rel=0.02)  # a rat, of which no aorta is bundled
+    for wrong in (("cat", None), ("dog", 7000.0), ("human", 3.5e-4)):
         with pytest.raises(InputError):
             typical(*wrong)
 
