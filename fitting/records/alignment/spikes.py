@@ -53,12 +53,12 @@ def _spikes(values: Array, cut: UnequalBeats | Grid, step: float) -> Array:
     off -= median(off, axis=1)[:, None]
     size = _ROBUST * median(np.abs(off), axis=0)
     least = np.maximum(np.median(size), _LEAST * np.ptp(values[~np.isnan(values)]))
-    far = np.maximum(limit.FAR * np.maximum(size, least), limit.STEPS * step)
+    far = limit.FAR * np.maximum(size, least)
     slip = max(1, round(cut.slip))
     near = np.stack([np.roll(usual, shift) for shift in range(-slip, slip + 1)]) - usual
     off = np.nan_to_num(off)
-    outside = off - np.clip(off, near.min(axis=0), near.max(axis=0))
-    suspect = np.abs(outside) > far
+    outside = np.abs(off - np.clip(off, near.min(axis=0), near.max(axis=0)))
+    suspect = (np.abs(off) > far) & (outside > limit.STEPS * step)
     if not suspect.any():
         return none
     flat = off.ravel()
