@@ -115,7 +115,7 @@ class Beats:
     def _odd_beats(self) -> list[str]:
         """A sentence for each beat that is unlike the others: an artefact, an ectopic beat, a flushed catheter."""
         found: dict[int, str] = {}
-        w, at = self.unequal, np.arange(self.n_beats) * self.T + self.shifts
+        w, at = self.unequal, np.maximum(np.arange(self.n_beats) * self.T + self.shifts, 0.0)
         begins = at if w is None else w.edges[w.serving] * w.dt  # [s] after the record's start
         for name, beats in self.values.items():
             measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
