@@ -159,6 +159,17 @@ def test_a_beat_unlike_the_others_is_named() -> None:
     assert given == found and any(re.match(left_out, text) for text in found)
 
 
+def test_many_beats_of_another_state_are_counted() -> None:
+    """Beats 10 to 19 of 40 have 0.95 of the pulse, as behind a balloon that is inflated: one sentence with their number
+    and times, not three of them."""
+    time = np.arange(4000) * DT
+    P = pressure(time / 0.5) + np.random.default_rng(0).normal(0.0, 5.0, time.size)
+    P[900:1900] -= 0.05 * (P[900:1900] - P[900:1900].mean())
+    (text,) = align(record(time, P=P), 0.5).warnings
+    assert re.match(r"10 of (39|40) beats, from 4\.\d+ to 9(\.\d+)? s after .* are unlike the others in AA.P", text)
+    assert "cut the file to one state" in text
+
+
 def test_spikes_are_left_out_and_counted() -> None:
     """15 beats at 40 dB; 1 to 20 samples 5 to 1000 standard deviations off: all are found, none of a clean record.
 

@@ -23,6 +23,7 @@ from discrepancy.show import fmu_validation
 from discrepancy.show.fmu_validation import Gap, Run, _closed_above, agreement, change, changed, compared, fall, left
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import sensor_terms
+from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import absent
 from fitting.records.channels.noise import scaled
@@ -343,6 +344,17 @@ def test_an_fmu_that_is_another_model_is_told() -> None:
     assert told is not None and told.difference > 1e-3 and told.fmu == run.gap.total != told.inferred
     same = agreement(s, NOTHING, wave, stiffer(s, 0.0))
     assert same is not None and same.difference < 1e-9 and same.fmu == pytest.approx(same.inferred)
+
+
+def test_the_fmu_is_compared_with_equal_elements() -> None:
+    """A search with a quarter of an FMU's elements differs from the FMU by their error, which is none of the program;
+    the gap is the search's."""
+    s = study()
+    wave, run = s.problem.measured_wave(s.fitted), stiffer(s, 0.0)
+    assert isinstance(s.problem, NetworkProblem)
+    finer = replace(s, problem=replace(s.problem, simulator=s.problem.simulator.finer().finer()))
+    told = agreement(finer, NOTHING, wave, run)
+    assert told is not None and told.difference < 1e-9 and told.inferred != told.fmu
 
 
 def test_gaps_count_the_sensors_alone() -> None:

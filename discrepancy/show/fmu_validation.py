@@ -17,7 +17,9 @@ import numpy as np
 from fitting.check.fmu_build import with_starts
 from fitting.check.fmu_run import periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Array, Fit
+from fitting.inference.forward import Single
 from fitting.inference.models.bench_observation import mean_wander, sense
+from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.simulator import as_shown
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels.amounts import changes, sizes
@@ -335,13 +337,22 @@ def held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
 def agreement(study: Study, fit: Fit, wave: Array, run: Run) -> Agreement | None:
     """An FMU's run against the inferred solution of the same hypothesis under the same wave; None if there is none.
 
-    Both solve the same equations, by time steps and by harmonic balance. What stands in for a run is not compared.
+    Both solve the same equations, by time steps and by harmonic balance, and are compared with equal elements: those of
+    the search may be shorter. The gap is that of the search. What stands in for a run is not compared.
     """
-    X = None if run.stands_in else study.problem.answer(wave, fit)
-    if X is None:
+    X, same = (None if run.stands_in else each.answer(wave, fit) for each in (study.problem, _as_built(study.problem)))
+    if X is None or same is None:
         return None
     X = X[: len(run.X)]
     pulse = np.array([np.ptp(study.fitted.mean(name)) for name in study.problem.signals])
-    apart = np.abs(run.X - X) / pulse
+    apart = np.abs(run.X - same[: len(run.X)]) / pulse
     k, i = (int(n) for n in np.unravel_index(int(apart.argmax()), apart.shape))
     return Agreement(float(apart[k, i]), study.problem.signals[i], k, run.gap.total, gap(study, X).total)
+
+
+def _as_built(problem: Single) -> Single:
+    """The same with the elements of an FMU."""
+    if not isinstance(problem, NetworkProblem):
+        return problem
+    settings = replace(problem.simulator.settings, element_length=Settings().element_length)
+    return replace(problem, simulator=replace(problem.simulator, settings=settings, lengths=None))

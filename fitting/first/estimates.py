@@ -23,6 +23,9 @@ Array = np.ndarray
 _VENOUS = 5.0 * MMHG  # uncertainty of an assumed venous pressure
 _LEAST = 0.2  # smallest relative standard deviation, as both methods may share an error
 _ROUGH = 0.4  # the same for a reflection time, as waves return from many places
+# [s], by which one sensor may be late against another: a catheter filled with fluid, of natural frequency f, delays a
+# foot by some 0.2/f, 7 to 17 ms for f of 30 to 12 Hz, and a manometer at its tip by nothing; records do not tell which
+_SENSORS = 6e-3
 _RETURN = 0.08  # of the period: a usual reflection time, if none is found
 _HIGH = (3, 10)  # harmonics whose impedance is near Z_c
 _EARLY = 0.5  # of its rise: until then the flow enters vessels without reflection
@@ -180,7 +183,10 @@ def speeds(beats: Beats, root: str, Z: Found) -> Speeds | None:
 
 
 def delay(beats: Beats, root: str, site: str) -> Found:
-    """The delay of the upstroke at a site relative to the root [s], foot to foot: P to P, R to P, or Q to Q."""
+    """The delay of the upstroke at a site relative to the root [s], foot to foot: P to P, R to P, or Q to Q.
+
+    It contains that of one sensor against the other, and so does its error.
+    """
     letter = next(letter for letter in "PRQ" if f"{site}.{letter}" in beats.values)
     pair = f"{site}.{letter}", INFLOW if letter == "Q" else root
     waves = [smooth(beats, name) for name in pair]
@@ -191,7 +197,8 @@ def delay(beats: Beats, root: str, site: str) -> Found:
     how = f"foot to foot, {pair[1]} to {pair[0]}; by the steepest tangents {1e3 * other:.3g} ms"
     if found < t:
         how = f"no delay detected ({1e3 * found:.2g} ms), one sample assumed"
-    return Found(f"delay to {site}", t, "s", float(np.clip(abs(t - other) / t, _LEAST / 2.0, 1.0)), how)
+    error = float(np.hypot(np.clip(abs(t - other) / t, _LEAST / 2.0, 1.0), _SENSORS / t))
+    return Found(f"delay to {site}", t, "s", min(error, 1.0), how)
 
 
 def reflection_time(beats: Beats, root: str, Z_c: float) -> Found:

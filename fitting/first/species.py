@@ -12,6 +12,7 @@ from solver.network.files import bundled, read_network
 
 WEST = "G. B. West, J. H. Brown, B. J. Enquist, Science 276 (1997) 122"
 _POWER = 3.0 / 8.0  # of the body mass, for the radius of the aorta; pressure and velocities do not scale
+_LIGHTEST, _HEAVIEST = 0.02, 1000.0  # [kg]: a mouse, a horse or an ox
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,10 @@ def typical(species: str, mass: float | None = None) -> Typical:
         )
     name, own, usual = _SPECIES[species]
     mass = usual if mass is None else mass
-    if not 0.1 * usual <= mass <= 10.0 * usual:
+    if not _LIGHTEST <= mass <= _HEAVIEST:
         raise InputError(
-            f"--mass = {mass:g} kg: a {species} has {0.1 * usual:g} to {10.0 * usual:g} kg; check its unit."
+            f"--mass = {mass:g} kg: the radius of an aorta follows from the mass for mammals of {_LIGHTEST:g} to "
+            f"{_HEAVIEST:g} kg; check its unit."
         )
     network = read_network(bundled(name))
     aorta = network.segment(network.inlet.segment)

@@ -140,8 +140,13 @@ def _loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
     share, steady = steady_beats(beats, (P,), A[:, None], seen, R)
     noise = steady.covariance(names) * share[:, None, None]
     own, S_R = steady.covariance((P,))[:, 0, 0].real, noise[:, 1, 1].real
+    could = np.sqrt(own * share * S_R)
     noise[:, 1, 1] = np.maximum(S_R, raw[1:, 1, 1].real.min())
     noise[:, 0, 0] = np.maximum(own - (1.0 - share) * np.abs(A) ** 2 * S_R, own[1:].min())
+    # noise is correlated at most as the steady beats are, whose covariance is positive definite
+    real = np.sqrt((noise[:, 0, 0] * noise[:, 1, 1]).real)
+    within = np.minimum(1.0, np.divide(real, could, out=np.ones_like(could), where=could > 0.0))
+    noise[:, [0, 1], [1, 0]] *= within[:, None]
     noise[:, 0, 0] += known
     return noise, spectral.resample(seam, N)
 

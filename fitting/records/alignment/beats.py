@@ -114,8 +114,8 @@ class Beats:
 
     def _odd_beats(self) -> list[str]:
         """A sentence for each beat that is unlike the others: an artefact, an ectopic beat, a flushed catheter."""
-        found: dict[int, str] = {}
-        w, at = self.unequal, np.arange(self.n_beats) * self.T + self.shifts
+        found: dict[int, tuple[str, str]] = {}
+        w, at = self.unequal, np.maximum(np.arange(self.n_beats) * self.T + self.shifts, 0.0)
         begins = at if w is None else w.edges[w.serving] * w.dt  # [s] after the record's start
         for name, beats in self.values.items():
             measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
@@ -123,13 +123,20 @@ class Beats:
             usual, pulse = float(np.median(size)), float(np.ptp(self.mean(name)))
             for i in np.flatnonzero(size > max(limit.ODD * usual, limit.VISIBLE * pulse)):
                 b = int(measured[i])
-                found.setdefault(
-                    b,
+                said = (
                     f"beat {b + 1} ({begins[b]:.4g} s after the record's start) is unlike the others in {name}: "
                     f"it deviates by {size[i] / pulse:.1%} of the pulse, they by {usual / pulse:.2g} of it; "
-                    "if it is an artefact, leave its samples empty.",
+                    "if it is an artefact, leave its samples empty."
                 )
-        return [found[b] for b in sorted(found)][: limit.NAMED]
+                found.setdefault(b, (name, said))
+        if len(found) <= limit.NAMED:
+            return [found[b][1] for b in sorted(found)]
+        names = ", ".join(dict.fromkeys(found[b][0] for b in sorted(found)))
+        return [
+            f"{len(found)} of {self.n_beats} beats, from {begins[min(found)]:.4g} to {begins[max(found)]:.4g} s after "
+            f"the record's start, are unlike the others in {names}: if the subject was in another state then, cut the "
+            "file to one state; if they are artefacts, leave their samples empty."
+        ]
 
     def require(self, names: Iterable[str]) -> None:
         """Raises ValueError that lists the channels unless all of ``names`` are there."""

@@ -34,6 +34,7 @@ class Grid:
     samples: Array
     in_step: bool
     slip: float = 0.0  # samples by which beats may be off one another
+    within: bool = True  # all samples of a beat are its own
 
     def of(self, x: Array) -> Array:
         """Beats of a channel x : (n,) -> (n_beats, N), without the slope of a slow drift.

@@ -124,9 +124,17 @@ def _whole(x: Array, lag: float, candidates: Array) -> bool:
 
 
 def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
-    """What follows stretches of one lag [samples], in the middle of the record, after it and after up to four of it."""
+    """What follows stretches of one lag [samples], in the middle of the record, after it and after up to four of it.
+
+    An intervention in the middle may change the rate: if stretches go on less alike there than at the beginning or the
+    end, where they are those of one steady heart, the part is taken from there.
+    """
     most = round(_STRETCHES * 0.45 * lag)
-    start = max(0, (x.shape[1] - most) // 2)
+    last = max(0, x.shape[1] - most)
+    starts = (last // 2, 0, last)
+    likeness = [float(next(_later(x[:, at : at + most], lag, (lag,))).alike.min()) for at in starts]
+    best = int(np.argmax(likeness))
+    start = starts[best if likeness[best] >= limit.SAME > likeness[0] / likeness[best] else 0]
     part = x[:, start : start + most]
     longest = min(4.5, part.shape[1] / lag - 2.0)
     return list(_later(part, lag, (lag, *(each for each in candidates if 1.5 < each / lag < longest))))

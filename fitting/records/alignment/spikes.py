@@ -27,7 +27,7 @@ def without_spikes(
 
     steps : of the channels' converters, whose rounding is no spike.
     """
-    found = {name: _spikes(x, cut.samples, steps.get(name, 0.0), cut.slip) for name, x in channels.items()}
+    found = {name: _spikes(x, cut, steps.get(name, 0.0)) for name, x in channels.items()}
     cleaned = dict(channels)
     for name, at in found.items():
         if len(at):
@@ -36,12 +36,14 @@ def without_spikes(
     return cleaned, {name: len(at) for name, at in found.items() if len(at)}
 
 
-def _spikes(values: Array, samples: Array, step: float, slip: float) -> Array:
-    """The samples that are spikes; samples : (n_beats, N) those at each phase of each beat.
+def _spikes(values: Array, cut: UnequalBeats | Grid, step: float) -> Array:
+    """The samples that are spikes.
 
-    Beats may be off one another by ``slip`` samples.
+    The valve of one beat closes a sample later, and the next upstroke begins a sample earlier: what the usual beat
+    reaches in a sample, or in those by which beats may be off one another, is no spike.
     """
-    none, beats = np.array([], int), values[samples]
+    samples = cut.samples  # (n_beats, N)
+    none, beats = np.array([], int), np.where(cut.within, values[samples], np.nan)
     gaps = np.isnan(beats)
     if len(beats) < limit.FEWEST_BEATS or gaps.all(axis=0).any() or gaps.all(axis=1).any():
         return none  # refused later, or nothing to compare with
@@ -51,9 +53,12 @@ def _spikes(values: Array, samples: Array, step: float, slip: float) -> Array:
     off -= median(off, axis=1)[:, None]
     size = _ROBUST * median(np.abs(off), axis=0)
     least = np.maximum(np.median(size), _LEAST * np.ptp(values[~np.isnan(values)]))
-    far = np.maximum(limit.FAR * np.maximum(size, least), limit.STEPS * step + slip * np.abs(np.gradient(usual)))
+    far = limit.FAR * np.maximum(size, least)
+    slip = max(1, round(cut.slip))
+    near = np.stack([np.roll(usual, shift) for shift in range(-slip, slip + 1)]) - usual
     off = np.nan_to_num(off)
-    suspect = np.abs(off) > far
+    outside = np.abs(off - np.clip(off, near.min(axis=0), near.max(axis=0)))
+    suspect = (np.abs(off) > far) & (outside > limit.STEPS * step)
     if not suspect.any():
         return none
     flat = off.ravel()

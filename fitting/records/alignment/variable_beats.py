@@ -50,6 +50,11 @@ class UnequalBeats:
         """Numbers of the samples of the beats that serve : (m, N); of a short one, into the next."""
         return np.asarray(self.edges[self.serving][:, None] + np.arange(self.N))
 
+    @property
+    def within(self) -> Array:
+        """Which of them are of the beat itself : (m, N)."""
+        return np.asarray(np.arange(self.N) < np.diff(self.edges)[self.serving][:, None])
+
     def of(self, x: Array) -> Array:
         """The beats (m, N) of samples x : (n,), NaN in gaps; linear in x."""
         starts, ends, at = self.edges[:-1, None], self.edges[1:, None], np.arange(self.N)
