@@ -165,7 +165,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
     if result.none.explains:
         yield (result := _also_promising(result, columns, runs))
     first = result.none if result.none.explains else result.best
-    if first.explains and implausible(first.fit) and len(first.fit.terms) < at.MOST_EFFECTS:
+    if (first.explains or first.fit.terms) and len(first.fit.terms) < at.MOST_EFFECTS and implausible(first.fit):
         yield (result := _from_plausible_walls(result, first.fit, found, runs))
     tried, known = set[str](), Responses()
     for _ in range(_ROUNDS):
@@ -248,8 +248,8 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
 
 def _from_plausible_walls(result: Compared, first: Fit, found: SourceMap, runs: Runs) -> Compared:
     """Add the laws that promise most beside those of a fit, and every change of outlet kind, from the walls of the map
-    without outliers; of the file if the map has no places. Used if the fit explains the record only with implausible
-    walls, which are no guide to a starting point."""
+    without outliers; of the file if the map has no places. Used if the walls of the fit are implausible, because they
+    have absorbed what else acts: they are no guide to a starting point."""
     problem, own = result.problem, dict(zip((u.name for u in first.unknowns), first.x, strict=True))
     assert isinstance(problem, NetworkProblem)
     plain, x = found.forced(problem, []), found.standing_out(()).x if found.places else np.zeros(len(found.x))
