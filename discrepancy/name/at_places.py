@@ -29,7 +29,7 @@ from solver.laws.effect import ALL_PLACES, CHANNEL
 from .. import thresholds as at
 from .individual_walls import implausible
 from .law_starts import Base, Responses, along, key_of, nearest
-from .scoring import Compared, exact, names_of, promised, there
+from .scoring import Compared, Named, exact, names_of, promised, there
 
 _ROUNDS = 3  # at most, of moves from the best hypothesis, while they find a better one
 
@@ -165,7 +165,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
     if result.none.explains:
         yield (result := _also_promising(result, columns, runs))
     first = result.none if result.none.explains else result.best
-    if (first.explains or first.fit.terms) and len(first.fit.terms) < at.MOST_EFFECTS and implausible(first.fit):
+    if _has_absorbed(first):
         yield (result := _from_plausible_walls(result, first.fit, found, runs))
     tried, known = set[str](), Responses()
     for _ in range(_ROUNDS):
@@ -246,10 +246,17 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
     return result.joined_by(result.problem.refit([(t,) for t in chosen], base, runs, columns)).polished(runs)
 
 
+def _has_absorbed(first: Named) -> bool:
+    """True if another law may act beside a hypothesis, whose walls are implausible because they have absorbed it.
+    Without a law, what leaves more than noise was compared with all laws from the walls of the map before."""
+    room = len(first.fit.terms) < at.MOST_EFFECTS
+    return room and bool(first.explains or first.fit.terms) and bool(implausible(first.fit))
+
+
 def _from_plausible_walls(result: Compared, first: Fit, found: SourceMap, runs: Runs) -> Compared:
     """Add the laws that promise most beside those of a fit, and every change of outlet kind, from the walls of the map
-    without outliers; of the file if the map has no places. Used if the walls of the fit are implausible, because they
-    have absorbed what else acts: they are no guide to a starting point."""
+    without outliers; of the file if the map has no places. The walls of the fit, which have absorbed what else acts,
+    are no guide to a starting point."""
     problem, own = result.problem, dict(zip((u.name for u in first.unknowns), first.x, strict=True))
     assert isinstance(problem, NetworkProblem)
     plain, x = found.forced(problem, []), found.standing_out(()).x if found.places else np.zeros(len(found.x))
