@@ -10,6 +10,7 @@ import arterial_fmu
 import discrepancy
 import solver
 from fmu_src import __version__
+from solver.former_names import MOVED
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs" / "api-stability.md").read_text(encoding="utf-8")
@@ -36,6 +37,13 @@ def test_each_is_where_the_page_says() -> None:
         module = getattr(found, "__module__", "fmu_src")  # __version__ is a text
         assert module.partition(".")[0] == package, name
         importlib.import_module(package)
+
+
+def test_the_page_lists_what_is_deprecated() -> None:
+    """Every module by a former name and its module of today, and nothing else."""
+    section = PAGE.partition("## Deprecated")[2].partition("\n## ")[0]
+    rows = dict(re.findall(r"^\| `([\w.]+)` \| `([\w.]+)` \|$", section, flags=re.MULTILINE))
+    assert rows == {old: new for old, new in MOVED.items() if not old.endswith("__main__")}
 
 
 def test_one_version() -> None:

@@ -77,7 +77,7 @@ def test_the_accuracy_of_a_first_model_is_in_its_weights() -> None:
     assert accuracy(problem.network) == ACCURACY and accuracy(load("sheep")) == 0.0
 
 
-@pytest.mark.parametrize("late", [0.02, -0.02])
+@pytest.mark.parametrize("late", [0.02, pytest.param(-0.02, marks=pytest.mark.slow)])
 def test_a_late_flow_is_named(late: float) -> None:
     """One pressure cannot tell a late flow from an early pressure: the class holds both and nothing else. Size within 3
     ms, as the first model's tube takes up a part."""
@@ -109,6 +109,7 @@ def test_recordings_with_a_late_flow() -> None:
     assert delay(naming) == pytest.approx(0.02, abs=5e-4)
 
 
+@pytest.mark.slow
 def test_recordings_in_which_nothing_is_missing() -> None:
     """Two heart rates of the tube that the first model is."""
     each = [tube(0.0), tube(0.0, T=0.6)]

@@ -177,6 +177,19 @@ def test_both_of_a_pair_are_weighed_alone() -> None:
     assert held[0] is none
 
 
+def test_a_network_weighs_beside_free_sources_what_may_be_named() -> None:
+    """Where nothing explains the record: no effect, the most probable effect, and of the others those that close half
+    of the gap; where the best explains it, no effect and that one."""
+    problem: Any = Lawless()
+    problem.site = None
+    none, left = replace(pair(), misfit=99.0, score=99.0), (0.9, 0.3, 0.8, 0.49)
+    single = [replace(pair((f"effect_{i}", "A")), misfit=9.0, score=float(i)) for i in range(len(left))]
+    single = [replace(n, fit=replace(n.fit, z=of * none.fit.z)) for n, of in zip(single, left, strict=True)]
+    found = Compared(problem, none, tuple(single), {}, ())
+    assert [n.label for n in _held_loosely(found, [])] == [none.label, *(f"effect_{i} at A" for i in (0, 1, 3))]
+    assert _held_loosely(found, [single[0]]) == [none, single[0]]
+
+
 def test_less_than_half_of_the_gap_is_no_part() -> None:
     """An effect that leaves 0.6 of the whitened residual closes 0.4 of the gap: unknown, with what comes nearest."""
     problem: Any = Lawless()

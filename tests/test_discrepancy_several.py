@@ -182,6 +182,7 @@ def test_what_pressure_tells() -> None:
     assert _all(found)[0].effect == "nonlinear_elasticity"
 
 
+@pytest.mark.slow
 def test_time_that_is_over_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     """After the model without effect is refitted to all: not complete, and no surer than not; before: no verdict."""
     studies, alone, _ = named(RELAXATION, 1)

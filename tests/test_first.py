@@ -257,6 +257,7 @@ def human(names: tuple[str, ...], T: float = 0.9) -> Beats:
     return beats(T, inlet_Q=Q, **{name.replace(".", "_"): wave(name) for name in names})
 
 
+@pytest.mark.slow
 def test_a_network_by_another_generator() -> None:
     """Human: C is 1.04 mL/mmHg at 80 mmHg, Z_c of the root 0.0616 mmHg·s/mL, and AB2 is 68 ms from AsA, all at 80 mmHg.
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from fitting.inference.fit import Fit
-from fitting.inference.hierarchy import DECADES, LARGE, Linear, score, with_widths
+from fitting.inference.hierarchy import APART, DECADES, LARGE, LOG_RANGE, Linear, beforehand, score, with_widths
 from fitting.inference.hypothesis import Term
 from fitting.inference.jackknife import jackknife
 from fitting.inference.model_discrepancy import Block, estimated, widened
@@ -54,6 +54,35 @@ def test_an_unknown_at_the_end_of_its_range_still_pays_its_prior() -> None:
     held = replace(unknown("all.phi0"), low=-2.0, high=2.0)
     linear = Linear.of_columns(np.array([-8.0]), np.array([[1.0]]), np.array([2.0]), [held])
     assert linear.at() == pytest.approx(8.0**2 + TAILS * math.log1p(2.0**2 / TAILS), abs=1e-12)
+
+
+@pytest.mark.parametrize("asks", [-6.0, 0.0, 12.0])
+def test_the_tails_of_a_prior_are_integrated(asks: float) -> None:
+    """One nuisance of a Student prior, of which the data say ``asks`` standard deviations with an error of a third:
+    -2 ln ∫ exp(-z²/2 - penalty/2) dx/√2π, to 0.06 (0.047 measured, at -6)."""
+    J, y = 3.0, -3.0 * asks
+    grid = np.linspace(-40.0, 40.0, 400001)
+    cost = (y + J * grid) ** 2 + TAILS * np.log1p(grid**2 / TAILS)
+    x = np.array([grid[cost.argmin()]])
+    found = Linear.of_columns(y + J * x, np.array([[J]]), x, [unknown("nu")]).at()
+    exact = -2.0 * math.log(float(np.trapezoid(np.exp(-0.5 * cost), grid)) / math.sqrt(2.0 * math.pi))
+    assert found == pytest.approx(exact, abs=0.06)
+
+
+@pytest.mark.parametrize(("low", "signs"), [(0.5, 1.0), (-0.5, 2.0)])
+def test_a_size_that_is_fixed_pays_as_if_it_equalled_its_error(low: float, signs: float) -> None:
+    """Equal bounds: |z|² + 2 ln(signs ln 1000/√2π), whatever the data's error; two signs where it may be below 0."""
+    fixed = replace(unknown("size", of_size=True), low=low, high=low)
+    for slope in (1.0, 30.0):
+        found = Linear.of_columns(np.array([-4.0]), np.array([[slope]]), np.array([low]), [fixed]).at()
+        assert found == pytest.approx(16.0 + 2.0 * math.log(signs * LOG_RANGE / math.sqrt(2.0 * math.pi)), abs=1e-12)
+
+
+def test_what_widths_are_beforehand() -> None:
+    """No deviations are as likely as those of the stated spread, at even odds; the widths of an outlier are equally
+    likely, and together certain."""
+    assert beforehand(0.0) == beforehand(1.0) == pytest.approx(2.0 * math.log(2.0), rel=1e-15)
+    assert sum(math.exp(-0.5 * beforehand(width, apart=True)) for width in APART) == pytest.approx(1.0, rel=1e-15)
 
 
 @pytest.mark.parametrize("size", [0.16, 16.0, 160.0])

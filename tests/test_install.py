@@ -24,6 +24,7 @@ import fmpy.validation
 import numpy
 import pytest
 import pythonfmu
+from snippets import SHORTER, snippets, text_of
 from test_client_pythons import installed
 
 from arterial_fmu.cli.commands import COMMANDS
@@ -35,7 +36,8 @@ from solver.tracing.native import PLATFORM
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver", "fmu_src", "fitting", "discrepancy", "arterial_fmu")
-PARTS = ("pyproject.toml", "README.md", "LICENSE", "build_fmu.py", "native", *PACKAGES)
+WORDS = ("README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff")
+PARTS = ("pyproject.toml", "MANIFEST.in", *WORDS, "build_fmu.py", "native", "tests", *PACKAGES)
 ENGINE = "solver/engine"
 
 
@@ -88,8 +90,8 @@ def run(home: Path, *line: str) -> str:
 
 @pytest.mark.slow
 def test_what_is_in_them(dist: Path) -> None:
-    """Every file of the packages is in the wheel and in the source; nothing of tests or benchmarks in the wheel, no
-    recordings in either."""
+    """Every file of the packages is in the wheel and in the source; nothing of tests or benchmarks, and no recordings,
+    in either."""
     (wheel,), (source,) = dist.glob("*.whl"), dist.glob("*.tar.gz")
     files = {path.relative_to(ROOT).as_posix() for name in PACKAGES for path in (ROOT / name).rglob("*")
              if path.is_file() and not {"__pycache__", "engine"} & {*path.parts}} | {"build_fmu.py"}  # fmt: skip
@@ -101,9 +103,8 @@ def test_what_is_in_them(dist: Path) -> None:
     assert {name for name in names if ".dist-info/" not in name} == files | brought
     with tarfile.open(source) as archive:
         contents = {name.partition("/")[2] for name in archive.getnames()}
-    assert files | {f"native/{path}" for path in native} <= contents and not [
-        name for name in contents if name.startswith("examples/data/")
-    ]
+    assert files | {f"native/{path}" for path in native} | {*WORDS} <= contents
+    assert not [name for name in contents if name.startswith(("tests", "benchmarks", "examples", "docs"))]
     assert "License-Expression: MIT" in metadata and "Requires-Python: >=3.11" in metadata
 
 
@@ -133,7 +134,7 @@ def test_its_libraries(dist: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         for name, platform in libraries().items():
             content = archive.read(f"{ENGINE}/{name}")
-            assert 20_000 < len(content) < 220_000, name  # the largest is that of Windows, 211 kB
+            assert 20_000 < len(content) < 220_000, name  # the largest is that of Windows, 219 kB
             assert re.match(HEADS[platform.fmi3], content, flags=re.DOTALL), name
             assert all(int(minor) <= 17 for minor in re.findall(rb"GLIBC_2\.(\d+)", content)), name
             assert b"/tmp" not in content and os.fsencode(ROOT) not in content, name
@@ -178,6 +179,36 @@ def test_a_library_of_other_sources(home: Path) -> None:
 
 
 @pytest.mark.slow
+def test_without_its_libraries(home: Path) -> None:
+    """As built without ziglang: NumPy makes the steps, and FMUs are built; --version says so."""
+    (engine,) = (home / "venv").glob(f"lib/python3*/site-packages/{ENGINE}")
+    away = engine.rename(engine.with_name("away"))
+    shutil.copytree(away / "sources", engine / "sources")
+    try:
+        assert "steps by NumPy; the compiled engine is not built; published wheels have it" in run(
+            home, "arterial-fmu", "--version"
+        )
+        run(home, "arterial-fmu", "solve", "cca", "--dt", "5 ms")
+        run(home, "arterial-fmu", "build", "cca", "--out", "numpy")
+    finally:
+        shutil.rmtree(engine)
+        away.rename(engine)
+
+
+@pytest.mark.slow
+def test_readme(home: Path) -> None:
+    """Its snippets run outside the checkout, from Python, from the command line and of FMPy, after the line that it
+    gives for this."""
+    assert "Without a checkout, `arterial-fmu build sheep --out\ndist` makes both" in text_of("README.md")
+    run(home, "arterial-fmu", "build", "sheep", "--out", "dist")
+    for kind, text in snippets("README.md")[:5]:
+        for written, shorter in SHORTER["README.md"].items():
+            text = text.replace(written, shorter)
+        shell = f"import subprocess; subprocess.run(['bash', '-euc', {text!r}], check=True)"
+        run(home, "python", "-c", text if kind == "python" else shell)
+
+
+@pytest.mark.slow
 def test_it_is_the_installed_one(home: Path) -> None:
     """Every package, and the function of every command, come from the environment; all networks come along."""
     code = (
@@ -218,13 +249,13 @@ def test_network_to_fmu(home: Path) -> None:
     assert "sheep" in run(home, "arterial-fmu", "solve", "sheep", "--dt", "5 ms", "--out", "beat.csv")
     run(home, "arterial-fmu", "export", "sheep")
     run(home, "arterial-fmu", "import", "csv", "sheep.csv", "--out", "again.toml")
-    run(home, "arterial-fmu", "build", "again.toml")
+    run(home, "arterial-fmu", "build", "again.toml", "--out", "again")
     run(home, "arterial-fmu", "build", "system", "human")
-    (fmu,) = (home / "work" / "dist").glob("*.fmu")
+    (fmu,) = (home / "work" / "again").glob("*.fmu")
     assert (home / "work" / "dist" / "human.ssp").is_file()
-    done = run(home, "arterial-fmu", "doctor", f"dist/{fmu.name}", "--json")
+    done = run(home, "arterial-fmu", "doctor", f"again/{fmu.name}", "--json")
     assert json.loads(done)["findings"][-1]["found"] == "loaded, initialized, stepped, read, freed"
-    run(home, "arterial-fmu", "run", f"dist/{fmu.name}", "--stop-time", "0.05 s", "--out", "run.csv")
+    run(home, "arterial-fmu", "run", f"again/{fmu.name}", "--stop-time", "0.05 s", "--out", "run.csv")
     assert (home / "work" / "run.csv").read_text().startswith("time [s],inlet.P [Pa]")
 
 

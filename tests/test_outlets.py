@@ -55,6 +55,26 @@ def test_slope_is_that_of_the_flow(sheep: Network, kind: type[Outlet]) -> None:
 
 
 @every_kind
+def test_a_further_flow_at_the_end(sheep: Network, kind: type[Outlet]) -> None:
+    """A leak q = g P + b P²: scale Q = flow grows by scale q, and the slope is still that of the flow, to 1e-8."""
+    load = kind.load(numbers(kind), wall(sheep), 1e-3)
+    g, b = 1e-9, 1e-13
+    both = load.beside(lambda P: (g * P + b * P * P, g + 2.0 * b * P))
+    for P in (np.array([[p]]) for p in (-1e3, 0.0, 5e3)):
+        np.testing.assert_allclose(both.flow(P), load.flow(P) + load.scale * (g * P + b * P * P), rtol=1e-14)
+        expected = (both.flow(P + 1.0) - both.flow(P - 1.0)) / 2.0
+        np.testing.assert_allclose(both.slope(P), expected, rtol=1e-8)
+
+
+@every_kind
+def test_without_flow_the_pressures_behind_stay_equal(sheep: Network, kind: type[Outlet]) -> None:
+    """P_C = P_venous and Q = 0: P_b = keep P_C + give P_venous = P_venous over a stage of any length, to round-off."""
+    for tau in (1e-4, 1.0, 1e9):
+        load = kind.load(numbers(kind), wall(sheep), tau)
+        np.testing.assert_allclose(load.keep + load.give, 1.0, rtol=1e-14)
+
+
+@every_kind
 def test_steady_flow_is_that_of_the_frequency_domain(sheep: Network, kind: type[Outlet]) -> None:
     """Long stages end in a steady state: its flow under a small change of P is that of the condition at ω = 0: 1e-6."""
     outlet, at = numbers(kind), wall(sheep)

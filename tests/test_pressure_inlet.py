@@ -20,6 +20,7 @@ from fmu_src.cosimulation.arteries import CoSimulation
 from fmu_src.importer.run import run_fmu
 from fmu_src.variables.arteries_variables import variable_table
 from solver import Network, Reflection, Settings, linear, load, sampled_inflow, simulate, simulate_periodic
+from solver.network.curve import Curve
 from solver.network.files import dumps, loads
 from solver.periodic.start import periodic_state
 from solver.scheme import terms
@@ -191,6 +192,19 @@ def test_a_host_that_sets_nothing_has_arteries_at_rest() -> None:
     made.step(0.0, 0.01, values)
     flows = [value for name, value in zip(sheep.output_units(), made.outputs(), strict=False) if name.endswith(".Q")]
     assert np.abs(flows).max() <= 1e-16
+
+
+def test_variables_of_a_pressure_inlet() -> None:
+    """inlet.P_mean starts at what the file gives, and at network.P_0 where it gives nothing; flow per pressure of the
+    port is in units of inlet.Q over those of inlet.P."""
+    network = driven_by_pressure(load("human"))
+    given = replace(network.inlet, curve=Curve.series("P", 13e3, np.array([1e3]), np.zeros(1), 0.8))
+    for inlet, expected in ((given, 13e3), (network.inlet, network.P_0)):
+        table = {v.name: v for v in variable_table(replace(network, inlet=inlet), Settings())}
+        assert table["inlet.P_mean"].start == pytest.approx(expected, rel=1e-12) and "inlet.Q_mean" not in table
+    units = {name: v.quantity.unit for name, v in table.items() if v.quantity is not None}
+    assert units["inlet.Q_0"] == units["inlet.Q"] == "m^3/s" and units["inlet.P"] == "Pa"
+    assert units["inlet.Y"] == units["inlet.Y_0"] == "m^3/(Pa.s)"
 
 
 def test_component() -> None:

@@ -77,6 +77,17 @@ def test_network_file_keys() -> None:
     assert keys <= set(re.findall(r"`(\w+)`", "\n".join(rows)))
 
 
+def test_numbers_of_choices(sheep: Network) -> None:
+    """The numbers that docs/fmu.md gives to the choices of an Enumeration are those of the FMU: hosts set them."""
+    for v in variable_table(sheep, Settings()):
+        if v.choices:
+            group, _, key = v.name.rpartition(".")
+            row = rf"^\| `{group}\.[^|]*{key}`[^|]* \| fixed parameter \| Enumeration \| .*$"
+            (row,) = re.findall(row, text_of("docs/fmu.md"), flags=re.MULTILINE)
+            numbered = [f"{i} `{choice}`" for i, choice in enumerate(v.choices, start=1)]
+            assert all(each in row for each in numbered), v.name
+
+
 def test_fmu_variables(sheep: Network) -> None:
     """The table of docs/fmu.md has every variable of the FMU, and in the kind of its row."""
     known = {}

@@ -293,3 +293,14 @@ def test_viscous_slope_is_that_of_the_pressure(elastic: str, viscous: str, r: fl
     slope = derivative(lambda a: wall.pressure(a, A_t), A)
     found = wall.stiffness(A) + wall.viscous_slope(A, A_t)
     np.testing.assert_allclose(found, slope, rtol=0.0, atol=2e-15 * K[0] / A0)
+
+
+def test_an_unknown_past_is_that_of_a_heart_beat() -> None:
+    """The stresses of a wall with memory, of which no past is known, are those of a rate that has lasted 0.1 s from no
+    stress: θ/(τ + θ) φ0 ε̇, and all of it where τ = 0."""
+    tau, share = np.outer([0.0, 0.05, 0.4], np.ones(len(STRETCH))), np.outer([0.7, 0.2, 0.1], np.ones(len(STRETCH)))
+    wall = replace(aorta("beta", "quadratic", e=0.0, r=0.0), tau=tau, share=share)
+    A, A_t = A0 * STRETCH**2, 2.0 * A0 * np.linspace(-0.3, 0.5, len(STRETCH))
+    lasted = wall.remembering(np.zeros_like(tau), 0.1).carried(A, A_t)
+    np.testing.assert_allclose(wall.carried(A, A_t), lasted, rtol=1e-14)
+    np.testing.assert_allclose(lasted, np.outer([1.0, 2.0 / 3.0, 0.2], PHI0 * wall.strain_rate(A, A_t)), rtol=1e-14)
