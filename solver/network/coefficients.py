@@ -151,7 +151,6 @@ class Coefficients:
             return np.asarray(values[member[None], segment % values.shape[1]])  # one column of the fluid
 
         terms = (term for term in self.terms if term.effect.owner in _ALONG)
-        fluid = {key: one(getattr(self, key)) for key in ("rho", "nu", "C_f", "alpha", "P_0")}
         return replace(
             self,
             L=one(self.L),
@@ -159,7 +158,11 @@ class Coefficients:
             terms=tuple(Term(term.effect, {key: one(x) for key, x in term.values.items()}) for term in terms),
             outlets=(),
             batched=False,
-            **fluid,
+            rho=one(self.rho),
+            nu=one(self.nu),
+            C_f=one(self.C_f),
+            alpha=one(self.alpha),
+            P_0=one(self.P_0),
         )
 
     @property
