@@ -43,6 +43,7 @@ OTHERS = {
     "solver.io.saved", "solver.io.tables", "solver.quantities.text", "solver.network.files",
     "solver.network.importers.openbf", "solver.io.host_died",
     "solver.network.validation",
+    "fitting.records.read.numbers",  # NumPy's reader, of a file that may be anything
     "fitting.records.read.binary", "fitting.parallel.cluster", "fitting.results.parameter_set",
     "fitting.calibrate.calibration_prior",
     "fitting.inference.unknown_text", "arterial_fmu.study.store",
