@@ -113,8 +113,8 @@ def estimated(fit: Fit, blocks: Sequence[Block], n_parts: int) -> Array:
 
 
 def worst_octave(left: Array, order: Array) -> float:
-    """The largest mean over an octave (harmonics 0 to 3, then 4 to 7, 8 to 15 …) of squares ``left`` : (n,) of a whitened
-    residual, which an error that is equal at all harmonics underestimates. order : (n,) harmonics."""
+    """The largest mean over an octave (harmonics 0 to 3, then 4 to 7, 8 to 15 …) of squares ``left`` : (n,) of a
+    whitened residual, which an error that is equal at all harmonics underestimates. order : (n,) harmonics."""
     octave = np.maximum(np.log2(np.maximum(order, 1)).astype(int), 1)
     return float((np.bincount(octave, left) / np.maximum(np.bincount(octave), 1)).max())
 

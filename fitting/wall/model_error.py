@@ -3,9 +3,9 @@
 A law that misses the loop by many times the noise cannot be weighted by the noise: the harmonics that the sensors
 happen to measure best would decide. So the error of the law joins the noise, estimated by restricted maximum likelihood
 (:mod:`fitting.inference.model_discrepancy`), alternating with the fit, as in a network
-(:mod:`fitting.inference.joint.model_error`). It is 0 if the law leaves only noise, and if the residual is more probable
-as noise that is a common factor larger than the scatter between the beats tells, as with gaps; then the covariance is
-multiplied by χ²/dof.
+(:mod:`fitting.inference.joint.model_error`). It is 0 if the law leaves only noise, and unless it explains the residual
+decidedly better than noise that is a common factor larger than the scatter between the beats tells, as with gaps; then
+the covariance is multiplied by χ²/dof.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ..inference.joint.model_error import CHANCE
 from ..inference.model_discrepancy import Block, estimated, settled, widened, worst_octave
 from ..inference.models.loop import Loop
 from ..records.channels import spectral
+from .elastic_law import DECIDED
 from .errors_in_variables import Solution, solve, whitened
 from .wall_model import WallModel
 
@@ -43,7 +44,7 @@ def with_model_error(loop: Loop, model: WallModel, found: Solution, lag_free: bo
         fit, white = whitened(loop, model, found)
         each = [Block(np.arange(loop.N), pulse * white, np.zeros(loop.N, int))]
         share = estimated(fit, each, 1)
-        if not wide.model_error and (share[0] < MISSED or _scaled(fit) <= _cost(widened(fit, each, share))):
+        if not wide.model_error and (share[0] < MISSED or not _favoured(fit, widened(fit, each, share))):
             return loop
         error = float(share[0]) * pulse / math.sqrt(loop.N)
         if abs(error - wide.model_error) <= _SAME * error:
@@ -51,6 +52,11 @@ def with_model_error(loop: Loop, model: WallModel, found: Solution, lag_free: bo
         wide = replace(loop, model_error=error)
         found = solve(wide, model, found.values, lag=found.lag if lag_free else None)
     return wide
+
+
+def _favoured(fit: Fit, wide: Fit) -> bool:
+    """True if a residual ``wide``, with the model error, is decidedly more probable than with misjudged noise."""
+    return _scaled(fit) - _cost(wide) > 2.0 * DECIDED
 
 
 def _cost(fit: Fit) -> float:
