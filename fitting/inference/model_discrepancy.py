@@ -112,6 +112,13 @@ def estimated(fit: Fit, blocks: Sequence[Block], n_parts: int) -> Array:
     return np.where(parts > 10.0 * _SMALLEST, parts, 0.0)
 
 
+def worst_octave(left: Array, order: Array) -> float:
+    """The largest mean over an octave (harmonics 0 to 3, then 4 to 7, 8 to 15 …) of squares ``left`` : (n,) of a
+    whitened residual, which an error that is equal at all harmonics underestimates. order : (n,) harmonics."""
+    octave = np.maximum(np.log2(np.maximum(order, 1)).astype(int), 1)
+    return float((np.bincount(octave, left) / np.maximum(np.bincount(octave), 1)).max())
+
+
 def _sums(fit: Fit, blocks: Sequence[Block], parts: Array) -> tuple[Array, Array]:
     """Σ (Bᵀ P z)² and tr(Bᵀ P B) of every part."""
     inverse = [np.linalg.inv(_covariance(b, parts)) for b in blocks]

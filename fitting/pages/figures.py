@@ -81,11 +81,15 @@ def _spectrum(ax: Axes, fits: Sequence[WallFit]) -> None:
     k, _, expected = fits[-1].residual_spectrum()
     P = np.abs(np.fft.rfft(fits[0].loop.P)) / fits[0].loop.N
     ax.semilogy(k[1:shown], P[1:shown] / MMHG, color=BLACK, linewidth=1.0, label="pressure")
-    ax.semilogy(k[1:shown], expected[1:shown] / MMHG, color=SKY, linewidth=2.0, label="noise (1 sd)")
+    ax.semilogy(k[1:shown], expected[1:shown] / MMHG, color=SKY, linewidth=2.0, label=_expected(fits[-1]))
     ax.set_title("Residual of the pressure")
     ax.set_xlabel("harmonic k")
     ax.set_ylabel("amplitude of the Fourier coefficient, mmHg")
     ax.legend(fontsize=8)
+
+
+def _expected(fitted: WallFit) -> str:
+    return "noise and model error (1 sd)" if fitted.model_error else "noise (1 sd)"
 
 
 def _harmonics_shown(fitted: WallFit) -> int:

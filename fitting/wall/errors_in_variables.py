@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 from solver.loop import derivative_matrix
 from solver.quantities.coordinate import SHIFT
 
-from ..inference.fit import Member
+from ..inference.fit import Fit, Member
 from ..inference.gauss_newton import Point, Rules, Search, Trial, one_by_one, search
 from ..inference.models.loop import Linear, Loop, NoFit, linearise, spectrum
 from ..inference.unknown import Unknown
@@ -122,6 +122,15 @@ def solve(loop: Loop, model: WallModel, start: Values, *, lag: float | None = No
     if rounds == _ROUNDS:
         _check(model, solution, found.cost - found.promised())
     return solution
+
+
+def whitened(loop: Loop, model: WallModel, found: Solution) -> tuple[Fit, Array]:
+    """The linear problem at a solution, and L⁻¹ : (N, N), which whitens an error of the samples of P."""
+    problem, p, order = _Regression.of(loop, model, found.values, found.lag), len(found.covariance), np.arange(loop.N)
+    here = problem.point(0.0 * problem.sizes, found.R)
+    unknowns = (Unknown("", SHIFT, (), -np.inf, np.inf, prior_sd=None),) * p
+    fit = Fit((), unknowns, np.zeros(p), here.z, here.J[:, :p], order, 0 * order)
+    return fit, solve_triangular(here.memory[0].L, np.eye(loop.N), lower=True)
 
 
 def plain(loop: Loop, model: WallModel, start: Values, R: Array) -> dict[str, float]:

@@ -6,14 +6,15 @@ import numpy as np
 from scipy.special import chdtrc, ndtri
 
 from solver.network.doubts import THIN, more_than_thin
+from solver.quantities.units import MMHG
 
 from .elastic_law import MISFIT
+from .model_error import MISSED
 from .wall_fit import WallFit
 from .wall_model import relative_viscosity
 
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
 USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously
-MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
 LOOSE, LOOSE_WITH_LAG = 0.1, 0.04  # of φ0: for a larger standard deviation the problem is nonlinear within the interval
 NEAR_THE_TURN = 0.25  # of φ0: below this viscosity of the quadratic law, second order is insufficient
 NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R gets no sentence
@@ -95,7 +96,7 @@ def _misfit(fitted: WallFit) -> str:
         missed = float(np.sqrt(max(0.0, 1.0 - fitted.r2)))
         return (
             f"the {fitted.model.name} model misses the noise-free loop by {missed:.2g} of the pulse; "
-            "the intervals do not cover that."
+            f"{_allowed(fitted) or 'the intervals do not cover that'}."
             if missed > MISSED
             else ""
         )
@@ -103,10 +104,17 @@ def _misfit(fitted: WallFit) -> str:
         return ""
     return (
         f"the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "
-        f"{fitted.chi2 / fitted.dof:.1f}); intervals are widened to match, but may miss a systematic error"
+        f"{fitted.chi2 / fitted.dof:.1f}); {_allowed(fitted) or 'intervals are widened to match'}, but may miss a "
+        "systematic error"
         + ("" if "R0" in fitted.model.free else "; check R0, which was given")
         + ("; a channel that is late changes phi0: see --lag." if np.isnan(fitted.lag[1]) else ".")
     )
+
+
+def _allowed(fitted: WallFit) -> str:
+    if not fitted.model_error:
+        return ""
+    return f"fit and intervals allow the law a random error of {fitted.model_error / MMHG:.2g} mmHg (rms over the beat)"
 
 
 def _undetermined(fitted: WallFit) -> str:

@@ -31,6 +31,7 @@ from ..records.channels import spectral
 from .errors_in_variables import Solution, plain, solve
 from .fit_diagnostics import doubts
 from .law_selection import evidence, weighing_model
+from .model_error import widening, with_model_error
 from .wall_fit import WallFit
 from .wall_model import WallModel, columns, evaluate, model, parameters_of
 
@@ -68,6 +69,7 @@ def fit(
     _check_thickness(site, float(loop.R.mean()), h)
     by = partial(_fitted, beats, site, loop, h=h, eta=eta, R0=R0, lag_free=lag_free)
     kept = _by_evidence(by, wall) if isinstance(wall, str) else by(wall)
+    kept = _with_model_error(beats, loop, kept)
     return replace(kept, warnings=(*(f"{site}: {text}" for text in beats.warnings), *doubts(kept)))
 
 
@@ -114,6 +116,24 @@ def _fitted(
         hint = "".join(f" Note that {text}" for text in beats.warnings[:1])
         raise NoFit(f"{beats.source}: site {site}: {error}{hint}") from None
     return _result(beats, site, chosen, timed, filtered, solution, ignored)
+
+
+def _with_model_error(beats: Beats, loop: Loop, kept: WallFit) -> WallFit:
+    """The fits of all laws with the error of the most probable one, which was selected by the noise alone. As given if
+    it leaves only noise, or if there is no wall with an error."""
+
+    def again(fitted: WallFit) -> WallFit:
+        lag = fitted.lag[0] if np.isfinite(fitted.lag[1]) else None
+        solution = solve(wide, fitted.model, fitted.values, lag=lag)
+        timed, filtered = wide.earlier(solution.lag), fitted.filtered
+        found = _result(beats, fitted.site, fitted.model, timed, filtered, solution, fitted.ignored_noise)
+        return replace(found, chi2=fitted.chi2, evidence=fitted.evidence)
+
+    with suppress(NoFit):
+        wide = with_model_error(loop, kept.model, kept.solution, bool(np.isfinite(kept.lag[1])))
+        if wide.model_error:
+            return replace(again(kept), others=tuple(map(again, kept.others)))
+    return kept
 
 
 def without_lag(beats: Beats, fitted: WallFit) -> Beats:
@@ -260,7 +280,7 @@ def _result(
     p, values = len(chosen.free), solution.values
     lag_free = len(solution.covariance) > p
     dof = loop.N - len(solution.covariance)
-    covariance = solution.covariance * max(1.0, solution.chi2 / dof)
+    covariance = solution.covariance * widening(loop, solution)
     pulsatile = loop.P - loop.P.mean()
     missed = loop.P - evaluate(chosen, values, filtered.R, filtered.R_t).P
     changes = dict(zip(chosen.free, solution.by_lag, strict=True))
@@ -272,6 +292,7 @@ def _result(
         lag=(solution.lag, float(np.sqrt(covariance[-1, -1])) if lag_free else np.nan),
         r2=1.0 - float(np.sum(missed**2) / np.sum(pulsatile**2)),
         dof=dof,
+        chi2=solution.chi2,
         by_lag={n: float(1e-3 * change / values[n]) for n, change in changes.items() if values[n] and not lag_free},
         ignored_noise=ignored_noise,
         filtered=filtered,

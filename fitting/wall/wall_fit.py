@@ -34,10 +34,11 @@ class WallFit(Shown):
 
     values : the five parameters in SI, and h and eta as given. covariance : (p, p) of ``model.free``.
     lag : delay of P relative to the wall law [s], with its standard deviation (NaN unless it was free).
-    r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. dof : of the residual; if its chi2 is
-    larger, the covariance is scaled by chi2/dof. by_lag : relative change of E, R0 … for a delay of P by 1 ms, if the
-    lag was not free. ignored_noise : the values by ordinary least squares, which ignores the noise of R. filtered : the
-    γ-loop. loop : the fitted mean beats, without the lag. solution : details of the search. n_beats, source, sha256,
+    r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. chi2, dof : of the residual, by the noise
+    alone; if chi2 is larger, the covariance is scaled by chi2/dof, or contains a model error. by_lag : relative change
+    of E, R0 … for a delay of P by 1 ms, if the lag was not free. ignored_noise : the values by ordinary least squares,
+    which ignores the noise of R. filtered : the γ-loop. loop : the fitted mean beats, without the lag, with the model
+    error. solution : details of the search, with the model error. n_beats, source, sha256,
     told : of the record. warnings : one sentence each. evidence : of the elastic laws, None if the law was given.
     others : the fits by the other laws.
 
@@ -51,6 +52,7 @@ class WallFit(Shown):
     lag: tuple[float, float]
     r2: float
     dof: int
+    chi2: float
     by_lag: Mapping[str, float]
     ignored_noise: Mapping[str, float]
     filtered: spectral.Filtered
@@ -75,9 +77,9 @@ class WallFit(Shown):
         return self.values["eta"]
 
     @property
-    def chi2(self) -> float:
-        """uᵀ V⁻¹ u of the residual against its expected noise."""
-        return self.solution.chi2
+    def model_error(self) -> float:
+        """Standard deviation of the error of the law [Pa], rms over the beat; 0 if it leaves only noise."""
+        return self.loop.model_error * float(np.sqrt(self.loop.N))
 
     @property
     def condition(self) -> float:
@@ -167,6 +169,7 @@ class WallFit(Shown):
                 "kept_harmonics": list(self.filtered.kept),
                 "r2": self.r2,
                 "chi2_per_dof": self.chi2 / self.dof,
+                **({"model_error": {"value": self.model_error, "unit": "Pa"}} if self.model_error else {}),
                 "warnings": list(self.warnings),
                 "software": software(),
             },

@@ -26,6 +26,7 @@ from ...records.channels.inflow import inflow
 from ..fit import Fit, Member
 from ..gauss_newton import Trial
 from ..intervals.identify import Determined, determined
+from ..model_discrepancy import worst_octave
 from ..models.network import NetworkProblem
 from ..models.simulator import HARMONICS_BEYOND, Simulator
 from ..runs import Runs
@@ -130,11 +131,9 @@ def recorded(
 
 
 def widening(problem: Problem, z: Array, paid: float) -> float:
-    """Factor by which the covariance of the unknowns is too small. An error that is equal at all harmonics
-    underestimates that of the worst octave: harmonics 0 to 3, then 4 to 7, 8 to 15 … z : (n,) whitened with the error;
-    paid : degrees of freedom of the unknowns."""
+    """Factor by which the covariance of the unknowns is too small, by the worst octave of a channel. z : (n,) whitened
+    with the error; paid : degrees of freedom of the unknowns."""
     left, worst = z**2 * len(z) / max(len(z) - paid, 1.0), 1.0
     for part, rows in zip(problem.parts, problem.whole.rows, strict=True):
-        octave = np.maximum(np.log2(np.maximum(part.entries[0], 1)).astype(int), 1)
-        worst = max(worst, float((np.bincount(octave, left[rows]) / np.maximum(np.bincount(octave), 1)).max()))
+        worst = max(worst, worst_octave(left[rows], part.entries[0]))
     return worst

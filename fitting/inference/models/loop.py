@@ -46,13 +46,15 @@ class NoFit(InputError):
 class Loop:
     """Mean beats P, R : (N,) [Pa], [m] of period T [s] and the noise of their Fourier coefficients.
 
-    noise : (N//2 + 1, 2, 2) covariance of (P̂_k, R̂_k).
+    noise : (N//2 + 1, 2, 2) covariance of (P̂_k, R̂_k). model_error : standard deviation of every P̂_k [Pa] by which the
+    law is allowed to miss the loop, beside the noise.
     """
 
     P: Array
     R: Array
     T: float
     noise: Array
+    model_error: float = 0.0
 
     @property
     def N(self) -> int:
@@ -64,6 +66,12 @@ class Loop:
         P, R = (float((_FLOOR * np.ptp(x)) ** 2) / self.N for x in (self.P, self.R))
         return P, R
 
+    @property
+    def least(self) -> tuple[float, float]:
+        """Variances of a Fourier coefficient beside the noise: of rounding and, for P, of the model error."""
+        P, R = self.floor
+        return P + self.model_error**2, R
+
     def earlier(self, lag: float) -> Loop:
         """The loop with P moved forward in time by ``lag`` [s]."""
         return replace(self, P=spectral.shift(self.P, -lag / self.T)) if lag else self
@@ -71,13 +79,13 @@ class Loop:
     @cached_property
     def covariances(self) -> tuple[Array, Array, Array]:
         """C_PP, C_RR, C_RP : (N, N) of the samples."""
-        PP, RR = (circulant(self.N * (self.noise[:, i, i] + self.floor[i]), self.N) for i in (0, 1))
+        PP, RR = (circulant(self.N * (self.noise[:, i, i] + self.least[i]), self.N) for i in (0, 1))
         return PP, RR, circulant(self.N * self.noise[:, 1, 0], self.N)
 
     @cached_property
     def weights(self) -> Array:
         """(N//2 + 1, 2, 2) inverse covariance of the coefficients; twice that of those which stand for two."""
-        weights = np.linalg.inv(self.noise + np.diag(self.floor))
+        weights = np.linalg.inv(self.noise + np.diag(self.least))
         weights[1 : (self.N + 1) // 2] *= 2.0
         return weights
 
