@@ -55,7 +55,9 @@ def _loop(ax: Axes, fitted: WallFit, beats: Beats | None) -> None:
         ax.plot(1e3 * R.T, P.T / MMHG, ".", color=SKY, markersize=2, alpha=0.35, zorder=1)
         ax.plot([], [], ".", color=SKY, label="all beats")
     ax.plot(*_closed(1e3 * fitted.loop.R, fitted.loop.P / MMHG), color=BLACK, linewidth=1.0, label="mean beat")
-    R_model, P_model = _closed(1e3 * fitted.solution.R, fitted.P_fitted / MMHG)
+    # above the harmonics of the pressure, the curve would show the noise of R, whose rate the model multiplies by φ0
+    shown = _harmonics_shown(fitted)
+    R_model, P_model = _closed(1e3 * _up_to(shown, fitted.solution.R), _up_to(shown, fitted.P_fitted / MMHG))
     ax.plot(R_model, P_model, color=VERMILION, linewidth=1.8, linestyle=(0, (4, 2)), label="model")
     ax.set_title(f"{_TITLES.get(fitted.model.name, fitted.model.name)}\n{fitted.model.elastic} law")
     ax.set_xlabel("radius R, mm")
@@ -84,7 +86,7 @@ def _spectrum(ax: Axes, fits: Sequence[WallFit]) -> None:
     ax.semilogy(k[1:shown], expected[1:shown] / MMHG, color=SKY, linewidth=2.0, label=_expected(fits[-1]))
     ax.set_title("Residual of the pressure")
     ax.set_xlabel("harmonic k")
-    ax.set_ylabel("amplitude of the Fourier coefficient, mmHg")
+    ax.set_ylabel("Fourier coefficient, mmHg")
     ax.legend(fontsize=8)
 
 
@@ -97,6 +99,13 @@ def _harmonics_shown(fitted: WallFit) -> int:
     P = np.abs(np.fft.rfft(fitted.loop.P)) / fitted.loop.N
     above = k[P > 3.0 * expected]
     return int(min(len(k), max(12, 1.5 * above.max() if above.size else 12)))
+
+
+def _up_to(K: int, x: Array) -> Array:
+    """The harmonics 0 to K of samples of one period."""
+    X = np.fft.rfft(x)
+    X[K + 1 :] = 0.0
+    return np.fft.irfft(X, len(x))
 
 
 def _closed(x: Array, y: Array) -> tuple[Array, Array]:
