@@ -164,15 +164,16 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
     yield (result := replace(result, columns=columns))
     if result.none.explains:
         yield (result := _also_promising(result, columns, runs))
-    first = result.none if result.none.explains else result.best
-    if _has_absorbed(first):
-        yield (result := _from_plausible_walls(result, first.fit, found, runs))
     tried, known = set[str](), Responses()
-    for _ in range(_ROUNDS):
+    for again in range(_ROUNDS):
         best, left = result.best.key, _leaves(result)
         if left and result.best.fit.terms:
             result = result.at_minimum(runs)
             yield (result := result.joined_by(_refined(result, runs)).polished(runs))
+        first = result.none if result.none.explains else result.best
+        if not again and _has_absorbed(first):
+            yield (result := _from_plausible_walls(result, first.fit, found, runs))
+            best, left = result.best.key, _leaves(result)
         if lawless and not result.best.explains and lawless & _needed(result):
             break
         # if one place accounts for all that acts, a law that explains only a part of it is the wrong one
@@ -266,7 +267,9 @@ def _from_plausible_walls(result: Compared, first: Fit, found: SourceMap, runs: 
     (point,) = wide.points([Trial(member, np.arange(len(member.x)), None, np.zeros(len(member.x)))], runs)
     if point is None:
         return result
-    laws = [t for t in result.terms if (t.rewires or t in result.sought) and joins(t, first.terms)]
+    here = {t.label for t in first.terms}
+    other = [t for t in result.terms if t.label not in here and joins(t, first.terms)]
+    laws = [t for t in other if t.rewires or t in result.sought]
     chosen = nearest(wide, Base(member, point.J), laws, runs)
     fits = refitted(plain, walls, [[*kept, (b.term, b.x)] for b in chosen], runs)
     return result.joined_by(fits).polished(runs)

@@ -186,7 +186,7 @@ def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
     missing. An outlier where the effect acts is an alias of the effect: the best fit without effect has the same waves,
     and no gap can distinguish them. Evidence did.
     """
-    own = {u.name: u for u in problem.individual().deviations}
+    own = {u.name: u for u in problem.first.individual().deviations}
     held = any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns)
     if not held and not standing_out(none.unknowns, none.x) and not _aliases_a_parameter(problem, fit):
         return None
@@ -213,7 +213,7 @@ def subject_without(naming: Naming) -> Fit:
     without effect."""
     if naming.nearest is not None:
         return naming.nearest
-    alone = animal_without(naming.problem.first, naming.best.fit, naming.base.fit) if naming.adds else None
+    alone = animal_without(naming.problem, naming.best.fit, naming.base.fit) if naming.adds else None
     return alone or naming.base.fit
 
 
