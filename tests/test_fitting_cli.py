@@ -194,7 +194,7 @@ def test_loop_figure(folder: Path) -> None:
     figure = loop_figure([fit(beats, "AA", WALL.h, name) for name in ("linear", "monotone")], beats)
     labels = [(ax.get_xlabel(), ax.get_ylabel()) for ax in figure.axes]
     assert labels[:2] == [("radius R, mm", "pressure P, mmHg")] * 2
-    assert labels[2] == ("harmonic k", "amplitude of the Fourier coefficient, mmHg")
+    assert labels[2] == ("harmonic k", "Fourier coefficient, mmHg")
 
 
 def test_set_of_a_bundled_name_is_start_values(folder: Path) -> None:
