@@ -59,6 +59,24 @@ def test_a_law_that_made_up_for_the_other_effect_is_replaced() -> None:
     assert len(with_moves(leads, Runs()).ranked) == len(both.ranked)
 
 
+def test_a_pair_is_compared_with_each_of_its_laws_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stenosis in C, 40 dB, which was only fitted beside a late sensor: it is more probable alone. Relaxation of all
+    walls among three pressures (d' 98) had been fitted beside a Windkessel alone, and both were named with 97 %."""
+    hidden = BY_NAME["stenosis"].add(NETWORK, "C", {"K": 3.0})
+    beat = simulate_periodic(hidden, inflow, T, settings=Settings(dt=T / 200, tolerance=1e-7), tolerance=1e-6)
+    problem = network_problem(record({n: beat[n][:-1] for n in ("inlet.Q", *NAMES)}, 15, 0.01), NETWORK)
+    narrow, late = term("stenosis", "C"), term("channel_lag", CHANNEL)
+    (none,) = problem.refit([()])
+    assert none is not None
+    (pair,) = problem.refit([(narrow, late)], none)
+    assert pair is not None
+    found = Compared.of(problem, [none, pair], {}, (narrow, late))
+    assert found.best.label == f"{narrow.label} + {late.label}"
+    monkeypatch.setattr(at_places, "nearest", lambda *_: [])  # no other law promises to explain the record
+    better = with_moves(found, Runs())
+    assert {narrow.label, late.label} <= {n.label for n in better.ranked} and better.best.label == narrow.label
+
+
 def test_a_law_of_another_place_is_compared_with_the_best() -> None:
     """A stenosis in C, 40 dB, of which only the reflection at the end of C was asked: the stenosis, of all laws of the
     catalogue, takes its place, K to 10 %, and the reflection is ruled out beside it. The same moves simulate no

@@ -333,6 +333,8 @@ def with_moves(
             continue
         most = best.cost - at.SECOND if rest == best.terms else result.none.fit.cost
         chosen = _promising_beside(problem, result, best, base, most, left, runs, known)
+        if rest and names_of(rest) not in {n.key for n in result.every}:  # a pair must be better than each law alone
+            chosen.append(base.member)
         if chosen and left:
             wide = problem.granted(at.AFAR)
             columns = base.rewhitened(wide, problem).columns
