@@ -323,7 +323,7 @@ def joined(gaps: Sequence[Gap]) -> Gap:
         return {n: mean([own[n] for own in each if n in own]) for n in dict.fromkeys(n for own in each for n in own)}
 
     rest = (by_key([g.channels for g in gaps]), by_key([g.rms for g in gaps]), by_key([g.pulsation for g in gaps]))
-    in_error = [g.in_error for g in gaps if g.in_error is not None]
+    in_error = [g.in_error for g in gaps if g.in_error is not None]  # of all, or none: they have one network
     return Gap(
         mean([g.total for g in gaps]), *rest, by_key([g.above for g in gaps]), mean(in_error) if in_error else None
     )

@@ -192,7 +192,8 @@ def test_nothing_is_named_within_the_stated_error(error: float, verdict: str) ->
     before = replace(before, gap=replace(before.gap, total=(3.0, 3.0), in_error=(error, error)))
     found = confirmed(s, named(), before, after)
     assert found.verdict == verdict
-    assert verdict == "effect" or (found.reason or "").endswith("no more than noise and the stated error of the model")
+    words = "is 3 times the noise, 0.9 times noise and stated error of the model together"
+    assert verdict == "effect" or (found.reason or "").endswith(words)
 
 
 def test_the_stated_error_is_of_every_harmonic() -> None:
@@ -299,6 +300,9 @@ def test_pressures_that_are_early_mean_a_flow_that_is_late() -> None:
     assert late_drive([early, lag("B.P", -20.8e-3)], ["A.P", "B.P"]) == "inlet.Q is 21.3 ms late"
     assert not late_drive([early, lag("B.P", -2e-3)], ["A.P", "B.P"])
     assert not late_drive([early], ["A.P", "B.P"]) and not late_drive([early], ["A.P", "A.R"])
+    assert late_drive([lag("inlet.Q", 21.1e-3)], ["A.P", "B.P"]) == "inlet.Q is 21.1 ms late"
+    assert not late_drive([lag("inlet.Q", -4e-3)], ["A.P"])
+    assert not late_drive([lag("inlet.Q", 5e-3), lag("A.P", 10e-3)], ["A.P"])
     assert not late_drive([lag("A.P", 5e-3)], ["A.P"]) and not late_drive([], ["A.P"])
     gain = NamedEffect("channel_gain", ("A.P",), {"A.P.gain": Estimate(0.9, "1", (0.8, 1.0))}, 0.9)
     assert not late_drive([gain], ["A.P"])

@@ -266,6 +266,15 @@ def test_numpy_reads_what_polars_reads(separator: str, monkeypatch: pytest.Monke
         assert numbers._of_plain_cells(b"\n".join([*lines, odd, lines[-1]]), 1, 5, separator) is None
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_numpy_reads_no_file_with_decimal_commas(separator: str) -> None:
+    """1.234 is a thousand and more there, and 1.5 a fault: a look at every cell tells, and not NumPy."""
+    for cell in ("1.234", "1.5"):
+        data = "\n".join(separator.join((str(i), cell)) for i in range(5)).encode()
+        assert numbers.quickly(data, 0, 2, separator, ",") is None
+        assert numbers.quickly(data, 0, 2, separator, ".") is not None
+
+
 @settings(max_examples=60)
 @given(st.one_of(st.binary(max_size=300), st.text(max_size=300).map(lambda s: s.encode("utf-8", "replace"))))
 @example(b"dB\x89\t")

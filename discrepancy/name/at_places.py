@@ -165,13 +165,13 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
     if result.none.explains:
         yield (result := _also_promising(result, columns, runs))
     tried, known = set[str](), Responses()
-    for again in range(_ROUNDS):
+    for turn in range(_ROUNDS):
         best, left = result.best.key, _leaves(result)
         if left and result.best.fit.terms:
             result = result.at_minimum(runs)
             yield (result := result.joined_by(_refined(result, runs)).polished(runs))
         first = result.none if result.none.explains else result.best
-        if not again and _has_absorbed(first):
+        if turn == 0 and _has_absorbed(first):
             yield (result := _from_plausible_walls(result, first.fit, found, runs))
             best, left = result.best.key, _leaves(result)
         if lawless and not result.best.explains and lawless & _needed(result):

@@ -64,6 +64,11 @@ def late(outcome: Outcome) -> str:
     return late_drive(outcome.effects, [c.name for c in outcome.channels]) if outcome.kind == "network" else ""
 
 
+def early(outcome: Outcome) -> bool:
+    """True if the delay that was named is that of a pressure, which cannot be early."""
+    return any(_delay(e) is not None and e.where != (INFLOW,) for e in outcome.effects)
+
+
 def why_walls(outcome: Outcome) -> str:
     """Why the walls are common or individual: an option, or the evidence of the record."""
     asked = outcome.provenance.get("asked", {})
@@ -160,14 +165,14 @@ def _why(outcome: Outcome, effect: Effect) -> str:
 
 
 def late_drive(effects: Iterable[NamedEffect], channels: Sequence[str]) -> str:
-    """ "inlet.Q is 22 ms late", if that is its named delay, or if all pressure and radius channels are early, by delays
-    that agree within their intervals; flows without a delay are then late, like inlet.Q. Else "".
+    """ "inlet.Q is 22 ms late", if that is the only delay named, or if all pressure and radius channels are early, by
+    delays that agree within their intervals; flows without a delay are then late, like inlet.Q. Else "".
 
     effects : the effects added to a model that inlet.Q drives.
     """
     delays = {e.where[0]: ends for e in effects if (ends := _delay(e)) is not None}
-    if INFLOW in delays:
-        return _late([INFLOW], delays[INFLOW][0])
+    if set(delays) == {INFLOW}:
+        return _late([INFLOW], delays[INFLOW][0]) if delays[INFLOW][0] > 0.0 else ""
     others = {name for name in channels if not name.endswith(".Q")}
     if not delays or not others <= set(delays) or any(value >= 0.0 for value, _, _ in delays.values()):
         return ""
@@ -180,8 +185,7 @@ def late_drive(effects: Iterable[NamedEffect], channels: Sequence[str]) -> str:
 def _late(channels: Sequence[str], delay: float) -> str:
     """Channels and their delay [s] in words."""
     unit, factor = readable("s", "ms")
-    verb, side = "are" if len(channels) > 1 else "is", "late" if delay > 0.0 else "early"
-    return f"{' and '.join(channels)} {verb} {number(factor * abs(delay))} {unit} {side}"
+    return f"{' and '.join(channels)} {'are' if len(channels) > 1 else 'is'} {number(factor * delay)} {unit} late"
 
 
 def _delay(effect: NamedEffect) -> tuple[float, float, float] | None:

@@ -232,8 +232,10 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         return naming
     if before.is_noise:
         found = f"{best} was found but not named" if after else "no effect was named"
-        known = "noise" if before.in_error is None else "noise and the stated error of the model"
-        reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than {known}"
+        more = "no more than noise"
+        if before.in_error is not None:
+            more = f"{before.in_error[1]:.3g} times noise and stated error of the model together"
+        reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, {more}"
         return _without(naming, "none", reason)
     if failed:
         nearest = f"{best} comes nearest, but cannot be judged" if naming.best.label else "no effect can be judged"

@@ -129,10 +129,16 @@ def _with_model_error(beats: Beats, loop: Loop, kept: WallFit) -> WallFit:
         found = _result(beats, fitted.site, fitted.model, timed, filtered, solution, fitted.ignored_noise)
         return replace(found, chi2=fitted.chi2, evidence=fitted.evidence)
 
+    def or_as_it_is(fitted: WallFit) -> WallFit:
+        try:
+            return again(fitted)
+        except NoFit:  # of a rejected law, which is only shown
+            return fitted
+
     with suppress(NoFit):
         wide = with_model_error(loop, kept.model, kept.solution, bool(np.isfinite(kept.lag[1])))
         if wide.model_error:
-            return replace(again(kept), others=tuple(map(again, kept.others)))
+            return replace(again(kept), others=tuple(map(or_as_it_is, kept.others)))
     return kept
 
 

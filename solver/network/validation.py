@@ -230,7 +230,8 @@ def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
 
 
 def _doubtful(known: Mapping[str, Quantity], arrays: Mapping[str, np.ndarray]) -> list[str]:
-    """The names whose numbers are not all well inside their range, by one comparison for all of one length."""
+    """The names of whole numbers, and those whose numbers are not all finite, above the low end of their range and at
+    most its high end: to be checked one by one. By one comparison for all of one length."""
     inside = set[str]()
     for size in {array.size for array in arrays.values()}:
         names = [name for name, array in arrays.items() if array.size == size]

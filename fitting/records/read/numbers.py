@@ -31,7 +31,7 @@ _ALMOST = re.compile(r"[+-]?[\d.,:]+\S*")  # a number, perhaps with a fault
 
 def quickly(data: Path | bytes, skip: int, width: int, separator: str, mark: str) -> list[Array] | None:
     """One float array per column, NaN in gaps; None where only a look at every cell can tell."""
-    if (numbers := _of_plain_cells(data, skip, width, separator)) is not None:
+    if mark == "." and (numbers := _of_plain_cells(data, skip, width, separator)) is not None:
         return numbers
     import polars as pl  # takes a fifth of a second
 
