@@ -249,7 +249,7 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
 
 def _has_absorbed(first: Named) -> bool:
     """True if another law may act beside a hypothesis, whose walls are implausible because they have absorbed it.
-    Without a law, what leaves more than noise was compared with all laws from the walls of the map before."""
+    A model without a law that leaves more than noise has already been compared with all laws from the map's walls."""
     room = len(first.fit.terms) < at.MOST_EFFECTS
     return room and bool(first.explains or first.fit.terms) and bool(implausible(first.fit))
 
