@@ -73,8 +73,8 @@ HIDDEN = (
 )
 
 
-def record_of(made: Made, name: str = "made") -> Record:
-    return Record(name, "", made.time, made.channels, {})
+def record_of(made: Made) -> Record:
+    return Record("made", "", made.time, made.channels, {})
 
 
 def another(made: Made, seed: int) -> Record:

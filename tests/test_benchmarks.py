@@ -31,17 +31,10 @@ RUNS = {
     "first_model_nulls": (["--first", "5", "--animals", "1"], "something is named in 0 of 1"),
     "periods": (["--recordings", "40", "--json", "rows.json"], "peaks 3"),
     "convergence": (["--small", "--rows", "rows.json", "cca"], "CPU time and error"),
-    "refinement": (["--small", "--rows", "rows.json", "cca"], "cca"),
     "openbf": (["--no-switch", "--figure", "openbf.png"], "the same, time: 0.6 ms later"),
     "learned": (["--small", "--seeds", "1", "--nulls", "1", "--json", "rows.json"], "nulls with a learned law: 0 of 1"),
     "mock_loop": ([str(ROOT / "examples" / "data" / "mock-loop"), "--fit", "2", "--judge", "10"], "error of the mean"),
-    "mock_loop_verdicts": (
-        [str(ROOT / "examples" / "data" / "mock-loop"), "--files", "1", "--time-limit", "10 s", "--starts", "2",
-         "--json", "rows.json"], "seconds of one core",
-    ),
-    "learned_outlets": (["--records", "1", "--json", "rows.json"], "tables within 1.3 times the noise"),
     "mutations": (["1"], "test_wall"),
-    "openbf_method": (["--no-switch", "--networks", "cca", "--figure", "method.png"], "openBF's method"),
 }  # fmt: skip
 
 
