@@ -24,7 +24,6 @@ RUNS = {
     "fmu": (["--small"], "doStep of 1 ms where ports are read"),
     "fit_speed": (["--small"], "large record: fit one site"),
     "wall_fits": (["--seeds", "2"], "CA"),
-    "elastic_laws": (["--seeds", "2"], "CA of the sheep"),
     "schemes": (["--small", "--rows", "rows.json", "--figure", "schemes.png"], "neumann"),
     "calibrations": (["--tubes", "2", "--json", "rows.json"], "intervals that hold the truth"),
     "late_flow": (["--animals", "1", "--delays", "0", "--json", "rows.json"], "calibrate says so"),
