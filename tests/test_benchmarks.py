@@ -31,7 +31,6 @@ RUNS = {
     "periods": (["--recordings", "40", "--json", "rows.json"], "peaks 3"),
     "convergence": (["--small", "--rows", "rows.json", "cca"], "CPU time and error"),
     "openbf": (["--figure", "openbf.png"], "the same, time: 0.6 ms later"),
-    "learned": (["--small", "--seeds", "1", "--nulls", "1", "--json", "rows.json"], "nulls with a learned law: 0 of 1"),
     "mock_loop": ([str(ROOT / "examples" / "data" / "mock-loop"), "--fit", "2", "--judge", "10"], "error of the mean"),
     "mutations": (["1"], "test_wall"),
 }  # fmt: skip
