@@ -65,7 +65,6 @@ bench: $(VENV)/installed-run $(ENGINE)
 	$(BIN)/python benchmarks/fmu.py
 	$(BIN)/python benchmarks/fit_speed.py
 	$(BIN)/python benchmarks/wall_fits.py
-	$(BIN)/python benchmarks/elastic_laws.py
 	$(BIN)/python benchmarks/periods.py
 	$(BIN)/python benchmarks/calibrations.py
 	$(BIN)/python benchmarks/late_flow.py

@@ -5,8 +5,7 @@
 Virtual recordings (synthetic): the paper's mean walls, radius from an ODE integrator, 11 kPa mean and 4 kPa pulse,
 T = 0.5 s, 200 Hz, 15 beats, white noise on P and R relative to their pulsatile standard deviation. Each goes the way of
 a measured one: sampled record, period found, beats aligned, fit. The law is given, and the true one (regression law,
-monotone viscosity); benchmarks/elastic_laws.py weighs laws. "limit" is the median error of an estimator at the
-Cramér–Rao bound of white noise.
+monotone viscosity). "limit" is the median error of an estimator at the Cramér–Rao bound of white noise.
 
 A last table is nearer to a real sensor, for AA and CA: T = 0.4724 s, which is no whole number of samples, any phase, a
 drift of 2 % of the pulsatile standard deviation, 12 bits.

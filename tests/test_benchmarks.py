@@ -11,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 BENCHMARKS = ROOT / "benchmarks"
+EXAMPLES = ROOT / "examples"
 PARTS = {"__init__", "table"}  # no programs of their own
 ELSEWHERE = {  # run by tests of their own
     "hidden_effects": "test_hidden_bank.py",
@@ -24,24 +25,18 @@ RUNS = {
     "fmu": (["--small"], "doStep of 1 ms where ports are read"),
     "fit_speed": (["--small"], "large record: fit one site"),
     "wall_fits": (["--seeds", "2"], "CA"),
-    "elastic_laws": (["--seeds", "2"], "CA of the sheep"),
     "schemes": (["--small", "--rows", "rows.json", "--figure", "schemes.png"], "neumann"),
     "calibrations": (["--tubes", "2", "--json", "rows.json"], "intervals that hold the truth"),
     "late_flow": (["--animals", "1", "--delays", "0", "--json", "rows.json"], "calibrate says so"),
     "first_model_nulls": (["--first", "5", "--animals", "1"], "something is named in 0 of 1"),
     "periods": (["--recordings", "40", "--json", "rows.json"], "peaks 3"),
     "convergence": (["--small", "--rows", "rows.json", "cca"], "CPU time and error"),
-    "refinement": (["--small", "--rows", "rows.json", "cca"], "cca"),
-    "openbf": (["--no-switch", "--figure", "openbf.png"], "the same, time: 0.6 ms later"),
-    "learned": (["--small", "--seeds", "1", "--nulls", "1", "--json", "rows.json"], "nulls with a learned law: 0 of 1"),
-    "mock_loop": ([str(ROOT / "examples" / "data" / "mock-loop"), "--fit", "2", "--judge", "10"], "error of the mean"),
-    "mock_loop_verdicts": (
-        [str(ROOT / "examples" / "data" / "mock-loop"), "--files", "1", "--time-limit", "10 s", "--starts", "2",
-         "--json", "rows.json"], "seconds of one core",
-    ),
-    "learned_outlets": (["--records", "1", "--json", "rows.json"], "tables within 1.3 times the noise"),
+    "openbf": (["--figure", "openbf.png"], "the same, time: 0.6 ms later"),
+    "mock_loop": ([str(EXAMPLES / "data" / "mock-loop"), "--network", str(EXAMPLES / "mock_loop.toml"),
+                   "--free", "chamber.E:1", "--free", "end.E:1", "--set", "rise.L=10.9cm",
+                   "--fit", "2", "--judge", "10"],
+                  "error of the mean"),
     "mutations": (["1"], "test_wall"),
-    "openbf_method": (["--no-switch", "--networks", "cca", "--figure", "method.png"], "openBF's method"),
 }  # fmt: skip
 
 

@@ -153,7 +153,6 @@ class Toy(Effect):
         "square": Quantity("1", "quadratic part", 0.0, 10.0, nominal=0.3),
     }
     neutral: ClassVar[dict[str, float]] = {"linear": 0.0, "square": 0.0}
-    at_rest = True
     signature = "none"
     confusable = ("taper",)
     separator = "none"

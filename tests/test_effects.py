@@ -380,7 +380,6 @@ class Toy(Effect):
     places = ("segment",)
     terms = {"toy": Quantity("1", "toy of the wall", 0.0, 10.0)}
     neutral: ClassVar[Mapping[str, float]] = {"toy": 0.0}
-    at_rest = True
     signature = "none"
     confusable = ("taper",)
     separator = "none"

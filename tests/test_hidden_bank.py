@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta, binomtest
 
-from benchmarks.hidden import animals, bank, stlsq
+from benchmarks.hidden import animals, bank
 from benchmarks.hidden import report as page
 from benchmarks.hidden import words as w
 from benchmarks.hidden.calibration import brier, calibration_error, diagram, error_bounds, error_by_chance, named
@@ -21,7 +21,6 @@ from benchmarks.hidden.row import row
 from benchmarks.hidden.tables import failures
 from benchmarks.hidden.targets import Targets, median_bounds
 from benchmarks.hidden.words import NOT_JUDGED, NOT_MADE
-from fitting.records.read.record import Record
 from solver import Network, load
 from solver.laws.outlets import Reflection
 from solver.network.description import Segment
@@ -29,7 +28,7 @@ from solver.quantities.quantity import quantities
 from tests.truth.animal import INDIVIDUAL
 from tests.truth.hide import OUTSIDE, Effect
 from tests.truth.plan import GROUPS, REPORTED, TUNING_SEED, plan
-from tests.truth.records import Case, make
+from tests.truth.records import Case
 
 Line = dict[str, Any]
 
@@ -280,38 +279,6 @@ def test_bounds(hits: int, n: int) -> None:
     """Clopper and Pearson as SciPy has them."""
     exact = binomtest(hits, n).proportion_ci(0.95, "exact")
     assert Share(hits, n).bounds == pytest.approx((exact.low, exact.high), abs=1e-12)
-
-
-# --- the comparator --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("effect", "column"), [(Effect("nonlinear_elasticity", ("CA",), 2.0), 1),
-                                                (Effect("wall_viscosity", ("CA",), 0.017), 2)])  # fmt: skip
-def test_comparator_has_the_law(effect: Effect, column: int) -> None:
-    """Without noise the columns of strain and of the effect leave a thousandth of the pulse, strain alone more."""
-    case = Case("bench", "CA", 120.0, (effect,), "elastic")
-    made = make(case, 5)
-    r = stlsq.columns(Record("made", "", made.time, made.channels, {}), made.base, case)
-    left = [_left(r.X[:, kept], r.y) for kept in ([0], [0, column])]
-    assert left[1] < 1e-2 < 3.0 * left[0]
-    assert left[1] < 0.1 * left[0]
-
-
-def _left(X: np.ndarray, y: np.ndarray) -> float:
-    return float(np.std(y - X @ np.linalg.lstsq(X, y, rcond=None)[0]))
-
-
-def test_comparator_answers() -> None:
-    """A large bend of an elastic wall, nearly without noise: STLSQ has it by every threshold; pairs it is not asked."""
-    pytest.importorskip("pysindy", reason="the extra test brings PySINDy")
-    case = Case("bench", "CA", 60.0, (Effect("nonlinear_elasticity", ("CA",), 4.0),), "elastic")
-    made = make(case, 5)
-    record = Record("made", "", made.time, made.channels, {})
-    found = stlsq.compared(record, made.base, case)
-    assert found is not None and set(found) == set(stlsq.METHODS)
-    assert "nonlinear_elasticity" in found["BIC"]
-    lag = Case("bench", "CA", 60.0, (Effect("channel_lag", ("CA.P",), 2e-3),), "elastic")
-    assert stlsq.compared(record, made.base, lag) is None
 
 
 @pytest.mark.parametrize("index", [NULLS[0], SEEN[0], FAINT[0]])

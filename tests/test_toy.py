@@ -51,7 +51,6 @@ class TissueSupport(Effect):
         "k_far": Quantity("Pa/m", "stiffness k_far of the tissue where the segment ends", 0.0, 1e10, nominal=5e6),
     }
     neutral = {"k_near": 0.0, "k_far": 0.0}
-    at_rest = True
     search = SearchSpec(local=True)
     signature = "a wall that is stiffer toward one end"
     confusable = ("wall_stiffness",)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -75,10 +76,8 @@ def first_command(
 def plain(model: FirstModel) -> dict[str, Any]:
     """For JSON: numbers, record against model, notes and the network file, in SI."""
     return {
-        "found": [
-            {"name": x.name, "value": x.value, "unit": x.unit, "error": x.error, "how": x.how} for x in model.found
-        ],
-        "shown": [{"channel": x.channel, "mean": x.mean, "pulse": x.pulse, "rms": x.rms} for x in model.shown],
+        "found": [asdict(each) for each in model.found],
+        "shown": [asdict(each) for each in model.shown],
         "notes": list(model.notes),
         "network": model.text,
     }

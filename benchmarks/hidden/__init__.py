@@ -7,5 +7,4 @@ counts.py   proportions with bounds, and the tables of counts
 targets.py  a table of targets: met, open or missed; animals.py those of the groups
 tables.py   the tables behind them, and the failed records; calibration.py what a confidence is worth, with its diagram
 report.py   the report in Markdown
-stlsq.py    the comparator: sparse regression by PySINDy
 """

@@ -91,8 +91,6 @@ def _sections(kind: str, own: Sequence[Line], network: Network) -> Iterator[tupl
     yield "Parameters of the added term", t.parameters(own)
     yield "Two effects", t.pairs(own)
     yield "Outside the catalogue", t.outside(own)
-    if kind == "bench":
-        yield "Sparse regression on the same records", t.comparator(own)
 
 
 def origin(lines: Sequence[Line]) -> str:

@@ -36,7 +36,6 @@ from tests.truth.network import NoPeriodicFlow
 from tests.truth.plan import seed_of
 from tests.truth.records import Case, Made, make
 
-from .stlsq import compared
 from .words import NOT_JUDGED, NOT_MADE, Line
 
 SHOWN = 6  # hypotheses of the ranking that a line keeps
@@ -74,8 +73,6 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard", l
     except Exception as error:  # the bank goes on: a crash on one record is a result, and is counted
         text = f"{type(error).__name__}: {error}"
         return line | {"verdict": "crashed", "error": text, "seconds": time.process_time() - start}
-    if kind == "bench" and group == "standard":  # others may have too few beats to hold some out
-        line["stlsq"] = compared(record, made.base, case)
     return line
 
 

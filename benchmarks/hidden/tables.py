@@ -9,7 +9,6 @@ import numpy as np
 
 from solver.network.description import Network
 
-from . import stlsq
 from . import words as w
 from .counts import Share, markdown, share
 from .words import Line
@@ -175,23 +174,6 @@ def pairs(lines: Sequence[Line]) -> str:
             size = f"{low:g}–{high:g}" if np.isfinite(high) else f"≥ {low:g}"
             rows.append((size, len(own), share(own, w.both_named), share(own, w.one_and_more), told))
     return markdown(("smaller d′", "records", "both named", "one, and more remains", "verdicts"), rows)
-
-
-def comparator(lines: Sequence[Line], least: float = 12.0) -> str:
-    """Sparse regression beside find and name on the same records: nulls, and wall effects with d' ≥ ``least``."""
-    asked = [x for x in lines if x.get("stlsq") is not None]
-    if not asked:
-        return "PySINDy was not installed (the extra `test` brings it): no comparison."
-    rows = []
-    for dB in (40.0, 30.0):
-        seen = [x for x in w.of(asked, "single", least) if x["dB"] == dB]
-        nulls = [x for x in w.of(asked, "null") if x["dB"] == dB]
-        rows.append((f"find and name, {dB:g} dB", share(seen, w.named_right), share(nulls, w.detected)))
-        for method in stlsq.METHODS:
-            right = Share(sum(tuple(x["stlsq"][method]) == w.truths(x) for x in seen), len(seen))
-            alarms = Share(sum(bool(x["stlsq"][method]) for x in nulls), len(nulls))
-            rows.append((f"STLSQ, threshold {method}, {dB:g} dB", right, alarms))
-    return markdown(("method", f"named right, d′ ≥ {least:g}", "false alarms"), rows)
 
 
 # --- the failed records, with the numbers that explain each failure -------------------------------------------------

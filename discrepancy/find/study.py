@@ -187,7 +187,7 @@ def other_law(beats: Beats, network: Network, site: str) -> tuple[str, ...]:
     """A warning if the evidence decides for another elastic law than the file's and a wall of that law explains P and R
     of a site within their noise (:mod:`fitting.wall.law_selection`); otherwise empty.
 
-    The wrong law is decided in 1 of 1600 recordings (benchmarks/elastic_laws.py).
+    The wrong law is decided in 1 of 1600 recordings (measured: docs/fitting.md).
     """
     name = next((s.segment for s in network.sites if s.name == site), site)
     try:

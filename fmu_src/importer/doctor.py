@@ -344,6 +344,3 @@ def _told(output: bytes) -> list[dict[str, str]]:
         except ValueError:
             continue
     return [line for line in lines if isinstance(line, dict)]
-
-
-# --- command line ---------------------------------------------------------------------------------------------------

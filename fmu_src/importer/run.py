@@ -267,6 +267,3 @@ def _sentence(message: str) -> str:
     """The message of the slave, without the text that the wrapper adds: "Fatal py exception …\nValueError('…')"."""
     match = re.fullmatch(r"Fatal py exception.*?\n\w+\((.*)\)", message, flags=re.DOTALL)
     return str(ast.literal_eval(match[1])) if match else message
-
-
-# --- command line -------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..quantities.quantity import Quantity, quantities
 from . import effects
 from .effect import Array, Described, Effect, check_known
-from .sensors import KnownDelay, KnownZero, Sensor
+from .sensors import Known, KnownDelay, KnownZero, Sensor
 
 (ZERO,) = KnownZero.terms  # its key
 (DELAY,) = KnownDelay.terms
@@ -72,8 +72,8 @@ def observe(terms: Mapping[str, Any], X: Array, omega: Array) -> Array:
 def filtered(network: Described, channel: str, omega: Array) -> Array:
     """H : (n,) of the known filters of a channel in a network, at omega : (n,) [rad/s].
 
-    Known filters are the sensors of the catalogue that are no candidates of a search; all other terms of a channel
-    are results of one.
+    Known filters are the sensors of the catalogue that no search has as candidates; all other terms of a channel are
+    results of one.
     """
     H = np.ones(np.shape(omega), complex)
     for effect, values in _known_sensors(network, channel):
@@ -86,10 +86,10 @@ def zero_of(network: Described, channel: str) -> float:
     return float(sum(effect.offset(values) for effect, values in _known_sensors(network, channel)))
 
 
-def _known_sensors(network: Described, channel: str) -> Iterator[tuple[Sensor, dict[str, Array]]]:
+def _known_sensors(network: Described, channel: str) -> Iterator[tuple[Known, dict[str, Array]]]:
     for own in (c for c in network.channels if c.name == channel):
         for effect in effects.ALL:
-            if isinstance(effect, Sensor) and not effect.searched(channel):
+            if isinstance(effect, Known):
                 yield effect, {key: np.asarray(value) for key, value in {**effect.neutral, **own.terms}.items()}
 
 

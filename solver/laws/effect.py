@@ -159,7 +159,7 @@ class Effect:
     that give the position along a segment.
     signature, confusable, separator : its signature in records, effects with a similar one, and the measurement that
     distinguishes them.
-    at_rest : whether it changes the radius under a steady pressure. cuts : x/L where elements must end.
+    cuts : x/L where elements must end.
     at_ends : numbers of its owner that may be given at both ends, with the term for their relative difference.
     needs : a key of its owner that must be above 0 for it to act. rewires : it replaces the outlet condition.
     remembers : it adds states to the solution, which a batch then carries for all of its members. search : settings of
@@ -179,7 +179,6 @@ class Effect:
     confusable: ClassVar[tuple[str, ...]]
     separator: ClassVar[str]
     always: ClassVar[bool] = False
-    at_rest: ClassVar[bool] = False
     cuts: ClassVar[tuple[float, ...]] = ()
     at_ends: ClassVar[Mapping[str, str]] = {}
     needs: ClassVar[str | None] = None

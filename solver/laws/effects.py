@@ -124,7 +124,6 @@ class NonlinearElasticity(Effect):
     }
     always = True
     neutral = {"ENL": 0.0}
-    at_rest = True
     search = SearchSpec(typical={"ENL": 1.0}, relative={"ENL": ("E", "1")}, starts=((1.0,), (4.0,)), local=True)
     signature = "curves the centre line of the P-R loop without changing its area"
     confusable = ("external_pressure",)
@@ -159,7 +158,6 @@ class ExternalPressure(Effect):
     places = ("all", "segment")
     terms = {"P_ext": Quantity("Pa", "external pressure P_ext", -2e4, 4e4, nominal=1e3, display="mmHg")}
     neutral = {"P_ext": 0.0}
-    at_rest = True
     search = SearchSpec(typical={"P_ext": 1333.0}, local=True)
     signature = "shifts the P-R loop without changing its area; indistinguishable from another R0"
     confusable = ("channel_offset",)
@@ -180,7 +178,6 @@ class Taper(Effect):
     }
     neutral = {"taper": 0.0, "taper_h": 0.0, "taper_E": 0.0}
     at_ends = {"R0": "taper", "h": "taper_h", "E": "taper_E"}
-    at_rest = True
     search = SearchSpec(typical={"taper": 0.2})
     signature = "pulse amplification toward the periphery"
     confusable = ("wall_stiffness",)

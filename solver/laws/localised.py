@@ -88,7 +88,6 @@ class WallStiffness(Partial):
     neutral = {"E_scale": 1.0, **usual}
     along = tuple(part)
     longest = 0.8  # a longer part is the artery's own wall
-    at_rest = True
     search = SearchSpec(typical={"E_scale": 0.3}, scales=True, starts_along=_PARTS, local=True)
     signature = "wave speed, and reflections whose timing gives the place"
     confusable = ("taper",)

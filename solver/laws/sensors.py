@@ -26,7 +26,6 @@ class Sensor(Effect):
     places = ("channel",)
 
     reach: ClassVar[Mapping[str, tuple[float, float]]] = {}  # x of a search, default ±30
-    refuses_neutral: ClassVar[str] = ""  # of a known sensor, why its neutral values cannot be meant
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
         """The unknowns of a search for it in a channel."""
@@ -62,10 +61,6 @@ class Sensor(Effect):
 
     def delay(self, values: Mapping[str, float]) -> float | None:
         """The delay [s] of the channel, for a sensor that is a pure delay; ``values`` as in the catalogue."""
-        return None
-
-    def said(self, words: str) -> Mapping[str, str] | None:
-        """Its terms as texts, if ``words`` describe a known filter of this kind."""
         return None
 
     def as_terms(self, values: Mapping[str, float]) -> dict[str, float]:
@@ -194,50 +189,52 @@ class CatheterResonance(Sensor):
         return {"slow": 2.0 * np.asarray(terms["zeta"]) * per, "resonance": per * per}
 
 
-class KnownZero(Sensor):
-    """The zero or the height of a sensor, known or found by a calibration; never a candidate of a search, which has
-    :class:`ChannelOffset`."""
+class Known(Sensor):
+    """What is known of a sensor: never a candidate of a search.
+
+    words : the pattern of a text that states its terms. refuses_neutral : why its neutral values cannot be meant.
+    """
+
+    words: ClassVar[str]
+    refuses_neutral: ClassVar[str] = ""
+
+    def searched(self, channel: str) -> Mapping[str, Quantity]:
+        return {}
+
+    def said(self, words: str) -> Mapping[str, str] | None:
+        """Its terms as texts, if ``words`` state them."""
+        match = re.fullmatch(self.words, words, re.IGNORECASE)
+        return match and dict(zip(self.terms, match.groups("1"), strict=True))
+
+
+class KnownZero(Known):
+    """The zero or the height of a sensor, known or found by a calibration; a search has :class:`ChannelOffset`."""
 
     name = "known_zero"
     equation = "y(t) = x(t) + zero, known"
     terms = {"zero": Quantity("signal", "known zero of the channel, in the unit of its signal", -1e6, 1e6)}
     neutral = {"zero": 0.0}
+    words = r"zero\s+(.+)"  # zero 4 mmHg
     signature = "one channel only: mean"
     confusable = ("channel_offset", "external_pressure")
     separator = "calibration of the sensor"
-
-    def searched(self, channel: str) -> Mapping[str, Quantity]:
-        return {}
-
-    def said(self, words: str) -> Mapping[str, str] | None:
-        """zero AMOUNT, such as zero 4 mmHg."""
-        match = re.fullmatch(r"zero\s+(.+)", words, re.IGNORECASE)
-        return match and {"zero": match[1]}
 
     def offset(self, values: Values) -> Array | float:
         return values["zero"]
 
 
-class KnownDelay(Sensor):
-    """The delay of a meter, known from its data sheet or found in a recording; never a candidate of a search, which has
-    :class:`ChannelLag`."""
+class KnownDelay(Known):
+    """The delay of a meter, known from its data sheet or found in a recording; a search has :class:`ChannelLag`."""
 
     name = "known_delay"
     equation = "y(t) = x(t - delay), known"
     terms = {"delay": Quantity("s", "known delay of the channel", -1.0, 1.0, display="ms")}
     neutral = {"delay": 0.0}
+    words = r"delay\s+(.+)"  # delay 20 ms
     refuses_neutral = "its delay must not be 0 s"
     signature = "one channel only: phase linear in frequency"
     confusable = ("channel_lag", "low_pass")
     separator = "calibration of the sensor"
-
-    def searched(self, channel: str) -> Mapping[str, Quantity]:
-        return {}
-
-    def said(self, words: str) -> Mapping[str, str] | None:
-        """delay TIME, such as delay 20 ms."""
-        match = re.fullmatch(r"delay\s+(.+)", words, re.IGNORECASE)
-        return match and {"delay": match[1]}
 
     def transfer(self, values: Values, omega: Array) -> Array:
         return np.exp(-1j * omega * np.asarray(values["delay"], float))
@@ -246,8 +243,8 @@ class KnownDelay(Sensor):
 _HIGHEST_ORDER = 8
 
 
-class LowPass(Sensor):
-    """A filter known from the amplifier's settings, never a candidate of a search: Butterworth, causal.
+class LowPass(Known):
+    """A filter known from the amplifier's settings: Butterworth, causal.
 
     Source: S. Butterworth, On the theory of filter amplifiers, Wireless Engineer 7 (1930) 536–541.
     """
@@ -261,17 +258,10 @@ class LowPass(Sensor):
         "low_pass_order": Quantity("1", "order n of that filter", 1.0, _HIGHEST_ORDER, whole=True),
     }
     neutral = {"low_pass": 0.0, "low_pass_order": 1.0}
+    words = r"low-?pass\s+(.+?)(?:\s+order\s+(\d+))?"  # lowpass 10 Hz order 2; without order the first
     signature = "one channel only: damps and delays high harmonics"
     confusable = ("catheter_resonance", "channel_lag")
     separator = "settings of the amplifier"
-
-    def searched(self, channel: str) -> Mapping[str, Quantity]:
-        return {}
-
-    def said(self, words: str) -> Mapping[str, str] | None:
-        """lowpass FREQUENCY, of first order, or of the order given after it: order 2."""
-        match = re.fullmatch(r"low-?pass\s+(.+?)(?:\s+order\s+(\d+))?", words, re.IGNORECASE)
-        return match and dict(zip(self.terms, (match[1], match[2] or "1"), strict=True))
 
     def transfer(self, values: Values, omega: Array) -> Array:
         cutoff, order = (np.asarray(values[key], float) for key in self.terms)

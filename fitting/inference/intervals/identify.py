@@ -19,14 +19,12 @@ _NOTHING = 1e-8  # precision in prior units of a direction that neither data nor
 class Determined:
     """A linearised least-squares problem with priors, p unknowns in units of their prior's standard deviation.
 
-    singular_values : (p,) of the whitened Jacobian, largest first; 0 where below doubt : (p,), the largest singular
-    value that the error of the Jacobian can cause. directions : (p, p), one per row, in those units. covariance : (p,
-    p), in the unknowns' own units, data and prior. effective : number of parameters determined by the data, tr (J (JᵀJ
-    + prior)⁻¹ Jᵀ). sizes : (p,) the units.
+    singular_values : (p,) of the whitened Jacobian, largest first; 0 where the error of the Jacobian can cause as much.
+    directions : (p, p), one per row, in those units. covariance : (p, p), in the unknowns' own units, data and prior.
+    effective : number of parameters determined by the data, tr (J (JᵀJ + prior)⁻¹ Jᵀ). sizes : (p,) the units.
     """
 
     singular_values: Array
-    doubt: Array
     directions: Array
     covariance: Array
     effective: float
@@ -49,7 +47,7 @@ def determined(jacobian: Array, prior: Array, sizes: Array, scale: float, error:
     values, vectors = np.linalg.eigh(fisher / scale + np.diag(prior))
     covariance = (vectors / np.maximum(values, _NOTHING)) @ vectors.T
     effective = float(np.sum(s**2 / scale * np.einsum("ij,jk,ik->i", directions, covariance, directions)))
-    return Determined(s, doubt, directions, covariance * np.outer(sizes, sizes), effective, sizes)
+    return Determined(s, directions, covariance * np.outer(sizes, sizes), effective, sizes)
 
 
 def sentences(

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from solver.errors import InputError
 from solver.laws import effects
-from solver.laws.sensors import Sensor
+from solver.laws.sensors import Known
 from solver.network.description import Channel, Network
 from solver.quantities.text import typed_quantity
 
@@ -19,7 +19,7 @@ def with_filters(network: Network, filters: Iterable[str]) -> Network:
     terms: dict[str, float] = {}
     for text in filters:
         channel, _, words = (part.strip() for part in text.partition("="))
-        found = [(e, said) for e in effects.ALL if isinstance(e, Sensor) and (said := e.said(words)) is not None]
+        found = [(e, said) for e in effects.ALL if isinstance(e, Known) and (said := e.said(words)) is not None]
         if not found:
             raise InputError(
                 f'--filter "{text}": must be CHANNEL=lowpass FREQUENCY, such as "inlet.Q=lowpass 10 Hz", with order 2 '

@@ -64,10 +64,6 @@ class Inflow:
         X[..., 0] = X[..., 0].real
         return X
 
-    def members(self, which: slice) -> Inflow:
-        """That of some members of a batch; one inflow is that of all of them."""
-        return self if self.X.ndim == 1 else replace(self, X=self.X[which])
-
     def true(self, H: Array, offset: Array) -> Inflow:
         """What flowed if this is what a meter with transfer function H : (…, n) and an ``offset`` (…, 1) showed.
 

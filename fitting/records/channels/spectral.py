@@ -22,15 +22,12 @@ class Filtered:
     """A beat without its small harmonics.
 
     R : (N,) [m], R_t : (N,) [m/s]. gamma : the threshold [m] that was chosen. kept : the harmonics above it.
-    J : the cost there. costs : ((γ, J), …) for every threshold tried, from the smallest.
     """
 
     R: Array
     R_t: Array
     gamma: float
     kept: tuple[int, ...]
-    J: float
-    costs: tuple[tuple[float, float], ...]
 
 
 def coefficients(x: Array) -> Array:
@@ -97,8 +94,6 @@ def gamma_loop(P: Array, R: Array, T: float, columns: Callable[[Array, Array], A
         rates[best],
         float(gammas[best]),
         tuple(int(k) for k in np.flatnonzero(masks[best]) if k > 0),
-        float(J[best]),
-        tuple(zip(gammas.tolist(), J.tolist(), strict=True)),
     )
 
 
