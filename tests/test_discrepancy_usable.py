@@ -20,8 +20,8 @@ from discrepancy import workflow
 from discrepancy.find.plausibility import check_beats, check_record, check_waves
 from discrepancy.find.study import Unusable, bench_site, channels, check_scatter, prepare
 from discrepancy.workflow import discover
-from fitting.inference.models.bench_observation import mean_wander
 from fitting.records.alignment.beats import Beats
+from fitting.records.channels.wander import mean_wander
 from fitting.records.read.record import Record, write_record
 from solver import load, simulate_periodic
 from solver.network.files import write_network
@@ -310,7 +310,7 @@ def test_wander_of_means_with_gaps() -> None:
     values[::3, : N // 2] = np.nan
     values[5::50] = np.nan
     part, other = (Beats("", "", T, {"A.P": v}, np.zeros(len(v))) for v in (values[:100], values[100:]))
-    assert mean_wander(part, other, ("A.P",))[0] == pytest.approx(np.var(level), rel=0.1)
+    assert mean_wander(part, other, ("A.P",))[0, 0] == pytest.approx(np.var(level), rel=0.1)
 
 
 # --- no noise, and two clocks ----------------------------------------------------------------------------------------
