@@ -116,21 +116,23 @@ def fall(study: Study, before: Array, after: Array) -> tuple[float, float]:
 
     With y of the mean of n beats, Σ w ((b - y)† C⁻¹ (b - y) - (a - y)† C⁻¹ (a - y)) is linear in y: its noise is that
     of 2 Σ w Re((a - b)† C⁻¹ y), estimated from the scatter between beats, without what follows the drive; that of the
-    means, which drift, is C's. C : :class:`_Units` with the stated error of the network.
+    means, which drift, is C's. C : :class:`_Units` with the stated error of the network, which adds to that noise.
     """
-    names, K = study.problem.signals, len(before) - 1
-    units = _Units.of(study, study.held_out, K, stated_error(study))
+    names, K, stated = study.problem.signals, len(before) - 1, stated_error(study)
+    units = _Units.of(study, study.held_out, K, stated)
     y = study.problem.repeated(study.held_out, study.fitted, K)
     value = float((units.power(before - y) - units.power(after - y)).sum())
     slope = 2.0 * units.weighted(after - before)
     scatter, free = 0.0, 0
     for part in (study.fitted, study.held_out):
         steady = study.problem.steady(part, study.fitted)
-        each = sum(_pulsation(steady, name, K) @ slope[1:, i].conj() for i, name in enumerate(names)).real
+        pulsation = np.stack([_pulsation(steady, name, K) for name in names], axis=2)
+        each = np.einsum("bki,ki->b", pulsation, slope[1:].conj()).real
         scatter += float(((each - each.mean()) ** 2).sum())
         free += len(each) - 1
-    variance = scatter / free / study.held_out.n_beats + float((slope[0].conj() @ units.means @ slope[0]).real)
-    return value, math.sqrt(variance)
+    own = float((0.5 * np.abs(slope[1:]) ** 2 @ stated**2).sum())  # of a complex coefficient, half in its real part
+    means = float((slope[0].conj() @ units.means @ slope[0]).real)
+    return value, math.sqrt(scatter / free / study.held_out.n_beats + own + means)
 
 
 def _pulsation(part: Beats, name: str, K: int) -> Array:
@@ -155,9 +157,10 @@ def change(before: Gap, after: Gap) -> str:
 
 def changed(before: Gap, after: Gap) -> str:
     """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"; of
-    the pulsation if means are most of a channel's, since these may rise where the gap falls, in which means that wander
-    count little."""
-    without = _of_means(before) or _of_means(after)
+    the pulsation if means are most of a channel's and rise where the gap falls, in which means that wander count
+    little."""
+    rises = any(held_out(after.rms)[name] > x for name, x in held_out(before.rms).items())
+    without = rises and (_of_means(before) or _of_means(after))
     first, last = (held_out(each.pulsation if without else each.rms) for each in (before, after))
     rms = changes(first, last, held_out(before.channels))
     said = f"rms without the means: {rms}" if without else rms
