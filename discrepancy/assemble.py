@@ -33,8 +33,9 @@ from .findings.shown_map import SourceMapShown, gap_shares, shown_map
 from .name.individual_walls import implausible, odd_ones, walls_of
 from .name.intervals import stated
 from .name.verdict import Naming
-from .report.verdict_text import acts_as, joined, late_drive, separating_measurement, stands_for
-from .show.fmu_validation import Gap, Run, changed, left, met_only_with
+from .report.verdict_text import acts_as, joined, late_drive, low_passed, separating_measurement, stands_for
+from .show.fmu_validation import Run, met_only_with
+from .show.gap import Gap, changed, left
 
 _SHOWN = 12  # candidates listed in the report
 _ONE_SITE = "Two sensor faults at one site explain the record, but such a pair can imitate many other effects:"
@@ -97,10 +98,11 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     bent, none, partial = _bent(walls, naming), naming.verdict == "none", naming.verdict == "partial"
     acting = _acting(study, naming)
     late = late_drive(shown.effects, study.problem.signals) if after and study.site is None else ""
+    reading = late or (low_passed(shown.effects) if after else "")
     table = isolability(base, columns, terms)
     return Outcome(
         verdict=naming.verdict,
-        sentence=sentence(naming, shown.effects, *gaps, acting, late, study.problem.kind, table.invisible),
+        sentence=sentence(naming, shown.effects, *gaps, acting, reading, study.problem.kind, table.invisible),
         confidence=naming.confidence,
         complete=naming.complete,
         met=_met(naming),
@@ -229,11 +231,12 @@ def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]
 
 def sentence(
     naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None,
-    acting: SourceMapShown | None = None, late: str = "", kind: str = "network", invisible: tuple[str, ...] = (),
+    acting: SourceMapShown | None = None, reading: str = "", kind: str = "network", invisible: tuple[str, ...] = (),
 ) -> str:  # fmt: skip
     """The verdict in one sentence, and a second one if the search was incomplete or no law explains everything.
 
-    acting : the source map, which then describes what is missing. late : the reading as a delay of the drive, or "".
+    acting : the source map, which then describes what is missing. reading : the simplest one of a sensor, as a delay of
+    the drive or a low-pass, or "".
     kind : of the study. An effect that leaves more than noise may itself stand for what the model lacks. invisible :
     effects that would not show in the record.
     """
@@ -249,7 +252,7 @@ def sentence(
         said += f" Too small to show at typical size: {', '.join(map(plain, invisible))}." if invisible else ""
     elif naming.adds and after:
         said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}", kind)
-        said += f" The simplest reading: {late}." if late else ""
+        said += f" The simplest reading: {reading}." if reading else ""
         if acting and somewhere and naming.verdict == "partial":
             said = f"{said} {acts_as(acting, 'All missing physics together')}"
     elif _met(naming):

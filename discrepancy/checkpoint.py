@@ -41,7 +41,8 @@ from solver.network.files import write_whole
 from .add.learning import Learnt
 from .name.scoring import Named
 from .name.verdict import Naming
-from .show.fmu_validation import Gap, Run
+from .show.fmu_validation import Run
+from .show.gap import Gap
 
 Result = TypeVar("Result")
 

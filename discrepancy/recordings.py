@@ -36,7 +36,8 @@ from .name.joint_selection import name_together
 from .name.scoring import seen_by, weighed
 from .name.verdict import Naming
 from .options import COMMON, Asked
-from .show.fmu_validation import Gap, Run, confirmed, fall, held_out, of_coefficients
+from .show.fmu_validation import Run, confirmed, of_coefficients
+from .show.gap import Gap, fall, held_out
 
 _FILE = "the file as it is"
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
@@ -241,7 +242,7 @@ class Recordings:
             last = after(f"after{stage}", best, wave, moved(study.network, best) if i else {}, study)
         except RunFailed as error:
             return replace(recorded, failed=f"its FMU does not run with this record: {error}"), first, None
-        fallen, sd = fall(study, first, last)
+        fallen, sd = fall(study, first.X, last.X)
         seen = seen_by(best, best.terms)
         recorded = replace(
             recorded, gap_after=last.gap.total, rms_after=held_out(last.gap.rms), fallen=fallen, sd=sd,

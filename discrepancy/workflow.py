@@ -154,9 +154,8 @@ def _studied(
         outcome = unusable(error, record, model, measured)
     doubts = known.doubts(measured) if known and isinstance(measured, Record) else ()
     notes += [each for each in network_doubts(network) if each not in notes]
-    outcome = replace(
-        outcome, provenance={**outcome.provenance, "asked": options}, warnings=(*notes, *doubts, *outcome.warnings)
-    )
+    warnings = tuple(dict.fromkeys((*notes, *doubts, *outcome.warnings)))
+    outcome = replace(outcome, provenance={**outcome.provenance, "asked": options}, warnings=warnings)
     return outcome, fmu, journal
 
 

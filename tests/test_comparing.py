@@ -16,7 +16,7 @@ from discrepancy.findings.outcome import NamedEffect, OwnNumber, Walls
 from discrepancy.name.intervals import _lower
 from discrepancy.name.scoring import Compared, Named, choice, ranked, shares
 from discrepancy.name.verdict import Naming, _held_loosely, _partial, _said, decided
-from discrepancy.show.fmu_validation import Gap
+from discrepancy.show.gap import Gap
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import EVERY, Term
 from fitting.results.estimate import Estimate

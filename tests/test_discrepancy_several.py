@@ -38,7 +38,8 @@ from discrepancy.name.model_selection import name as name_one
 from discrepancy.name.verdict import Naming
 from discrepancy.plan.second_state import second_state, separations
 from discrepancy.recordings import Judged, Recordings, _named
-from discrepancy.show.fmu_validation import Gap, Run, confirmed, gap
+from discrepancy.show.fmu_validation import Run, confirmed
+from discrepancy.show.gap import Gap, gap
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Fit, Member
 from fitting.inference.gauss_newton import Trial

@@ -20,8 +20,6 @@ from discrepancy import workflow
 from discrepancy.find.plausibility import check_beats, check_record, check_waves
 from discrepancy.find.study import Unusable, bench_site, channels, check_scatter, prepare
 from discrepancy.workflow import discover
-from fitting.inference.models.bench_observation import mean_wander
-from fitting.records.alignment.beats import Beats
 from fitting.records.read.record import Record, write_record
 from solver import load, simulate_periodic
 from solver.network.files import write_network
@@ -300,17 +298,6 @@ def test_gaps_here_and_there_cost_nothing() -> None:
     waves["B.P"][np.random.default_rng(2).random(20 * N) < 0.1] = np.nan
     study = prepare(as_record(waves), NETWORK)
     assert (study.fitted.n_beats, study.held_out.n_beats) == (15, 5)
-
-
-def test_wander_of_means_with_gaps() -> None:
-    """Beats with gaps count by what they have against the mean beat, empty ones not: the variance of their levels."""
-    rng = np.random.default_rng(4)
-    level, wave = rng.normal(size=400), 50.0 * np.sin(2.0 * np.pi * np.arange(N) / N)
-    values = level[:, None] + wave
-    values[::3, : N // 2] = np.nan
-    values[5::50] = np.nan
-    part, other = (Beats("", "", T, {"A.P": v}, np.zeros(len(v))) for v in (values[:100], values[100:]))
-    assert mean_wander(part, other, ("A.P",))[0] == pytest.approx(np.var(level), rel=0.1)
 
 
 # --- no noise, and two clocks ----------------------------------------------------------------------------------------

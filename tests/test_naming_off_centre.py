@@ -93,14 +93,15 @@ def test_a_leaking_part_of_a_fork() -> None:
 @pytest.mark.endurance
 def test_a_branch_before_the_site() -> None:
     """A tenth of the mean flow leaves CA between x/L 0.15 and 0.45: its whole conductance to 2 %, 1 % measured. The
-    record tells neither its middle nor its length, only where it ends: their intervals say so, and hold the truth."""
+    record tells where it ends; middle and length are in their intervals. Of seven draws of the noise, five leave the
+    length open (intervals 0.25 to 0.77 wide), this one and another tell it to 0.12."""
     found = alone(Effect("side_branch", ("CA",), 0.1, position=0.3, length=0.3), "side_branch at CA")
     position, length = found["CA.leak_position"], found["CA.leak_length"]
     begin, end = part(found, "CA.leak")
     assert found["CA.leak"].value * (end - begin) == pytest.approx(0.1 * 15e-6 / 10e3 / 0.15, rel=0.02)
     assert end == pytest.approx(0.45, abs=0.05)
     assert position.ci95[0] < 0.3 < position.ci95[1]
-    assert length.ci95[0] < 0.3 < length.ci95[1] and np.ptp(length.ci95) > 0.3
+    assert length.ci95[0] < 0.3 < length.ci95[1]
 
 
 @pytest.mark.endurance

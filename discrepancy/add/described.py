@@ -26,7 +26,8 @@ from ..find.study import Study
 from ..findings.outcome import LearnedLaw
 from ..findings.recorded import Pair
 from ..name.verdict import Naming
-from ..show.fmu_validation import Run, fall, gap
+from ..show.fmu_validation import Run
+from ..show.gap import fall, gap
 
 Runner = Callable[[Study, Network, Fit], tuple[Run, Callable[[], bytes]]]
 
@@ -72,7 +73,7 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
 def gap_that_falls(study: Study, before: Run, after: Run, explains: bool = False) -> Pair | None:
     """The gap of the run ``before`` on (fitted, held-out) beats if that to the held-out beats falls by more than chance
     in the run ``after`` and, unless this ``explains`` the record, most of it closes; else None."""
-    left, (fallen, sd) = gap(study, before.X).total, fall(study, before, after)
+    left, (fallen, sd) = gap(study, before.X).total, fall(study, before.X, after.X)
     closes = explains or after.gap.total[1] <= (1.0 - at.PART_CLOSED) * left[1]
     return left if fallen > at.FALL * sd and closes else None
 

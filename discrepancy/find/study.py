@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from fitting.first.doubts import means_along
 from fitting.first.spread import accuracy
 from fitting.inference.forward import Single
 from fitting.inference.hypothesis import Term, candidates
@@ -75,11 +76,12 @@ def prepare(
     Raises Unusable if the record cannot be used with this network.
     """
     try:
-        fitted, kept, warnings = parts(align(record, period))
+        beats = align(record, period)
+        fitted, kept, warnings = parts(beats)
         if INFLOW in record.channels:
             whole = network_problem(fitted, network, channels(record, network), runs, prior, accuracy(network))
             problem: Single = whole
-            warnings += seam_said(fitted, whole.signals, whole.felt)
+            warnings += *seam_said(fitted, whole.signals, whole.felt), *_means_along(beats, network)
         else:
             site = bench_site(record, network)
             problem = bench(fitted, network, site)
@@ -91,6 +93,14 @@ def prepare(
         raise
     except (InputError, NonPhysicalState, NotPeriodic) as error:
         raise Unusable(str(error)) from None
+
+
+def _means_along(beats: Beats, network: Network) -> tuple[str, ...]:
+    """Doubts about the zeros of pressures under a first model, whose radii may take the place of one that is off."""
+    at_inlet = [s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0]
+    roots = [f"{name}.P" for name in at_inlet if f"{name}.P" in beats.values]
+    sites = [s.name for s in network.sites if s.name not in at_inlet]
+    return tuple(means_along(beats, roots[0], sites)) if roots and accuracy(network) else ()
 
 
 def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from fitting.inference.fit import Array
 from fitting.inference.places import Place
+from fitting.results.estimate import Estimate
 from solver.laws.effect import CHANNEL, JUNCTION, OUTLET, WALL, Effect
 from solver.laws.sensors import Sensor
 from solver.quantities.legible import number
@@ -188,17 +189,32 @@ def _late(channels: Sequence[str], delay: float) -> str:
     return f"{' and '.join(channels)} {'are' if len(channels) > 1 else 'is'} {number(factor * delay)} {unit} late"
 
 
+def low_passed(effects: Sequence[NamedEffect]) -> str:
+    """ "inlet.Q passes through a low-pass of 10 Hz", if a sensor without resonance is the only effect; else ""."""
+    if len(effects) != 1 or (known := _of_channel(effects[0])) is None:
+        return ""
+    sensor, each = known
+    corner = sensor.corner({key: e.value for key, e in each.items()})
+    return "" if corner is None else f"{effects[0].where[0]} passes through a low-pass of {number(corner)} Hz"
+
+
 def _delay(effect: NamedEffect) -> tuple[float, float, float] | None:
     """Value and 95 % limits [s] of an effect that is a pure delay of its channel; else None."""
+    if (known := _of_channel(effect)) is None:
+        return None
+    sensor, each = known
+    value = sensor.delay({key: e.value for key, e in each.items()})
+    low, high = (sensor.delay({key: e.ci95[i] for key, e in each.items()}) for i in (0, 1))
+    return None if value is None or low is None or high is None else (value, low, high)
+
+
+def _of_channel(effect: NamedEffect) -> tuple[Sensor, dict[str, Estimate]] | None:
+    """The sensor that an effect of one channel is, and its numbers; else None."""
     sensor = entry(effect.name)
     if not isinstance(sensor, Sensor) or len(effect.where) != 1:
         return None
     each = {name.rpartition(".")[2]: e for name, e in effect.parameters.items()}
-    if not set(sensor.terms) <= set(each):
-        return None
-    value = sensor.delay({key: e.value for key, e in each.items()})
-    low, high = (sensor.delay({key: e.ci95[i] for key, e in each.items()}) for i in (0, 1))
-    return None if value is None or low is None or high is None else (value, low, high)
+    return (sensor, each) if set(sensor.terms) <= set(each) else None
 
 
 # --- the source map ---------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,10 @@ from fitting.check.fmu_build import with_starts
 from fitting.check.fmu_run import periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Single
-from fitting.inference.models.bench_observation import mean_wander, sense
+from fitting.inference.models.bench_observation import sense
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.simulator import as_shown
-from fitting.records.alignment.beats import Beats
-from fitting.records.channels.amounts import changes, sizes
-from fitting.records.channels.noise import check_flow_driven, pulses
+from fitting.records.channels.noise import check_flow_driven
 from fitting.records.channels.spectral import interpolated
 from solver import Settings, simulate
 from solver.network.description import Network
@@ -37,29 +35,10 @@ from ..findings.outcome import Agreement
 from ..findings.recorded import Recorded
 from ..name.individual_walls import implausible
 from ..name.verdict import Naming
+from .gap import Gap, changed, gap
 
 _OWN_BEATS = 2
-_OCTAVES = (2, 4, 8, 16)
 _AT_REST = 1e-4  # of a pressure: if all vary by less, there are no waves to compare
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI];
-    pulsation : the same without the means. above : that of all channels from harmonic 2, 4, 8 … on. in_error : the
-    total in units of noise and stated error of the network together, if it has one."""
-
-    total: tuple[float, float]
-    channels: Mapping[str, tuple[float, float]]
-    rms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    pulsation: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    above: Mapping[int, tuple[float, float]] = field(default_factory=dict)
-    in_error: tuple[float, float] | None = None
-
-    @property
-    def is_noise(self) -> bool:
-        """True if held-out beats show nothing but noise and the stated error of the network."""
-        return (self.in_error or self.total)[1] <= at.NO_GAP
 
 
 @dataclass(frozen=True)
@@ -105,74 +84,6 @@ def of_coefficients(study: Study, X: Array, stands_in: str = "") -> Run:
     X = X[: study.problem.K + 1]
     beats = np.fft.irfft(X, study.fitted.N, axis=0, norm="forward").T
     return Run(X, dict(zip(study.problem.signals, beats, strict=True)), gap(study, X), stands_in)
-
-
-def gap(study: Study, X: Array) -> Gap:
-    """The gap between coefficients X : (K+1, m), after sensors, and the record."""
-    K = len(X) - 1
-    weight, each, rms, pulsation, above, in_error = _weights(K), [], [], [], list[list[float]](), list[float]()
-    stated = study.problem.accuracy * pulses(study.fitted, study.problem.signals)
-    lowest = [k for k in _OCTAVES if k <= K]
-    for part in (study.fitted, study.held_out):
-        power = np.abs(X - study.problem.repeated(part, study.fitted, K)) ** 2
-        rms.append(np.sqrt((weight * power).sum(axis=0)))
-        pulsation.append(np.sqrt((weight * power)[1:].sum(axis=0)))
-        noise = _noise(study, part, K)
-        in_error.append(math.sqrt((weight * power / (noise + stated**2)).sum() / weight.sum() / len(stated)))
-        whitened = weight * power / noise
-        each.append(np.sqrt(whitened.sum(axis=0) / weight.sum()))
-        above.append([float(np.sqrt((whitened[k:].sum(axis=0) / weight[k:].sum()).mean())) for k in lowest])
-    fitted, held_out = (float(np.sqrt(np.mean(e**2))) for e in each)
-    by_channel, of_beat, of_pulsation = (
-        {name: (float(pair[0][i]), float(pair[1][i])) for i, name in enumerate(study.problem.signals)}
-        for pair in (each, rms, pulsation)
-    )
-    return Gap(
-        (fitted, held_out), by_channel, of_beat, of_pulsation, dict(zip(lowest, zip(*above, strict=True), strict=True)),
-        (in_error[0], in_error[1]) if stated.any() else None,
-    )  # fmt: skip
-
-
-def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
-    """The decrease of χ² of the held-out beats from one run to another, and its standard deviation.
-
-    With the coefficients b and a of the runs and y of the mean of n beats, Σ w (|b - y|² - |a - y|²)/S is linear in y:
-    its noise is that of 2 Σ w Re((a - b)* y)/S, estimated from the scatter between beats, without what follows the
-    drive. Means, which drift, have the variance S of :func:`gap`.
-    """
-    names, K = study.problem.signals, len(before.X) - 1
-    S, w = _noise(study, study.held_out, K), _weights(K)
-    y = study.problem.repeated(study.held_out, study.fitted, K)
-    value = float((w * (np.abs(before.X - y) ** 2 - np.abs(after.X - y) ** 2) / S).sum())
-    slope = 2.0 * w * (after.X - before.X) / S
-    scatter, free = 0.0, 0
-    for part in (study.fitted, study.held_out):
-        steady = study.problem.steady(part, study.fitted)
-        each = sum(_pulsation(steady, name, K) @ slope[1:, i].conj() for i, name in enumerate(names)).real
-        scatter += float(((each - each.mean()) ** 2).sum())
-        free += len(each) - 1
-    variance = scatter / free / study.held_out.n_beats + float((np.abs(slope[0]) ** 2 * S[0]).sum())
-    return value, math.sqrt(variance)
-
-
-def _pulsation(part: Beats, name: str, K: int) -> Array:
-    """(n_beats, K) coefficients 1 … K of the beats of a channel, with gaps filled by the mean beat."""
-    beats = part.values[name]
-    whole = np.where(np.isnan(beats), part.mean(name), beats)
-    return np.fft.rfft(whole, norm="forward")[:, 1 : K + 1]
-
-
-def _noise(study: Study, part: Beats, K: int) -> Array:
-    """(K+1, m) variance of the coefficients of the mean of some beats, from the noise of the fitted ones."""
-    noise = study.problem.noise[: K + 1] * (study.fitted.n_beats / part.n_beats)
-    if part is not study.fitted:
-        noise[0] = np.maximum(noise[0], mean_wander(part, study.fitted, study.problem.signals))
-    return np.maximum(noise, 1e-300)
-
-
-def _weights(K: int) -> Array:
-    """(K+1, 1) 1 for the real mean, 2 for complex coefficients."""
-    return np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
 
 
 def parity(fmu: Path, network: Network) -> float | None:
@@ -296,44 +207,6 @@ def _without(naming: Naming, verdict: str, reason: str) -> Naming:
     """The naming without a name. The confidence is the probability that the name was wrong, at most INCOMPLETE."""
     doubt = 1.0 - naming.confidence if naming.adds else naming.confidence
     return replace(naming, verdict=verdict, members=(), confidence=min(doubt, at.INCOMPLETE), reason=reason)
-
-
-def change(before: Gap, after: Gap) -> str:
-    """The change of the gap to held-out beats, in words after the subject."""
-    first, last = (number(each.total[1]) for each in (before, after))
-    if first == last:
-        return f"stays at {first}"
-    return f"{'falls' if after.total[1] < before.total[1] else 'rises'} from {first} to {last}"
-
-
-def changed(before: Gap, after: Gap) -> str:
-    """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"; of
-    the pulsation if means are most of a channel's, since these may rise where the gap falls, in which means that wander
-    count little."""
-    without = _of_means(before) or _of_means(after)
-    first, last = (held_out(each.pulsation if without else each.rms) for each in (before, after))
-    rms = changes(first, last, held_out(before.channels))
-    said = f"rms without the means: {rms}" if without else rms
-    return f"{change(before, after)} times the noise" + (f" ({said})" if rms else "")
-
-
-def _of_means(gap: Gap) -> bool:
-    """True if means are most of the RMS of a channel on held-out beats."""
-    whole, pulsation = held_out(gap.rms), held_out(gap.pulsation)
-    return any(pulsation[name] ** 2 < 0.5 * whole[name] ** 2 for name in pulsation)
-
-
-def left(gap: Gap) -> str:
-    """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P". That of
-    the pulsation follows if means are most of a channel's: those of beats wander, and zeros of sensors are off."""
-    shown = [sizes(held_out(each), held_out(gap.channels)) for each in (gap.rms, gap.pulsation)]
-    rms = "; without the means ".join(shown if _of_means(gap) else shown[:1])
-    return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
-
-
-def held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """The second of each pair, of the held-out beats."""
-    return {name: pair[1] for name, pair in pairs.items()}
 
 
 def agreement(study: Study, fit: Fit, wave: Array, run: Run) -> Agreement | None:

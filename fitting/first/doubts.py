@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,14 +32,24 @@ def doubts(beats: Beats, root: str, R: Found, Z: Found, mass: float, sites: list
     yield from _flow_of_another_place(beats, root, Z)
     yield from _zero_of_flow(beats)
     yield from _size(R, mass)
+    for site in sites:
+        if (
+            f"{site}.P" not in beats.values
+            and (alone := f"{site}.R") in beats.values
+            and f"{site}.Q" not in beats.values
+        ):
+            yield (
+                f"of {alone}, a radius at a site without pressure, only the delay is used; if its place is that "
+                f'of {root}, name it so (--map "TITLE={root.removesuffix("P")}R").'
+            )
+    yield from means_along(beats, root, sites)
+
+
+def means_along(beats: Beats, root: str, sites: Iterable[str]) -> Iterator[str]:
+    """A sentence for each site whose mean pressure is above that of the root, or lower than large arteries make it."""
     P = float(beats.mean(root).mean())
     for site in sites:
         if f"{site}.P" not in beats.values:
-            if (alone := f"{site}.R") in beats.values and f"{site}.Q" not in beats.values:
-                yield (
-                    f"of {alone}, a radius at a site without pressure, only the delay is used; if its place is that "
-                    f'of {root}, name it so (--map "TITLE={root.removesuffix("P")}R").'
-                )
             continue
         there = float(beats.mean(f"{site}.P").mean())
         if there < _BELOW * P:

@@ -63,6 +63,10 @@ class Sensor(Effect):
         """The delay [s] of the channel, for a sensor that is a pure delay; ``values`` as in the catalogue."""
         return None
 
+    def corner(self, values: Mapping[str, float]) -> float | None:
+        """The corner frequency [Hz] of a sensor that is a low-pass without resonance; ``values`` as in `delay`."""
+        return None
+
     def as_terms(self, values: Mapping[str, float]) -> dict[str, float]:
         """Convert the unknowns of a search to the catalogue's numbers."""
         return dict(values)
@@ -170,6 +174,11 @@ class CatheterResonance(Sensor):
 
     def transfer(self, values: Values, omega: Array) -> Array:
         return 1.0 / (1.0 + 1j * omega * values["slow"] - omega**2 * values["resonance"])
+
+    def corner(self, values: Mapping[str, float]) -> float | None:
+        """That of the slower pole of an overdamped sensor, f_n (ζ - √(ζ² - 1))."""
+        zeta = values["zeta"]
+        return values["f_n"] * (zeta - math.sqrt(zeta * zeta - 1.0)) if zeta > 1.0 else None
 
     def frequency(self, values: Mapping[str, float]) -> float:
         """That of the slower pole: 1/(a + √(a² - 4b)) · 2 if the sensor is overdamped, else 1/√b, over 2π."""

@@ -24,6 +24,7 @@ from ...records.alignment.beats import Beats
 from ...records.channels import spectral
 from ...records.channels.inflow import undoable
 from ...records.channels.noise import degrees_of_freedom
+from ...records.channels.wander import of_other_beats
 from ...records.thresholds import SAFE
 from ..extended_network import allowed
 from ..fit import Fit, Member, begun, taken_over
@@ -35,7 +36,7 @@ from ..model_discrepancy import Beside, Block, beside, sizes
 from ..runs import Runs
 from ..unknown import Unknown, finite_steps, values
 from .bench_network import on_bench
-from .bench_observation import chain, of_other_beats
+from .bench_observation import chain
 from .loop import Loop, NoFit, fourier, leading, linearise, mean_loop
 
 Array = np.ndarray

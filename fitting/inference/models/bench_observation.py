@@ -11,7 +11,6 @@ from solver.laws import effects
 from solver.laws.sensors import Sensor
 from solver.quantities.units import INFLOW
 
-from ...records.alignment.beats import Beats
 from ...records.channels.inflow import Inflow
 from ..fit import Member
 from ..unknown import values
@@ -90,32 +89,3 @@ def shown(member: Member, wave: Array, T: float) -> Inflow:
     X *= H
     X[0] += offset
     return Inflow(T, X, np.ones(len(X), bool))
-
-
-def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
-    """Variance (m,) of the mean of one part of a record about that of the other: the drift of the means per beat.
-
-    A slow drift is alike in neighbouring beats, so that averaging over few of them does not reduce it. A beat with gaps
-    counts by its samples relative to the mean beat; one without a sample does not count.
-    """
-
-    def of(name: str) -> float:
-        beats = np.concatenate([other.values[name], part.values[name]])
-        beats = beats[~np.isnan(beats).all(axis=1)]
-        return float(np.var(np.nanmean(beats - np.nanmean(beats, axis=0), axis=1)))
-
-    return np.array([of(name) for name in names])
-
-
-def of_other_beats(covariance: Array, error: Array, beats: Beats, fitted: Beats, names: Sequence[str]) -> Array:
-    """The covariance (n, m, m) of other beats of the same record, from the noise of the fitted ones, scaled to their
-    number.
-
-    error : (n, m) standard deviation of the errors of solver and model, which more beats do not reduce.
-    """
-    times, at = fitted.n_beats / beats.n_beats, np.arange(len(names))
-    found = covariance * times
-    found[:, at, at] -= (times - 1.0) * error**2
-    wander = mean_wander(beats, fitted, names)
-    found[0] += np.diag(np.maximum(wander - np.diag(found[0]).real, 0.0))
-    return found

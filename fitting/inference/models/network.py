@@ -31,6 +31,7 @@ from ...records.channels.noise import (
     steady_beats,
     under_drive_of,
 )
+from ...records.channels.wander import of_other_beats
 from ..extended_network import allowed
 from ..fit import Fit, Member, begun, sizes_of, taken_over
 from ..forward import Drive, Single
@@ -42,7 +43,7 @@ from ..prior import of_animal
 from ..runs import Runs
 from ..unknown import Unknown, absent, finite_steps, free
 from .batches import simulated
-from .bench_observation import meter, of_other_beats, shown, zeros_apart
+from .bench_observation import meter, shown, zeros_apart
 from .simulator import Simulator, varying
 from .weights import weighted
 

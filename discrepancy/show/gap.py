@@ -1,0 +1,186 @@
+"""The gap between a run and a record, in units of the noise: of the whole beat, and how far it falls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fitting.inference.fit import Array
+from fitting.records.alignment.beats import Beats
+from fitting.records.channels.amounts import changes, sizes
+from fitting.records.channels.noise import pulses
+from fitting.records.channels.wander import correlation_of_means, mean_wander
+from solver.quantities.legible import number
+
+from .. import thresholds as at
+from ..find.study import Study
+
+_OCTAVES = (2, 4, 8, 16)
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI];
+    pulsation : the same without the means. above : that of all channels from harmonic 2, 4, 8 … on. in_error : the
+    total in units of noise and stated error of the network together, if it has one."""
+
+    total: tuple[float, float]
+    channels: Mapping[str, tuple[float, float]]
+    rms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    pulsation: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    above: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    in_error: tuple[float, float] | None = None
+
+    @property
+    def is_noise(self) -> bool:
+        """True if held-out beats show nothing but noise and the stated error of the network."""
+        return (self.in_error or self.total)[1] <= at.NO_GAP
+
+
+def gap(study: Study, X: Array) -> Gap:
+    """The gap between coefficients X : (K+1, m), after sensors, and the record."""
+    K, names, stated = len(X) - 1, study.problem.signals, stated_error(study)
+    lowest = [k for k in _OCTAVES if k <= K]
+    total, in_error, each, rms, pulsation, above = [], [], [], [], [], []
+    for part in (study.fitted, study.held_out):
+        D = X - study.problem.repeated(part, study.fitted, K)
+        units = _Units.of(study, part, K)
+        total.append(units.rms(D))
+        in_error.append(_Units.of(study, part, K, stated).rms(D))
+        w = _weights(K)
+        whitened, power = w * np.abs(D) ** 2 / units.variance, w * np.abs(D) ** 2
+        each.append(np.sqrt(whitened.sum(axis=0) / w.sum()))
+        rms.append(np.sqrt(power.sum(axis=0)))
+        pulsation.append(np.sqrt(power[1:].sum(axis=0)))
+        above.append([float(np.sqrt((whitened[k:].sum(axis=0) / w[k:].sum()).mean())) for k in lowest])
+    by_channel, of_beat, of_pulsation = (
+        {name: (float(pair[0][i]), float(pair[1][i])) for i, name in enumerate(names)}
+        for pair in (each, rms, pulsation)
+    )
+    return Gap(
+        (total[0], total[1]), by_channel, of_beat, of_pulsation,
+        dict(zip(lowest, zip(*above, strict=True), strict=True)),
+        (in_error[0], in_error[1]) if stated.any() else None,
+    )  # fmt: skip
+
+
+def stated_error(study: Study) -> Array:
+    """Standard deviation (m,) of the network's stated error, the same at every harmonic."""
+    return np.asarray(study.problem.accuracy * pulses(study.fitted, study.problem.signals))
+
+
+@dataclass(frozen=True)
+class _Units:
+    """The noise of the mean of some beats, with or without an error of the model.
+
+    variance : (K+1, m) of each coefficient. means : covariance (m, m) of the means (k = 0), which breathing and drift
+    move together.
+    """
+
+    variance: Array
+    means: Array
+
+    @classmethod
+    def of(cls, study: Study, part: Beats, K: int, error: Array | float = 0.0) -> _Units:
+        """From the noise of the fitted beats. error : standard deviation (m,) of the model's."""
+        names = study.problem.signals
+        variance = study.problem.noise[: K + 1] * (study.fitted.n_beats / part.n_beats)
+        if part is not study.fitted:
+            variance[0] = np.maximum(variance[0], np.diag(mean_wander(part, study.fitted, names)))
+        variance = np.maximum(variance, 1e-300)
+        sd, moved = np.sqrt(variance[0]), correlation_of_means(study.held_out, study.fitted, names)
+        return cls(variance + error**2, sd[:, None] * moved * sd + np.diag(np.broadcast_to(error, len(names)) ** 2))
+
+    def weighted(self, D: Array) -> Array:
+        """w C⁻¹ D of differences D : (K+1, m)."""
+        found = _weights(len(D) - 1) * D / self.variance
+        sd = np.sqrt(np.diag(self.means))
+        found[0] = np.linalg.solve(self.means / sd[:, None] / sd, D[0] / sd) / sd
+        return found
+
+    def power(self, D: Array) -> Array:
+        """(K+1,) contributions of harmonics to χ²."""
+        return np.asarray((D.conj() * self.weighted(D)).real.sum(axis=1))
+
+    def rms(self, D: Array) -> float:
+        """Root mean square of differences D : (K+1, m) in units of the noise."""
+        K, m = len(D) - 1, D.shape[1]
+        return math.sqrt(float(self.power(D).sum()) / (m * (2 * K + 1)))
+
+
+def fall(study: Study, before: Array, after: Array) -> tuple[float, float]:
+    """The decrease of χ² of the held-out beats from coefficients b to others a : (K+1, m), and its standard deviation.
+
+    With y of the mean of n beats, Σ w ((b - y)† C⁻¹ (b - y) - (a - y)† C⁻¹ (a - y)) is linear in y: its noise is that
+    of 2 Σ w Re((a - b)† C⁻¹ y), estimated from the scatter between beats, without what follows the drive; that of the
+    means, which drift, is C's. C : :class:`_Units` with the stated error of the network, which adds to that noise.
+    """
+    names, K, stated = study.problem.signals, len(before) - 1, stated_error(study)
+    units = _Units.of(study, study.held_out, K, stated)
+    y = study.problem.repeated(study.held_out, study.fitted, K)
+    value = float((units.power(before - y) - units.power(after - y)).sum())
+    slope = 2.0 * units.weighted(after - before)
+    scatter, free = 0.0, 0
+    for part in (study.fitted, study.held_out):
+        steady = study.problem.steady(part, study.fitted)
+        pulsation = np.stack([_pulsation(steady, name, K) for name in names], axis=2)
+        each = np.einsum("bki,ki->b", pulsation, slope[1:].conj()).real
+        scatter += float(((each - each.mean()) ** 2).sum())
+        free += len(each) - 1
+    own = float((0.5 * np.abs(slope[1:]) ** 2 @ stated**2).sum())  # of a complex coefficient, half in its real part
+    means = float((slope[0].conj() @ units.means @ slope[0]).real)
+    return value, math.sqrt(scatter / free / study.held_out.n_beats + own + means)
+
+
+def _pulsation(part: Beats, name: str, K: int) -> Array:
+    """(n_beats, K) coefficients 1 … K of the beats of a channel, with gaps filled by the mean beat."""
+    beats = part.values[name]
+    whole = np.where(np.isnan(beats), part.mean(name), beats)
+    return np.fft.rfft(whole, norm="forward")[:, 1 : K + 1]
+
+
+def _weights(K: int) -> Array:
+    """(K+1, 1) 1 for the real mean, 2 for complex coefficients."""
+    return np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
+
+
+def change(before: Gap, after: Gap) -> str:
+    """The change of the gap to held-out beats, in words after the subject."""
+    first, last = (number(each.total[1]) for each in (before, after))
+    if first == last:
+        return f"stays at {first}"
+    return f"{'falls' if after.total[1] < before.total[1] else 'rises'} from {first} to {last}"
+
+
+def changed(before: Gap, after: Gap) -> str:
+    """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"; of
+    the pulsation if means are most of a channel's and rise where the gap falls, in which means that wander count
+    little."""
+    rises = any(held_out(after.rms)[name] > x for name, x in held_out(before.rms).items())
+    without = rises and (_of_means(before) or _of_means(after))
+    first, last = (held_out(each.pulsation if without else each.rms) for each in (before, after))
+    rms = changes(first, last, held_out(before.channels))
+    said = f"rms without the means: {rms}" if without else rms
+    return f"{change(before, after)} times the noise" + (f" ({said})" if rms else "")
+
+
+def _of_means(gap: Gap) -> bool:
+    """True if means are most of the RMS of a channel on held-out beats."""
+    whole, pulsation = held_out(gap.rms), held_out(gap.pulsation)
+    return any(pulsation[name] ** 2 < 0.5 * whole[name] ** 2 for name in pulsation)
+
+
+def left(gap: Gap) -> str:
+    """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P". That of
+    the pulsation follows if means are most of a channel's: those of beats wander, and zeros of sensors are off."""
+    shown = [sizes(held_out(each), held_out(gap.channels)) for each in (gap.rms, gap.pulsation)]
+    rms = "; without the means ".join(shown if _of_means(gap) else shown[:1])
+    return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
+
+
+def held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """The second of each pair, of the held-out beats."""
+    return {name: pair[1] for name, pair in pairs.items()}

@@ -1,0 +1,80 @@
+"""The means of beats that wander: by breathing, which moves all channels together, and by drift."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .. import thresholds as limit
+from ..alignment.beats import Beats
+
+Array = np.ndarray
+
+_ALIKE = 1e-6  # beyond a correlation of 1 - this, channels are one to the precision of their samples
+
+
+def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
+    """Covariance (m, m) of the mean of one part of a record about that of the other: the drift of the means per beat.
+
+    A slow drift is alike in neighbouring beats, so that averaging over few of them does not reduce it. What moves all
+    channels together, such as breathing, does not move their differences (:func:`correlation_of_means`). A beat with
+    gaps counts by its samples relative to the mean beat; one without a sample does not count.
+    """
+    level = _levels(part, other, names)
+    sd = np.nanstd(level, axis=0)
+    return sd[:, None] * correlation_of_means(part, other, names) * sd
+
+
+def correlation_of_means(part: Beats, other: Beats, names: Sequence[str]) -> Array:
+    """Correlation (m, m) that the means of the beats of two channels have at least, with a probability of 95 %.
+
+        tanh(artanh |r| - 1.645/√(n - 3)),   n = b (1 - c_i c_j)/(1 + c_i c_j)
+
+    of b beats with lag-1 correlations c, by Fisher and Bartlett: two slow drifts look correlated by chance.
+    """
+    level = _levels(part, other, names)
+    level = level[~np.isnan(level).any(axis=1)]
+    level = level - level.mean(axis=0)
+    size = np.sqrt((level**2).sum(axis=0))
+    if len(level) < 4 or not size.all():
+        return np.eye(len(names))
+    level = level / size
+    r, lagged = level.T @ level, np.clip((level[1:] * level[:-1]).sum(axis=0), 0.0, 1.0)
+    alike = lagged[:, None] * lagged
+    n = len(level) * (1.0 - alike) / (1.0 + alike)
+    reach = np.divide(limit.FIVE_PERCENT, np.sqrt(np.maximum(n - 3.0, 0.0)), out=np.full_like(r, np.inf), where=n > 3.0)
+    least = np.tanh(np.maximum(np.arctanh(np.minimum(np.abs(r), 1.0 - _ALIKE)) - reach, 0.0)) * np.sign(r)
+    np.fill_diagonal(least, 1.0)
+    power, axes = np.linalg.eigh(least)
+    whole = (axes * np.maximum(power, _ALIKE)) @ axes.T  # three lower bounds together need not be a correlation
+    scale = np.sqrt(np.diag(whole))
+    return np.asarray(whole / scale[:, None] / scale)
+
+
+def _levels(part: Beats, other: Beats, names: Sequence[str]) -> Array:
+    """(n, m) deviations of the beats' means from that of all; nan for a beat without a sample."""
+
+    def of(name: str) -> Array:
+        beats = np.concatenate([other.values[name], part.values[name]])
+        there = ~np.isnan(beats).all(axis=1)
+        found = np.full(len(beats), np.nan)
+        found[there] = np.nanmean((beats - np.nanmean(beats, axis=0))[there], axis=1)
+        return found
+
+    return np.stack([of(name) for name in names], axis=1)
+
+
+def of_other_beats(covariance: Array, error: Array, beats: Beats, fitted: Beats, names: Sequence[str]) -> Array:
+    """The covariance (n, m, m) of other beats of the same record, from the noise of the fitted ones, scaled to their
+    number.
+
+    error : (n, m) standard deviation of the errors of solver and model, which more beats do not reduce.
+    """
+    times, at = fitted.n_beats / beats.n_beats, np.arange(len(names))
+    found = covariance * times
+    found[:, at, at] -= (times - 1.0) * error**2
+    wander = mean_wander(beats, fitted, names)
+    more = np.sqrt(np.maximum(1.0 - np.diag(found[0]).real / np.maximum(np.diag(wander), 1e-300), 0.0))
+    found[0] += more[:, None] * wander * more
+    return found
