@@ -10,6 +10,7 @@ pressures, and the search of ``discover`` judges the recording by it. Every name
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from typing import Annotated
@@ -113,7 +114,7 @@ def main(first: Annotated[int, typer.Option(min=0)] = 0, animals: Annotated[int,
         )
         study = prepare(record, network, runs=runs, prior=spread(network))
         naming = borne_out(record, study, named_by(study.problem, study.terms, runs))
-        gap, cost = held_out(study, {"none": naming.base.fit})["none"], time.process_time() - start
+        gap, cost = held_out(study, {"none": naming.base.fit}).get("none", math.nan), time.process_time() - start
         names, n = [m.label for m in naming.members if naming.adds], runs.meter.simulations
         named += naming.adds
         print(f"{seed} {species}: gap {gap:.2f}, {naming.verdict} {names}, {n} simulations, {cost:.0f} s", flush=True)

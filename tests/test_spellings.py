@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from network_text import FORK
 
 from solver import Settings, Windkessel, simulate
+from solver.laws import outlets
+from solver.laws.outlets import Outlet
 from solver.network.coefficients import coefficients
 from solver.network.description import Network, from_dict, to_dict
 from solver.network.files import dumps, loads
+from solver.quantities.quantity import quantity
 
 AA = FORK[FORK.index("[segments.AA]") : FORK.index("[segments.BT]")]
 
@@ -79,6 +83,25 @@ def test_windkessel_of_two_elements() -> None:
     two = fork(outlet=("R_t = 0.3", 'R = "1e8 Pa*s/m^3"\nC = "0.1 mL/mmHg"\nP_venous = 100.0')).outlets[1]
     assert isinstance(two, Windkessel)
     assert (two.R1, two.R2, two.P_venous) == (0.0, 1e8, 100.0)
+
+
+@dataclass(frozen=True)
+class Inertial(Outlet):
+    """A kind with R and C of its own, beside an inertance."""
+
+    R: float = quantity(None, "Pa.s/m^3", "resistance R", 1.0, 1e15)
+    C: float = quantity(None, "m^3/Pa", "compliance C", 1e-15, 1.0)
+    inertance: float = quantity(None, "Pa.s^2/m^3", "inertance L", 1.0, 1e15)
+
+    symbol, noun = "RCL", "inertial Windkessel"
+
+
+def test_another_kind_may_have_resistance_and_compliance(monkeypatch: pytest.MonkeyPatch) -> None:
+    """R and C beside a number of another kind are that kind's, not a Windkessel's."""
+    monkeypatch.setattr(outlets, "OUTLETS", (*outlets.OUTLETS, Inertial))
+    found = fork(outlet=("R_t = 0.3", "R = 1e8\nC = 1e-9\ninertance = 1e6")).outlets[1]
+    assert isinstance(found, Inertial) and (found.R, found.C, found.inertance) == (1e8, 1e-9, 1e6)
+    assert isinstance(fork(outlet=("R_t = 0.3", "R = 1e8\nC = 1e-9")).outlets[1], Windkessel)
 
 
 BAD = {

@@ -87,8 +87,8 @@ def decided(
     """The verdict on all that were compared. beside : returns a hypothesis with model discrepancy. approximate :
     hypotheses with a model error of the channels (:mod:`discrepancy.name.approximate`)."""
     made = _decided(found, tuple(terms), beside, approximate)
-    # an effect in a network that is approximate by construction may stand for what that lacks, as a partial one may,
-    # and what that lacks may hide an effect
+    # in an approximate network, a named effect may stand for missing vessels, and missing vessels may hide an effect:
+    # the confidence is limited, as for a partial effect
     loose = made.verdict == "partial" or made.accuracy > 0.0
     concluded = made.members or (made.verdict == "none" and loose)
     surest = at.SUREST["partial" if loose else found.problem.kind] if concluded else 1.0

@@ -48,10 +48,10 @@ SAME = math.sqrt(0.9)  # beats that alternate, if they do; less is another part 
 HALF = math.sqrt(0.5)
 IN_TURN = 1.5  # times the usual difference, from which beats may differ in turn: by 0.7 of its standard deviation
 AS_MUCH = 4.0  # times less than the most is nearly as much: beats that are alike in turn are so after twice as many
-MUCH = 10.0  # and from which the part of a beat is not taken for one
-# of a beat, at most: four beats alike in turn are as likely those of one breath, but if much more so; of a record, at
-# least: two intervals
-UPSTROKES = 3
+# A pattern of four intervals may be a breath. It counts as one beat only if successive intervals differ by more than
+# this many times the usual difference
+MUCH = 10.0
+UPSTROKES = 3  # of one beat, at most: a pattern of four may be a breath. Of a record, at least: two intervals
 UNTIMELY = 3.0  # times as much as usual, by which every second or third comes off time, if by NEAR, too
 
 # --- where a beat begins, in parts of the usual one ---

@@ -88,7 +88,7 @@ class ComponentSlave(SavingSlave):
         self.numbers = frozenset(i for i, v in enumerate(self.table) if v.quantity is not None)
         self.choices = frozenset(range(len(self.table))) - self.numbers
         self.inputs = frozenset(i for i, v in enumerate(self.table) if v.causality == "input")
-        # what an input may be at any time, without a further look
+        # the range of each input, which is checked in every step
         self.inside = {i: (v.quantity.low, v.quantity.high) for i in self.inputs if (v := self.table[i]).quantity}
         self.first_output = next(i for i, v in enumerate(self.table) if v.causality == "output")
         self.first_late = next((i for i, v in enumerate(self.table) if v.late), len(self.table))

@@ -93,7 +93,8 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
         ),
         (
             "inlet.interpolation",
-            f"{drove} in a step: held; set as Q(t + h), linear from the value before; set as Q(t), extrapolated",
+            f"Interpolation of {drove} in a step: hold = constant; linear = the host sets the value at t + h; "
+            "smooth = the host sets that at t, and the FMU extrapolates",
             "hold",
             INTERPOLATIONS,
         ),

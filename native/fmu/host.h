@@ -30,7 +30,7 @@ void instance_free(instance *i);
 
 void tell(const instance *i, int status, const char *message);
 int refused(const instance *i, int status); /* tells what the component said; returns status */
-int step_status(instance *i, int done); /* the status of a step, which is told */
+int step_status(instance *i, int done); /* log why a step failed; returns its FMI status */
 int unsupported(const instance *i, const char *function);
 int set_logging(instance *i, int on, size_t n, const char *const *categories);
 int given(instance *i, size_t n, const void *one, const void *two); /* whether pointers are there where n > 0 */

@@ -2,7 +2,7 @@
 
 A kind defines the relation between the pressure P (elastic plus viscous) and the flow Q at the end of a segment, for
 all outlets of that kind at once: its methods take the numbers by key as arrays (B, n), and the walls there. A new kind
-is one class and its entry in ``OUTLETS``.
+is one class and its entry in ``OUTLETS``, with a row for each number in docs/network-file.md.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ converts each to the numbers of :mod:`solver.network.description`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -89,9 +89,10 @@ def segment(
     return left
 
 
-def outlet(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A section of an outlet: R and C alone define a two-element Windkessel, R1 = 0 and R2 = R."""
-    if not {"R", "C"} <= set(table) or {"R1", "R2"} & set(table):
+def outlet(table: Mapping[str, Any], given: Set[str]) -> dict[str, Any]:
+    """A section of an outlet: R and C alone define a two-element Windkessel, R1 = 0 and R2 = R. given : its keys that
+    tell the kind."""
+    if given != {"R", "C"}:
         return dict(table)
     return {"R1": 0.0, **{"R2" if key == "R" else key: value for key, value in table.items()}}
 

@@ -228,9 +228,10 @@ def _outlet(segment: str, table: Mapping[str, Any]) -> Outlet:
     """The outlet that has all keys of the table for its own: R_t, or R1 C R2, or R, or none but P_venous; the one with
     fewest keys where several do."""
     where = f"{segment}.outlet"
-    table, kinds = aliases.outlet(table), outlets.OUTLETS
+    kinds = outlets.OUTLETS
     own = {kind: [key for key in quantities(kind) if key not in quantities(Outlet)] for kind in kinds}
     check_keys(where, table, [*dict.fromkeys(key for kind in kinds for key in quantities(kind)), *terms_of("outlet")])
+    table = aliases.outlet(table, {key for keys in own.values() for key in keys if key in table})
     given = {key for keys in own.values() for key in keys if key in table}
     found = sorted((kind for kind in kinds if given <= {*own[kind]}), key=lambda kind: len(own[kind]))
     choices = " or ".join(", ".join(keys) or "P_venous alone" for keys in own.values())

@@ -86,14 +86,14 @@ def flow(s: Start, Q: Array) -> Flow:
 
 
 def still(s: Start) -> Flow:
-    """The flow that a stage starts from, with areas that stay as they are: what small waves are about."""
+    """The state at the start of a stage with ∂A/∂t = 0, about which small waves are linearised."""
     el, A_end = s.model.mesh.element, s.A @ s.model.mesh.element.at_lobatto
     U = s.Q @ el.at_gauss / s.A
     return Flow(s.Q, A_end, s.Q / A_end, s.Q @ el.d_xi, 0.0 * s.A, s.A, U, s.model.kinetic * U)
 
 
 def change(s: Start, f: Flow) -> Change:
-    """How it follows."""
+    """The derivatives of an iterate with respect to Q."""
     el = s.model.mesh.element
     A_t = s.model.minus_J_inverse[..., None] * el.derivative * s.storage.slope(f.A, f.A_t)
     A = s.tau * A_t

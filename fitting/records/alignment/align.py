@@ -80,7 +80,7 @@ def _cut(
         usual, told = Found(period), False
     else:
         told = True
-    if period is not None and abs(period / usual.other - 1.0) <= limit.NEAR:  # of the two, the record does not say
+    if period is not None and abs(period / usual.other - 1.0) <= limit.NEAR:  # the record does not tell which
         usual = replace(usual, T=period)
     found = find_upstrokes(channels, usual.T / dt)
     singly, T = None if found is None else unequal(channels, dt, found), usual.T

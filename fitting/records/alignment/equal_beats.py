@@ -18,8 +18,8 @@ from .variable_beats import mean
 Array = np.ndarray
 
 _EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are timed
-# of the period, in standard deviations: the next change that ends the search, and a change that does if it is no
-# smaller than this part of the one before: then noise has the last word
+# The search for the period ends if the predicted next change is below _ENOUGH standard deviations, or if the last one
+# is below _NEARLY and more than _SHRINKS times the one before: noise then limits it
 _ENOUGH, _NEARLY, _SHRINKS = 1e-6, 0.1, 0.3
 
 

@@ -1,8 +1,8 @@
 """The period of a record: the shortest lag after which all channels go on alike.
 
 A stretch of one lag L, in all channels, is compared with what follows it one, two and three lags later, where they fit
-best together. Every channel counts in units of itself, none for another: if a single one goes on otherwise after L than
-after 2 L or 3 L, then L is a part of a beat. Stretches may come early or late, so that a heart whose rate varies has a
+best together. Each channel is scaled by its own power. If any channel repeats worse after L than after 2 L or 3 L, then
+L is a part of a beat. Stretches may come early or late, so that a heart whose rate varies has a
 period, too; a strict one is told by the timing of its beats (:mod:`fitting.records.alignment.equal_beats`).
 """
 

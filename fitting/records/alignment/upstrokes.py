@@ -100,7 +100,8 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
 def _beats(x: Array, length: float) -> Array:
     """Samples at which all channels (m, n) together resemble their mean beat, one a beat.
 
-    A beat has one such place, however many upstrokes. The mean beat is begun with the one whose rise is the usual one.
+    Each beat has one such sample, even if it has several upstrokes. The upstroke with the median rise is the first
+    template.
     """
     before, end, block = (max(2, round(part * length)) for part in (limit.BEFORE, limit.ANOTHER, 1.0))
     x = x / np.maximum(x.std(axis=1, keepdims=True), np.finfo(float).tiny)
