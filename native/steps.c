@@ -47,8 +47,8 @@ int32_t arterial_state_size(const arterial_program *p)
     return p->n_y + p->n_A + p->n_H + 2 * STAGES * (p->n_Q + p->n_H);
 }
 
-/* Chord iterations with one Jacobian, on the iterate in its place. Returns 1 when solved, 0 when not; moved : whether the
-   last one was finite. guess : where the first iterate is kept if the second one is not the solution, or null. */
+/* Chord iterations with one Jacobian, on the iterate in its place; 1 when solved. moved : whether the last one was finite.
+   guess : where the first iterate is kept if the second one is not the solution, or null. */
 static int iterate(const arterial_program *p, const memory *m, int fresh, int *moved, double *guess)
 {
     const int phase = fresh ? CORRECT_FRESH : CORRECT, out = fresh ? FRESH_Q : OUT_Q;
@@ -90,7 +90,7 @@ int solve(const arterial_program *p, const memory *m, double *guess)
 
 int step(const arterial_program *p, const memory *m, double dt, const double *state, double *after, const double *acting)
 {
-    const int32_t n = p->n_y, unknowns = p->n_Q + p->n_H;
+    const int32_t n = p->n_y, unknowns = p->n_Q + p->n_H, end = (STAGES - 1) * unknowns;
     const double *const last = state + n + p->n_A + p->n_H, *const before = last + STAGES * unknowns;
     const double tau = GAMMA * dt;
     double *const k = m->work + p->n_work, *const guess = k + STAGES * n;
@@ -110,16 +110,18 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
         put(p, m, IN_GIVEN, place(p, m, OUT_GIVEN) + s * p->n_inlets, p->n_inlets);
         put(p, m, IN_G, acting + (s + 1) * p->n_sources, p->n_sources);
         if (!run(p, m, START)) return 0;
-        for (i = 0; i < unknowns; i++) rates[i] = 2.0 * last[s * unknowns + i] - before[s * unknowns + i];
+        for (i = 0; i < unknowns; i++) /* and by a second difference, of the first and the last stage */
+            rates[i] = 2.0 * last[s * unknowns + i] - before[s * unknowns + i]
+                       + (last[end + i] - before[end + i] - (last[i] - before[i])) * (1.0 / (1.0 - GAMMA));
         for (i = 0; i < p->n_Q; i++) Q[i] = start[p->at_Q + i] + tau * rates[i];
         memcpy(H, rates + p->n_Q, sizeof(double) * (size_t)p->n_H);
         if (!solve(p, m, guess) || !run(p, m, END)) return 0;
-        const double *const end = place(p, m, OUT_END), *const A_t = place(p, m, OUT_A_T);
+        const double *const y = place(p, m, OUT_END), *const A_t = place(p, m, OUT_A_T);
         if (s < STAGES - 1) { /* for the stages behind it */
             memcpy(k_s, A_t, sizeof(double) * (size_t)p->n_A); /* without the round-off of the difference */
-            for (i = p->n_A; i < n; i++) k_s[i] = (end[i] - start[i]) / tau;
+            for (i = p->n_A; i < n; i++) k_s[i] = (y[i] - start[i]) / tau;
         }
-        for (i = 0; i < p->n_Q; i++) rates[i] = (end[p->at_Q + i] - start[p->at_Q + i]) / tau;
+        for (i = 0; i < p->n_Q; i++) rates[i] = (y[p->at_Q + i] - start[p->at_Q + i]) / tau;
         memcpy(rates + p->n_Q, H, sizeof(double) * (size_t)p->n_H);
     }
     if (!run(p, m, CHECK)) return 0;
@@ -145,11 +147,9 @@ int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double d
                        const double *acting, double *table)
 {
     const int32_t size = arterial_state_size(p), columns = 4 * p->n_inlets, D = own_drive ? B : 1;
-    const size_t bytes = sizeof(double) * (size_t)B * (size_t)size;
     double *const given_state = state, *other;
-    int32_t i;
+    int32_t i, b;
     for (i = 0; i < n; i++) {
-        int32_t b;
         for (b = 0; b < B; b++) {
             const memory m = memory_of(p, fixed + (int64_t)b * p->n_fixed, work);
             double *const from = state + (int64_t)b * size, *const to = spare + (int64_t)b * size;
@@ -165,6 +165,6 @@ int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double d
         state = spare;
         spare = other;
     }
-    if (state != given_state) memcpy(given_state, state, bytes);
+    if (state != given_state) memcpy(given_state, state, sizeof(double) * (size_t)B * (size_t)size);
     return i;
 }
