@@ -32,6 +32,7 @@ Array = np.ndarray
 
 _BEFORE = [row[:stage] for stage, row in enumerate(SDIRK3.tolist())]  # weights of earlier stages, as plain numbers
 _FURTHEST = 10.0  # lengths of the last step over which the unknowns are extrapolated
+_SMOOTH = 0.25  # of the pressures' change over a step: a larger second difference is that of a jump
 _HALVINGS = 4  # a step that does not converge is halved at most this often
 _PRESSURES = 10.0  # tolerance of nodal pressures, which follow the rates of flow, over that of the flows
 
@@ -165,12 +166,9 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
     small = tolerances(model, state, model.inlets.gain * drive[:, -1].T)
     y = state.y.copy()
     model.inlets.begin(y, model.tables.let_in(drive[:, 0], state.t))
-    # Extrapolation is so accurate that one iteration is usually enough. The change over a step grows by the same second
-    # difference at all stages, here from the first stage to the last: it amplifies what iterations leave over no more
-    # than a straight line does, as differences of three steps would (3 e - 3 e + e).
+    # extrapolation of the last two stage values is so accurate that one iteration is usually enough
     last, before = at_stages_of(state, dt)
-    change = last - before
-    guesses = last + change + (change[-1] - change[0]) / (1.0 - GAMMA)
+    guesses = extrapolated(last, before, guess)
     unknowns, k = np.empty_like(guesses), list[Array]()
     changes, heads = o.tau * guess.part(guesses, "rates"), guesses[..., guess.places["heads"]]
     for a, change, head, found, given, g in zip(_BEFORE, changes, heads, unknowns, drives, acting, strict=True):
@@ -204,6 +202,19 @@ def at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
     slope = (last[-1] - before[-1]) * (dt / state.dt)
     stages = SDIRK3.sum(axis=1)
     return last[-1] + np.multiply.outer(stages - 1.0, slope), last[-1] + np.multiply.outer(stages - 2.0, slope)
+
+
+def extrapolated(last: Array, before: Array, layout: Layout) -> Array:
+    """The unknowns one step further than ``last``, from those of the last two steps.
+
+    Their change grows by the second difference, the same at all stages, here between the first and the last one: so it
+    amplifies what iterations leave over no more than a straight line does. It is left out after a jump of the
+    pressures, which it would overshoot.
+    """
+    change = last - before
+    bend = (change[-1] - change[0]) / (1.0 - GAMMA)
+    bent, changed = (largest(layout.part(x, "heads")) for x in (bend, change[-1]))
+    return last + change + np.where(bent <= _SMOOTH * changed, 1.0, 0.0)[:, None] * bend
 
 
 def tolerances(model: Model, state: State, given: Array) -> tuple[Array, Array]:
