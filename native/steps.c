@@ -7,7 +7,7 @@
 
 enum { CORRECTIONS = 8, REFRESHES = 5 };
 #define GAMMA 0.43586652150845967
-#define SMOOTH 0.25 /* of the pressures' change over a step: a larger second difference is that of a jump */
+#define SMOOTH 0.125 /* of the pressures' change over a step: a larger second difference is that of a jump */
 const double SDIRK3[STAGES][STAGES] = {
     {GAMMA, 0.0, 0.0},
     {(1.0 - GAMMA) / 2.0, GAMMA, 0.0},

@@ -32,7 +32,7 @@ Array = np.ndarray
 
 _BEFORE = [row[:stage] for stage, row in enumerate(SDIRK3.tolist())]  # weights of earlier stages, as plain numbers
 _FURTHEST = 10.0  # lengths of the last step over which the unknowns are extrapolated
-_SMOOTH = 0.25  # of the pressures' change over a step: a larger second difference is that of a jump
+_SMOOTH = 0.125  # of the pressures' change over a step: a larger second difference is that of a jump
 _HALVINGS = 4  # a step that does not converge is halved at most this often
 _PRESSURES = 10.0  # tolerance of nodal pressures, which follow the rates of flow, over that of the flows
 
@@ -212,9 +212,10 @@ def extrapolated(last: Array, before: Array, layout: Layout) -> Array:
     pressures, which it would overshoot.
     """
     change = last - before
-    bend = (change[-1] - change[0]) / (1.0 - GAMMA)
+    bend = change[-1] - change[0]
     bent, changed = (largest(layout.part(x, "heads")) for x in (bend, change[-1]))
-    return last + change + np.where(bent <= _SMOOTH * changed, 1.0, 0.0)[:, None] * bend
+    weight = np.where(bent / (1.0 - GAMMA) <= _SMOOTH * changed, 1.0 / (1.0 - GAMMA), 0.0)
+    return 2.0 * last - before + weight[:, None] * bend
 
 
 def tolerances(model: Model, state: State, given: Array) -> tuple[Array, Array]:
