@@ -94,7 +94,7 @@ def study_rows(batches: int) -> list[Row]:
     """A parameter set of a study, at steps of 2.5 ms (the default) and 5 ms: the best batch, without the recording."""
     rows = []
     for dt, target in (("2.5 ms", 2.9), ("5 ms", None)):
-        model = read_model("sheep", None, dt, "5 cm", 1e-4)
+        model = read_model("sheep", None, dt, None, 1e-4)
         varied = parse_varied(["CA.phi0=10..120kPa*s", "all.E=0.8..1.2x"], model.known, model.nominal, model.name)
         plan, seconds = plan_of(model, varied, 512, 1, "MD,CA"), []
         for sets in plan.batches[: 1 + batches]:

@@ -31,6 +31,7 @@ STARTS = ("rest", "periodic")
 _STEADY = 1e-4  # of an output's magnitude: a smaller pulse counts as steady when beats are compared
 _LARGEST_TABLE = 4e9  # bytes of one run's or one beat's outputs
 _NEARER = 0.5  # of the smallest change so far: accelerated beats without this reduction get more iterations
+_PARTS = 16  # of a beat, after which its repetition is tested
 _FINEST = 1e-12  # smallest tolerance of the iterations
 
 
@@ -132,29 +133,29 @@ def repeating_beat(
 
     If harmonics suffice, :func:`~solver.harmonics.beat_harmonics` is faster and needs no time steps.
 
-    The run starts near the periodic state, or at rest if there is none, and continues in quarters of a beat until every
-    output ends a period at its initial value: a difference <= ``tolerance`` of its root mean square over the beat (of
-    pressures and radii mean-removed). Transients decay within a beat, so the beat is equally near to the periodic one.
+    The run starts near the periodic state, or at rest if there is none, and continues in sixteenths of a beat until the
+    next beat would differ by <= ``tolerance`` (:func:`next_change`): transients decay within a beat, so the beat is
+    equally near to the periodic one.
     resolved : a difference that suffices after two beats; steps solved to settings.tolerance may not repeat better than
     to a few times that. If a beat does not halve the difference, the run continues as simulate_periodic.
     Arguments, result and errors as there; ``change`` is that difference.
     """
     run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats, backend=backend)
-    state = run.near(n * run.dt, tolerance)
-    table, gap, done, least = run.report(state)[None], math.inf, 0, math.inf
-    for quarter in range(1, 4 * max_beats + 1):
-        more, state = run.table(state, quarter * n // 4 - done, progress, f"beat {1 + (quarter - 1) // 4}")
-        table, done = np.concatenate([table, more[1:]])[-n - 1 :], quarter * n // 4
-        if quarter > 4:
-            gap = gap_of(table, run.report.names)
-            if gap <= (tolerance if quarter <= 8 else max(tolerance, resolved)):
-                beat = np.roll(table[1:], done, axis=0)  # the last period's end is its start
-                return run.waveforms(np.concatenate([beat[-1:], beat]), done / n, gap, state, resumable=False)
-            if quarter % 4 == 0:
-                if gap > _NEARER * least:
-                    break
-                least = gap
-    last = quarter // 4, table, gap
+    state, parts = run.near(n * run.dt, tolerance), min(_PARTS, n)
+    table, change, done, least = run.report(state)[None], math.inf, 0, math.inf
+    for part in range(parts + 2, parts * max_beats + 1):
+        more, state = run.table(state, part * n // parts - done, progress, f"beat {1 + (part - 1) // parts}")
+        table, done = np.concatenate([table, more[1:]])[-n - 2 * (n // parts) - 1 :], part * n // parts
+        change = next_change(table, n, n // parts, run.report.names)
+        if change <= (tolerance if part <= 2 * parts else max(tolerance, resolved)):
+            beat = np.roll(table[-n:], done, axis=0)  # the last period's end is its start
+            return run.waveforms(np.concatenate([beat[-1:], beat]), done / n, change, state, resumable=False)
+        if part % parts == 0:
+            if change > _NEARER * least:
+                break
+            least = change
+    table = table[-n - 1 :]
+    last = done // n, table, gap_of(table, run.report.names)
     return _until_repeated(run, n, state, max(tolerance, resolved), max_beats, progress, last=last)
 
 
@@ -333,6 +334,19 @@ def change_of(table: Array, before: Array, names: Sequence[str]) -> float:
     Pressures and radii relative to their mean-removed norm, flows to their norm.
     """
     return _largest(np.linalg.norm(table - before, axis=0), table, names)
+
+
+def next_change(table: Array, n: int, few: int, names: Sequence[str]) -> float:
+    """Largest relative L2 difference of an output in the next beat from the last one, estimated from the last steps of
+    a table (> n + 2 few, …, n_names).
+
+    Their differences d_1, d_2 from the beat before, over ``few`` steps each, go on to decay: the sum of squares is
+    d_2² (1 + r² + r⁴ + …) with r = d_2/d_1, 1 at most, over a beat.
+    """
+    off, last = table[-2 * few :] - table[-2 * few - n : -n], table[-n - 1 :]
+    before, after = (_largest(np.linalg.norm(part, axis=0), last, names) for part in (off[:few], off[few:]))
+    decay = min(1.0, after / before) if before > 0.0 else 1.0
+    return after * math.sqrt(sum(decay ** (2 * i) for i in range(n // few)))
 
 
 def gap_of(table: Array, names: Sequence[str]) -> float:

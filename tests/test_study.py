@@ -375,6 +375,24 @@ def test_an_inflow_of_a_record_or_a_network() -> None:
         read_model("sheep", None, "2.5 ms", "5 cm", 0.0)
 
 
+@pytest.mark.parametrize(
+    ("model", "ranges", "dt", "length"),
+    [
+        ("sheep", "CA.phi0=10..120kPa*s", "2.5 ms", 0.1),
+        ("sheep", "CA.phi0=10..120kPa*s", "1 ms", 0.05),
+        ("sheep", "CA.phi0=0..120kPa*s", "2.5 ms", 0.05),  # elastic at one end
+        ("uta", "all.E=0.8..1.2x", "2.5 ms", 0.05),  # elastic, without junctions
+    ],
+)
+def test_elements_are_longer_where_walls_are_viscous(model: str, ranges: str, dt: str, length: float) -> None:
+    """By default; a given length stays."""
+    for given, expected in ((None, length), ("5 cm", 0.05)):
+        read = read_model(model, None, dt, given, 1e-4)
+        plan = plan_of(read, parse_varied([ranges], read.known, read.nominal, model), 64, 1, None)
+        assert isinstance(plan.model, NetworkModel)
+        assert plan.model.settings.element_length == pytest.approx(expected)
+
+
 @pytest.mark.slow
 def test_an_fmu(tmp_path: Path) -> None:
     """Six sets of a small network, by its FMU and by the solver with the same steps of 8 ms: means to 1e-4 (3e-5

@@ -20,25 +20,33 @@ from solver.network.files import dumps, find_network, parse_quantity, read_netwo
 from solver.quantities.quantity import Quantity
 from solver.quantities.text import typed_quantity
 from solver.quantities.units import INFLOW
+from solver.scheme.model import build
 from solver.simulate import BROKEN
+
+from .varied import Varied
 
 Array = np.ndarray
 Beats = Mapping[str, Array]  # by channel [SI], (N,) or (n, N): sample j at time j T/N
 
 MAX_BEATS = 30
+ELEMENT = 0.05  # m, longest element if walls damp little
+_LONGER = 40.0  # m/s: with viscous walls, elements as much longer as steps; errors of both fall together
+_LONGEST = 0.1  # m
 
 
 @dataclass(frozen=True)
 class NetworkModel:
     """A network, solved in steps of ``settings`` until beats repeat to ``tolerance``.
 
-    flow : the drive of the inlet, if it is not the network's own. Its methods are those of any model of a study.
+    flow : the drive of the inlet, if it is not the network's own. longer : elements [m] to use where walls allow it
+    (:meth:`resolving`). Its methods are those of any model of a study.
     """
 
     network: Network
     settings: Settings
     tolerance: float
     flow: Inflow | None = None
+    longer: float = 0.0
 
     @property
     def name(self) -> str:
@@ -88,6 +96,22 @@ class NetworkModel:
         """The same model with outputs at some sites only."""
         kept = tuple(site for site in self.network.sites if site.name in sites)
         return replace(self, network=replace(self.network, sites=kept))
+
+    def resolving(self, varied: Sequence[Varied]) -> NetworkModel:
+        """The same model with the longer elements, if the viscosity of all walls damps what these do not resolve, at
+        the values of the file and at both ends of each range."""
+        if self.longer <= self.settings.element_length:
+            return self
+        settings, ends = replace(self.settings, element_length=self.longer), 1 + 2 * len(varied)
+        parameters = {name: np.full(ends, self.nominal[name]) for each in varied for name in each.nominal}
+        for i, each in enumerate(varied):
+            for name, pair in each.values(np.array([each.low, each.high])).items():
+                parameters[name][1 + 2 * i : 3 + 2 * i] = pair
+        try:
+            allowed = build(self.network, parameters, settings).damps_itself
+        except InputError:  # the sets at this end will say so
+            allowed = False
+        return replace(self, settings=settings) if allowed else self
 
     def finer(self) -> NetworkModel:
         """The same model with half the step and half the element length."""
@@ -167,10 +191,11 @@ class FMUModel:
 Model = NetworkModel | FMUModel
 
 
-def read_model(source: str, driven_by: str | None, dt: str, element_length: str, tolerance: float) -> Model:
+def read_model(source: str, driven_by: str | None, dt: str, element_length: str | None, tolerance: float) -> Model:
     """The model of a bundled name, a network file or an FMU.
 
-    driven_by : the source of the inflow, a network or a record (CSV) with inlet.Q. An FMU needs it.
+    driven_by : the source of the inflow, a network or a record (CSV) with inlet.Q. An FMU needs it. element_length :
+    None for 5 cm, or up to 10 cm where viscous walls allow it.
     Raises ValueError, one sentence.
     """
     seconds = parse_quantity(dt, "s", "--dt")
@@ -179,14 +204,16 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str,
     if source.lower().endswith(".fmu"):
         return _fmu_model(source, driven_by)
     network = read_network(find_network(source))
-    settings = Settings(seconds, typed_quantity(element_length, "m", "--element-length"), tolerance=_step(tolerance))
+    longest = ELEMENT if element_length is None else typed_quantity(element_length, "m", "--element-length")
+    longer = min(_LONGEST, _LONGER * seconds) if element_length is None else 0.0
+    settings = Settings(seconds, longest, tolerance=_step(tolerance))
     if driven_by is None:
         if any(inlet.given is None for inlet in network.inlets):
             raise InputError(f"{source}: the drive of its inlet is unknown; add a curve to the network file.")
-        return NetworkModel(network, settings, tolerance)
+        return NetworkModel(network, settings, tolerance, None, longer)
     if len(network.inlets) > 1 or network.inlet.causality != "flow":
         raise InputError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")
-    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds, network))
+    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds, network), longer)
 
 
 def _step(tolerance: float) -> float:

@@ -136,5 +136,5 @@ def plan_of(model: Model, varied: Sequence[Varied], samples: int, seed: int, sit
         raise InputError(f"--seed = {seed}: must be a whole number from 0 to {2**32 - 1}.")
     where = sites_of(model, sites)
     if isinstance(model, NetworkModel):
-        model = model.at(where)
+        model = model.at(where).resolving(varied)
     return Plan(model, tuple(varied), base_of(samples, len(varied)), seed, where)

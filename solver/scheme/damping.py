@@ -84,11 +84,18 @@ def damping(mesh: Mesh, wall: Wall, A: Array, h: Array, every: bool = False) -> 
     """The damping of elements of length h : (B, n_e, 1) [m], in walls at rest at A : (B, n_e, N) [m²]. every : return a
     term even if it is 0, because the viscosity of all walls suffices."""
     el, N, joined = mesh.element, mesh.element.N, mesh.topology.junctions
-    c = wall.wave_speed(A)
-    viscosity = wall.loss(A, c * N * np.sqrt(2.0 * (N + 1)) / h)
-    Z = (wall.rho * c / A - 2.0 * N * (N + 1) / h * viscosity).sum(axis=-1)[..., None] / N
+    c, Z = wall.wave_speed(A), undamped(mesh, wall, A, h)[..., None]
     if N == 1 or joined.start == joined.stop or not (every or (Z > 0.0).any()):
         return NoDamping()
     small = ((_SEEN * A * c) ** 2).sum(axis=-1)[..., None] / N
     Z, small = (np.broadcast_to(x, (*x.shape[:-1], N + 1)).copy() for x in (np.maximum(Z, 0.0), small))
     return HighDegrees(Z, small, el.high_degrees)
+
+
+def undamped(mesh: Mesh, wall: Wall, A: Array, h: Array) -> Array:
+    """Z of the elements before it is cut at 0, (B, n_e) [Pa·s/m³]: none is positive if the viscosity of all walls damps
+    the degrees that are not resolved. Arguments as above."""
+    N, c = mesh.element.N, wall.wave_speed(A)
+    viscosity = wall.loss(A, c * N * np.sqrt(2.0 * (N + 1)) / h)
+    found: Array = (wall.rho * c / A - 2.0 * N * (N + 1) / h * viscosity).sum(axis=-1) / N
+    return found

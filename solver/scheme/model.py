@@ -16,7 +16,7 @@ from ..mesh.source_tables import NoTables, Tables
 from ..network.coefficients import Coefficients, Parameters, changes, coefficients
 from ..network.description import Network
 from ..network.validation import check_parameters
-from .damping import Damping, damping
+from .damping import Damping, damping, undamped
 from .drag_and_leak import DragForce, Force, Leaking, NoForce, Storage, Tight
 from .inlet import Inlets
 
@@ -112,6 +112,12 @@ class Model:
     def repeated(self, times: int) -> Model:
         """A batch with all parameter sets repeated ``times`` times, one after the other."""
         return self.members(np.tile(np.arange(self.coefficients.B), times))
+
+    @property
+    def damps_itself(self) -> bool:
+        """True if the viscosity of all walls damps what the elements do not resolve."""
+        Z = undamped(self.mesh, self.wall, self.A_rest, -2.0 / self.minus_J_inverse[..., :1])
+        return bool((Z <= 0.0).all())
 
     def at_rest(self) -> Array:
         """The state vector of a fluid at rest under P_0, with walls that have always been at rest."""
