@@ -7,6 +7,7 @@ import json
 import os
 import pickle
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -22,7 +23,6 @@ from scipy.stats import kstest
 from truth.hide import Effect
 from truth.records import Case, Made, make, write
 
-from build_fmu import build
 from discrepancy import workflow
 from discrepancy.assemble import Shown, fmu_warnings, global_p, sentence, summary, unusable
 from discrepancy.checkpoint import Journal
@@ -248,10 +248,10 @@ def test_the_fmu_of_a_bench_is_run(study: Study) -> None:
     assert "does not run with its network's own inflow: why" in fmu_warnings(Shown(run, run, failure="why"))[0]
 
 
-def test_an_fmu_at_rest_is_not_compared(tmp_path: Path) -> None:
+def test_an_fmu_at_rest_is_not_compared(fast_fmu: Callable[..., Path]) -> None:
     """One artery closed at its inlet, under no inflow: it and any other artery stay at rest, and nothing is told."""
     network = bench_network("AA", bench_set())
-    fmu = build(network, tmp_path)
+    fmu = fast_fmu(network, None)
     assert parity(fmu, network) is None
     assert parity(fmu, bench_network("AA", bench_set(E=1e6))) is None
     run = Run(np.zeros((1, 1)), {}, Gap((1.0, 1.0), {}))

@@ -9,7 +9,18 @@ import numpy as np
 from matplotlib import rc_context
 
 from fitting.pages.panels import loops
-from fitting.pages.style import STYLE
+from fitting.pages.style import STYLE, Picture, png
+
+
+def test_a_figure_is_what_matplotlib_saves() -> None:
+    """Byte for byte, with a layout to be found; the figure keeps its resolution."""
+    stream, (one, two) = io.BytesIO(), (Picture(figsize=(2.0, 1.5), layout="constrained") for _ in range(2))
+    for picture in (one, two):
+        picture.add_subplot().set_ylabel("pressure [mmHg]")
+        picture.suptitle("one")
+    two.savefig(stream, format="png", dpi=160, metadata={"Software": None})
+    usual = one.dpi
+    assert png(one) == stream.getvalue() and one.dpi == usual
 
 
 def test_radii_below_loops_do_not_touch() -> None:

@@ -219,6 +219,12 @@ def ejected(V: float, Q: float, t: float, h: float, P_0: float, Z: float) -> flo
     return max(0.0, (E * (V - 0.5 * h * Q - ML) - P_0) / (VALVE + Z + 0.5 * h * E))
 
 
+def inlet_port(component: CoSimulation) -> tuple[float, float, float]:
+    """P_0, Z and Z_0, of one trial step."""
+    said = component.ports()
+    return said["inlet.P_0"], said["inlet.Z"], said["inlet.Z_0"]
+
+
 def coupled(
     network: Network, h: float, interpolation: str, dt: float = MS, explicit: bool = False, factor: float = 1.0
 ) -> Array:
@@ -232,7 +238,7 @@ def coupled(
     for i in range(round(END / h)):
         P_0, Z, Z_0 = component.outputs()[0], 0.0, 0.0
         if not explicit:
-            P_0, Z, Z_0 = (component.ports()[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0"))
+            P_0, Z, Z_0 = inlet_port(component)
             P_0 -= (factor - 1.0) * Z * (component.shown.drive + component.slope * h)[0]
             Z *= factor
         new = ejected(V, Q, i * h, h, P_0 + Z_0 * Q, Z)
@@ -329,7 +335,7 @@ def test_unequal_steps(aorta: Network, interpolation: str, steps: list[float]) -
     V, Q, t, P, i = 40 * ML, 0.0, 0.0, list[float](), 0
     while t < END:
         h = steps[i % len(steps)] * MS
-        P_0, Z, Z_0 = (component.ports()[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0"))
+        P_0, Z, Z_0 = inlet_port(component)
         new = ejected(V, Q, t, h, P_0 + Z_0 * Q, Z)
         component.step(t, h, {**values, "inlet.Q": Q if interpolation == "smooth" else new})
         V, Q, t, i = V - 0.5 * h * (Q + new), new, t + h, i + 1

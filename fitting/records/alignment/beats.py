@@ -67,7 +67,7 @@ class Beats:
         """
         return float(np.abs(np.diff(self.shifts)).max() / self.T) if self.n_beats > 1 else 0.0
 
-    @property
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting an interval, one sentence each."""
         found = list(self.said)

@@ -200,6 +200,8 @@ def _beside(row: Sequence[str], line: str) -> bool:
 
 def _mark(rows: Sequence[Sequence[str]], separator: str, source: str, first: int) -> str:
     """The decimal mark of the numbers; raises ValueError where it may as well group thousands."""
+    if separator == "," and not any("," in cell for row in rows for cell in row):
+        return "."
     cells = [cell.strip() for row in rows for cell in row if _NUMBER.fullmatch(cell.strip()) and not is_date(cell)]
     commas = [cell for cell in cells if "," in cell and "." not in cell]
     points = [cell for cell in cells if "." in cell and "," not in cell]
