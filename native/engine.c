@@ -1,4 +1,5 @@
 /* The operations of array programs. */
+#include "engine.h"
 #include "run.h"
 
 #include <math.h>
@@ -140,9 +141,13 @@ static void elementwise(int32_t op, int32_t n, double *restrict o, const double 
 static double dot(const double *restrict a, const double *restrict b, int32_t n)
 {
     double s[4] = {0.0, 0.0, 0.0, 0.0};
-    int32_t i = 0, j;
-    for (; i + 4 <= n; i += 4)
-        for (j = 0; j < 4; j++) s[j] += a[i + j] * b[i + j];
+    int32_t i = 0;
+    for (; i + 4 <= n; i += 4) {
+        s[0] += a[i] * b[i];
+        s[1] += a[i + 1] * b[i + 1];
+        s[2] += a[i + 2] * b[i + 2];
+        s[3] += a[i + 3] * b[i + 3];
+    }
     for (; i < n; i++) s[0] += a[i] * b[i];
     return (s[0] + s[1]) + (s[2] + s[3]);
 }

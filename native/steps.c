@@ -1,13 +1,14 @@
 /* Implicit steps: stages of the SDIRK method, and the chord iteration that solves each, as solver/scheme/step.py and
    stage.py do it. What a step leaves unsolved is left to them. */
+#include "engine.h"
 #include "run.h"
 
 #include <math.h>
 #include <string.h>
 
 enum { CORRECTIONS = 8, REFRESHES = 5 };
+
 #define GAMMA 0.43586652150845967
-#define SMOOTH 0.125 /* of the pressures' change over a step: a larger second difference is that of a jump */
 const double SDIRK3[STAGES][STAGES] = {
     {GAMMA, 0.0, 0.0},
     {(1.0 - GAMMA) / 2.0, GAMMA, 0.0},
@@ -47,8 +48,8 @@ int32_t arterial_state_size(const arterial_program *p)
 }
 
 /* Chord iterations with one Jacobian, on the iterate in its place. Returns 1 when solved, 0 when not; moved : whether the
-   last one was finite. */
-static int iterate(const arterial_program *p, const memory *m, int fresh, int *moved)
+   last one was finite. guess : where the first iterate is kept if the second one is not the solution, or null. */
+static int iterate(const arterial_program *p, const memory *m, int fresh, int *moved, double *guess)
 {
     const int phase = fresh ? CORRECT_FRESH : CORRECT, out = fresh ? FRESH_Q : OUT_Q;
     const double small_Q = *place(p, m, OUT_SMALL_Q), small_H = *place(p, m, OUT_SMALL_H);
@@ -58,6 +59,10 @@ static int iterate(const arterial_program *p, const memory *m, int fresh, int *m
         const double *const dH = place(p, m, out + 1), Q_by = *place(p, m, out + 2), H_by = *place(p, m, out + 3);
         *moved = *moved && isfinite(Q_by) && isfinite(H_by);
         const int done = *moved && Q_by <= small_Q && H_by <= small_H;
+        if (guess && !k && !done) {
+            memcpy(guess, place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
+            memcpy(guess + p->n_Q, H, sizeof(double) * (size_t)p->n_H);
+        }
         if (!*moved) return 0;
         if (!done) memcpy(last_but_one(p, m), place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
         put(p, m, IN_Q, place(p, m, out), p->n_Q);
@@ -70,9 +75,7 @@ static int iterate(const arterial_program *p, const memory *m, int fresh, int *m
 int solve(const arterial_program *p, const memory *m, double *guess)
 {
     int moved = 1;
-    memcpy(guess, place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
-    memcpy(guess + p->n_Q, place(p, m, IN_H), sizeof(double) * (size_t)p->n_H);
-    if (iterate(p, m, 0, &moved)) return 1;
+    if (iterate(p, m, 0, &moved, guess)) return 1;
     for (int k = 0; k < REFRESHES; k++) {
         if (!run(p, m, FINITE)) return 0;
         if (!moved || *place(p, m, OUT_FINITE) == 0.0) { /* thrown off: from the guess again */
@@ -80,29 +83,21 @@ int solve(const arterial_program *p, const memory *m, double *guess)
             put(p, m, IN_H, guess + p->n_Q, p->n_H);
         }
         if (!run(p, m, REFRESH)) return 0;
-        if (iterate(p, m, 1, &moved)) return 1;
+        if (iterate(p, m, 1, &moved, 0)) return 1;
     }
     return 0;
 }
 
 int step(const arterial_program *p, const memory *m, double dt, const double *state, double *after, const double *acting)
 {
-    const int32_t n = p->n_y, unknowns = p->n_Q + p->n_H, end = (STAGES - 1) * unknowns;
+    const int32_t n = p->n_y, unknowns = p->n_Q + p->n_H;
     const double *const last = state + n + p->n_A + p->n_H, *const before = last + STAGES * unknowns;
     const double tau = GAMMA * dt;
     double *const k = m->work + p->n_work, *const guess = k + STAGES * n;
     double *const Q = place(p, m, IN_Q), *const H = place(p, m, IN_H);
     double *const found = after + n + p->n_A + p->n_H, *const start = place(p, m, IN_START);
     const double *const begun = place(p, m, OUT_BEGUN);
-    double bent = 0.0, changed = 0.0;
     int32_t i;
-    for (i = p->n_Q; i < unknowns; i++) {
-        const double first = last[i] - before[i], change = last[end + i] - before[end + i];
-        const double x = fabs(change - first) / (1.0 - GAMMA), y = fabs(change);
-        bent = x > bent ? x : bent;
-        changed = y > changed ? y : changed;
-    }
-    const double bend = bent <= SMOOTH * changed ? 1.0 / (1.0 - GAMMA) : 0.0;
     put(p, m, IN_Y, state, n);
     put(p, m, IN_H0, state + n + p->n_A, p->n_H);
     put(p, m, IN_G_BEGIN, acting, p->n_sources);
@@ -115,18 +110,16 @@ int step(const arterial_program *p, const memory *m, double dt, const double *st
         put(p, m, IN_GIVEN, place(p, m, OUT_GIVEN) + s * p->n_inlets, p->n_inlets);
         put(p, m, IN_G, acting + (s + 1) * p->n_sources, p->n_sources);
         if (!run(p, m, START)) return 0;
-        for (i = 0; i < unknowns; i++)
-            rates[i] = 2.0 * last[s * unknowns + i] - before[s * unknowns + i]
-                       + bend * (last[end + i] - before[end + i] - (last[i] - before[i]));
+        for (i = 0; i < unknowns; i++) rates[i] = 2.0 * last[s * unknowns + i] - before[s * unknowns + i];
         for (i = 0; i < p->n_Q; i++) Q[i] = start[p->at_Q + i] + tau * rates[i];
         memcpy(H, rates + p->n_Q, sizeof(double) * (size_t)p->n_H);
         if (!solve(p, m, guess) || !run(p, m, END)) return 0;
-        const double *const y = place(p, m, OUT_END), *const A_t = place(p, m, OUT_A_T);
+        const double *const end = place(p, m, OUT_END), *const A_t = place(p, m, OUT_A_T);
         if (s < STAGES - 1) { /* for the stages behind it */
             memcpy(k_s, A_t, sizeof(double) * (size_t)p->n_A); /* without the round-off of the difference */
-            for (i = p->n_A; i < n; i++) k_s[i] = (y[i] - start[i]) / tau;
+            for (i = p->n_A; i < n; i++) k_s[i] = (end[i] - start[i]) / tau;
         }
-        for (i = 0; i < p->n_Q; i++) rates[i] = (y[p->at_Q + i] - start[p->at_Q + i]) / tau;
+        for (i = 0; i < p->n_Q; i++) rates[i] = (end[p->at_Q + i] - start[p->at_Q + i]) / tau;
         memcpy(rates + p->n_Q, H, sizeof(double) * (size_t)p->n_H);
     }
     if (!run(p, m, CHECK)) return 0;
@@ -152,9 +145,11 @@ int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double d
                        const double *acting, double *table)
 {
     const int32_t size = arterial_state_size(p), columns = 4 * p->n_inlets, D = own_drive ? B : 1;
+    const size_t bytes = sizeof(double) * (size_t)B * (size_t)size;
     double *const given_state = state, *other;
-    int32_t i, b;
+    int32_t i;
     for (i = 0; i < n; i++) {
+        int32_t b;
         for (b = 0; b < B; b++) {
             const memory m = memory_of(p, fixed + (int64_t)b * p->n_fixed, work);
             double *const from = state + (int64_t)b * size, *const to = spare + (int64_t)b * size;
@@ -170,6 +165,6 @@ int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double d
         state = spare;
         spare = other;
     }
-    if (state != given_state) memcpy(given_state, state, sizeof(double) * (size_t)B * (size_t)size);
+    if (state != given_state) memcpy(given_state, state, bytes);
     return i;
 }

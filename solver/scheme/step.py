@@ -25,14 +25,13 @@ from ..mesh.mesh import Layout
 from .failure import NonPhysicalState, NotConverged
 from .guards import check
 from .model import Model
-from .sdirk import GAMMA, HALVES, SDIRK3, STAGES
+from .sdirk import HALVES, SDIRK3, STAGES
 from .stage import Stage, largest, operators
 
 Array = np.ndarray
 
 _BEFORE = [row[:stage] for stage, row in enumerate(SDIRK3.tolist())]  # weights of earlier stages, as plain numbers
 _FURTHEST = 10.0  # lengths of the last step over which the unknowns are extrapolated
-_SMOOTH = 0.125  # of the pressures' change over a step: a larger second difference is that of a jump
 _HALVINGS = 4  # a step that does not converge is halved at most this often
 _PRESSURES = 10.0  # tolerance of nodal pressures, which follow the rates of flow, over that of the flows
 
@@ -168,7 +167,7 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
     model.inlets.begin(y, model.tables.let_in(drive[:, 0], state.t))
     # extrapolation of the last two stage values is so accurate that one iteration is usually enough
     last, before = at_stages_of(state, dt)
-    guesses = extrapolated(last, before, guess)
+    guesses = 2.0 * last - before
     unknowns, k = np.empty_like(guesses), list[Array]()
     changes, heads = o.tau * guess.part(guesses, "rates"), guesses[..., guess.places["heads"]]
     for a, change, head, found, given, g in zip(_BEFORE, changes, heads, unknowns, drives, acting, strict=True):
@@ -202,20 +201,6 @@ def at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
     slope = (last[-1] - before[-1]) * (dt / state.dt)
     stages = SDIRK3.sum(axis=1)
     return last[-1] + np.multiply.outer(stages - 1.0, slope), last[-1] + np.multiply.outer(stages - 2.0, slope)
-
-
-def extrapolated(last: Array, before: Array, layout: Layout) -> Array:
-    """The unknowns one step further than ``last``, from those of the last two steps.
-
-    Their change grows by the second difference, the same at all stages, here between the first and the last one: so it
-    amplifies what iterations leave over no more than a straight line does. It is left out after a jump of the
-    pressures, which it would overshoot.
-    """
-    change = last - before
-    bend = change[-1] - change[0]
-    bent, changed = (largest(layout.part(x, "heads")) for x in (bend, change[-1]))
-    weight = np.where(bent / (1.0 - GAMMA) <= _SMOOTH * changed, 1.0 / (1.0 - GAMMA), 0.0)
-    return 2.0 * last - before + weight[:, None] * bend
 
 
 def tolerances(model: Model, state: State, given: Array) -> tuple[Array, Array]:
