@@ -30,10 +30,13 @@ def test_collapse(sheep: Network) -> None:
         simulate(sheep, lambda t: np.where(t > 0.0, -2e-2, 0.0), parameters={"AA.phi0": 0.0})
 
 
+EITHER = (
+    "(the wall at the outlet cannot carry|the step did not converge)"  # by round-off: not on all processors the same
+)
 BREAKDOWNS = {
     "outlet pressure": ({"FA.outlet.P_venous": 2e5}, "quadratic", "FA", "the wall at the outlet cannot carry"),
     "softening wall": ({"CA.ENL": -1e10}, "quadratic", "CA", "the wall at the outlet cannot carry"),
-    "steep exponential": ({"CA.phiNL": -90 * 77082.0}, "monotone", "CA", "the wall at the outlet cannot carry"),
+    "steep exponential": ({"CA.phiNL": -90 * 77082.0}, "monotone", "CA", EITHER),
     "steep parabola": ({"CA.phiNL": 90 * 77082.0}, "quadratic", "CA", "the effective wall viscosity"),
     "very negative slope": ({"BT.phiNL": -20 * 12048.0}, "quadratic", "BT", "the step did not converge"),
 }
