@@ -20,6 +20,7 @@ from discrepancy import workflow
 from discrepancy.find.plausibility import check_beats, check_record, check_waves
 from discrepancy.find.study import Unusable, bench_site, channels, check_scatter, prepare
 from discrepancy.workflow import discover
+from fitting.first.text import REFERENCE
 from fitting.records.read.record import Record, write_record
 from solver import load, simulate_periodic
 from solver.network.files import write_network
@@ -298,6 +299,20 @@ def test_gaps_here_and_there_cost_nothing() -> None:
     waves["B.P"][np.random.default_rng(2).random(20 * N) < 0.1] = np.nan
     study = prepare(as_record(waves), NETWORK)
     assert (study.fitted.n_beats, study.held_out.n_beats) == (15, 5)
+
+
+def test_a_first_model_does_not_hide_a_zero_that_is_off() -> None:
+    """B.P 20 mmHg above A.P at the root, against the flow: a first model gets the doubt that `first` has, as its
+    radii may take it up; another model does not."""
+    waves = healthy()
+    rise = waves["A.P"].mean() - waves["B.P"].mean() + 20.0 * 133.322
+    waves["B.P"] = waves["B.P"] + rise
+    sites = tuple(replace(s, position=0.0) if s.segment == NETWORK.inlet.segment else s for s in NETWORK.sites)
+    other = replace(NETWORK, sites=sites)
+    first = replace(other, reference=f"{REFERENCE}made up")
+    (doubt,) = (said for said in prepare(as_record(waves), first).warnings if "against the flow" in said)
+    assert doubt.startswith("the mean of B.P is 20 mmHg above that of A.P")
+    assert not any("against the flow" in said for said in prepare(as_record(waves), other).warnings)
 
 
 # --- no noise, and two clocks ----------------------------------------------------------------------------------------

@@ -24,8 +24,9 @@ _OCTAVES = (2, 4, 8, 16)
 @dataclass(frozen=True)
 class Gap:
     """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI];
-    pulsation : the same without the means. above : that of all channels from harmonic 2, 4, 8 … on. in_error : the
-    total in units of noise and stated error of the network together, if it has one."""
+    pulsation : the same without the means. In the total, the means count jointly, as breathing moves them together.
+    above : that of all channels from harmonic 2, 4, 8 … on. in_error : the total in units of noise and stated error of
+    the network together, if it has one."""
 
     total: tuple[float, float]
     channels: Mapping[str, tuple[float, float]]
