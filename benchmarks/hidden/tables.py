@@ -56,7 +56,7 @@ def confusion(lines: Sequence[Line], least: float = 6.0) -> str:
     header = [c if c in _VERDICTS else str(i + 1) for i, c in enumerate(columns)]
     rest = [f"{i + 1} {c}" for i, c in enumerate(columns) if c not in truth and c not in _VERDICTS]
     note = f"Single effects with d′ ≥ {least:g}, and all nulls." + (f" {', '.join(rest)}." if rest else "")
-    return f"{note}\n\n" + markdown(("hidden \\ told", *header), rows)
+    return f"{note}\n\n" + markdown(("hidden \\ reported", *header), rows)
 
 
 _VERDICTS = ("none", "several", "partial", "unknown", "unusable", "crashed")
@@ -128,7 +128,7 @@ def parameters(lines: Sequence[Line]) -> str:
             spread = f"{100 * np.median(np.abs(relative)):.1f} %"
             covered = Share(sum(e[3] for e in mine), len(mine))
             rows.append((f"{name} `{key}`", len(mine), f"{100 * np.median(relative):+.1f} %", spread, covered))
-    note = "Errors relative to the effect's size (value less the value without it)."
+    note = "Errors relative to the effect's size (value minus the neutral value)."
     return f"{note}\n\n" + markdown(("parameter", "records", "median error", "median absolute error", "covered"), rows)
 
 
@@ -145,7 +145,7 @@ def closed(lines: Sequence[Line]) -> str:
                 for v in zip(*((g["given"], g["best"], g["best"] / g["given"]) for g in found), strict=True)
             )
             rows.append((verdict, len(own), share(own, w.confident_right), before, after, ratio))
-    note = "Medians of the whitened RMS on held-out beats; 1 is noise, and what is above it remains."
+    note = "Medians of the whitened RMS on held-out beats; 1 is noise, and more is a remaining gap."
     header = ("verdict", "records", "right name and place", "gap before", "after (remains)", "after/before")
     return f"{note}\n\n" + markdown(header, rows)
 
