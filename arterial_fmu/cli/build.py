@@ -39,7 +39,7 @@ Changes = Annotated[
     list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='A start value: "heart.rate=1.3 Hz".')
 ]
 Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
-ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
+ExecutionTool = Annotated[bool, typer.Option(help="Set needsExecutionTool in the FMU; some importers reject it.")]
 Native = Annotated[bool, typer.Option("--native", help="Build an FMU that needs no Python on its host.")]
 Standard = Annotated[int, typer.Option("--fmi", metavar="2|3", help="With --native: version of FMI.")]
 Platforms = Annotated[
