@@ -30,6 +30,7 @@ from solver.quantities.units import INFLOW, MMHG
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
+from .branches import Branch, branched, layouts, parents
 from .data import Data
 from .doubts import Shown, doubts, late_flow, means_apart
 from .estimates import (
@@ -46,7 +47,6 @@ from .estimates import (
 )
 from .fitted import Delay, Fitted, delayed, fitted, of_owner
 from .species import Typical, typical
-from .stretches import Stretch, branched, layouts, parents
 from .tubes import KEYS, Tube, made, mean_speed, windkessel
 from .waves import heard
 
@@ -111,9 +111,9 @@ def first_model(
         Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)
     )
 
-    def with_compliance(C: Found, tubes: Sequence[Stretch]) -> _Parts:
+    def with_compliance(C: Found, tubes: Sequence[Branch]) -> _Parts:
         walls = made(tubes, c.value, area, usual)
-        stored, most, said = sum(wall.stretch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
+        stored, most, said = sum(wall.branch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
             said.append(
                 f"by the times of the waves, tubes would store {stored / C.value:.0%} of the compliance; they are made "
@@ -122,10 +122,10 @@ def first_model(
             shorter = [replace(tube, time=tube.time * most / stored) for tube in tubes]
             walls = made(shorter, c.value, area, usual)
         rest = C.value - min(stored, most)
-        ends = {wall.stretch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.stretch.end}
+        ends = {wall.branch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.branch.end}
         return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, said)
 
-    def of_layout(tubes: Sequence[Stretch], before: Fitted | None = None) -> _Layout | None:
+    def of_layout(tubes: Sequence[Branch], before: Fitted | None = None) -> _Layout | None:
         models = [with_compliance(C, tubes).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
         parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
         fit = fitted(data, model.network, bool(distances), tubes, before)
@@ -148,7 +148,7 @@ def first_model(
 class _Layout:
     """Tubes, their network as estimated, the contents of its file, and the fit."""
 
-    tubes: Sequence[Stretch]
+    tubes: Sequence[Branch]
     network: Network
     parts: _Parts
     fit: Fitted
@@ -172,8 +172,8 @@ class _Parts:
         tubes = [
             replace(
                 t,
-                stretch=replace(t.stretch, share=t.stretch.share * fit.share[t.stretch.name]),
-                **{key: getattr(t, key) * x for key, x in of_owner(f, t.stretch.name).items()},
+                branch=replace(t.branch, share=t.branch.share * fit.share[t.branch.name]),
+                **{key: getattr(t, key) * x for key, x in of_owner(f, t.branch.name).items()},
             )
             for t in self.tubes
         ]
