@@ -9,7 +9,7 @@ import numpy as np
 
 from solver.quantities.units import INFLOW, MMHG, of_signal
 
-from ..records import thresholds as limit
+from ..records import limits as limit
 from ..records.alignment.beats import Beats
 from .estimates import Found, radius_at, speeds
 from .fitted import Delay

@@ -22,7 +22,7 @@ from scipy.optimize import least_squares
 from solver.linear import amplitudes
 from solver.network.description import Network
 
-from ..records import thresholds as limit
+from ..records import limits as limit
 from . import shares
 from .branches import Branch
 from .data import Data, rms

@@ -10,7 +10,7 @@ import numpy as np
 from solver.errors import InputError
 
 from ...parallel.threads import single_threaded
-from .. import thresholds as limit
+from .. import limits as limit
 from ..read.record import Array, Record
 from ..read.sensors import converter_step
 from .beats import Beats, require_phases

@@ -12,7 +12,7 @@ import numpy as np
 from solver.errors import InputError
 from solver.quantities.units import of_signal
 
-from .. import thresholds as limit
+from .. import limits as limit
 from ..read.record import Array, require
 from .rounding import rounded_harmonics
 from .variable_beats import UnequalBeats, unlikeness

@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.errors import InputError
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .upstrokes import find_upstrokes, usual_range, vertex, without_gaps
 
 Array = np.ndarray

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .equal_beats import Grid
 from .variable_beats import UnequalBeats
 

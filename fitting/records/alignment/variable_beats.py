@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .upstrokes import Upstrokes, lead, without_gaps
 
 Array = np.ndarray

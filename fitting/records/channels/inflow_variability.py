@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 from ..alignment.beats import Beats
 from .spectral import coefficients
 

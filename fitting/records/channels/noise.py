@@ -22,7 +22,7 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
-from .. import thresholds as limit
+from .. import limits as limit
 from ..alignment.beats import Beats
 from .inflow_variability import Felt
 from .spectral import coefficients

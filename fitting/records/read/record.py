@@ -23,7 +23,7 @@ from solver.errors import InputError
 from solver.network.files import write_whole
 from solver.quantities.units import of_signal
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .artefacts import without_codes, without_still
 from .columns import Chosen, Reading, choose
 from .kinds import read_table

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .sensors import UnusableRecord, refuse
 from .table import Place
 
