@@ -1,4 +1,4 @@
-"""The equations of one network on cells: from a network to a frozen :class:`Model`."""
+"""The equations of one network on cells: from a network to a frozen :class:`MusclModel`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class MusclModel:
     """A network, or a batch of B parameter sets of it, on cells. Made by :func:`build`.
 
     parameters : replacements of the network's own numbers. dx : (B, n_cells) [m]. wall : (B, n_cells) at the
@@ -45,7 +45,7 @@ class Model:
     A_rest: Array
 
 
-def build(network: Network, parameters: Parameters | None = None, settings: MusclSettings | None = None) -> Model:
+def build(network: Network, parameters: Parameters | None = None, settings: MusclSettings | None = None) -> MusclModel:
     """The model of a network with some parameters replaced by numbers or by arrays of B numbers.
 
     Raises ValueError for parameters that are not allowed, or for an effect that this scheme does not support.
@@ -59,7 +59,7 @@ def build(network: Network, parameters: Parameters | None = None, settings: Musc
     wall, outlets = c.wall_at(grid.segment, grid.middle), grid.topology.outlet_segment
     k = np.zeros((c.B, grid.topology.n_nodes))
     k[:, grid.topology.junctions] = c.k
-    model = Model(
+    model = MusclModel(
         network=network,
         settings=settings,
         parameters=dict(parameters or {}),
@@ -107,7 +107,7 @@ def _lacking(network: Network, term: Term) -> str:
     )
 
 
-def _refuse_unreachable_pressure(model: Model) -> None:
+def _refuse_unreachable_pressure(model: MusclModel) -> None:
     for _, cell in np.argwhere(~(model.A_rest > 0.0)):
         name = model.network.segments[model.mesh.segment[cell]].name
         raise InputError(
