@@ -15,7 +15,7 @@ from arterial_fmu.cli.terminal.options import DefaultGroup, Json, NetworkName, Q
 from arterial_fmu.cli.terminal.progress import bar
 from build_fmu import build, build_model, build_native, build_native_model, build_system
 from fmu_src.contents import models
-from fmu_src.contents.models import Model
+from fmu_src.contents.models import FMUContents
 from fmu_src.native.binaries import PLATFORMS
 from fmu_src.variables.variable import Variable
 from solver.errors import InputError
@@ -104,7 +104,7 @@ def _start_values(table: Iterable[Variable], changes: Sequence[str]) -> dict[str
     return assignments(changes, {name: (q.unit, q.display) for name, q in numbers.items()})
 
 
-def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
+def _lumped(model: Callable[..., FMUContents]) -> Callable[..., None]:
     """The command that builds a heart or a body."""
 
     def command(
