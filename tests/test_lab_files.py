@@ -559,7 +559,7 @@ def test_a_mock_loop_is_cut_into_beats(tmp_path: Path, respired: float) -> None:
     names = {"1": "time [s]", "2": "inlet.Q [mL/s]", "3": "C.P [mmHg]", "4": "R.P [mmHg]"}
     beats = align(read(tmp_path, "\n".join(lines), names=names))
     assert beats.T == pytest.approx(0.8, rel=1e-4)
-    assert beats.n_beats == (30 if beats.unequal is None else 28)  # varying ones begin at the end of diastole
+    assert beats.n_beats == (30 if beats.variable is None else 28)  # varying ones begin at the end of diastole
     assert set(beats.values) == {"inlet.Q", "C.P", "R.P"} and not beats.told.get("sampling")
 
 

@@ -89,7 +89,7 @@ class PlaceModel:
 
     def weigh_at(self, x: Array) -> None:
         """Update the weights of the record to the response to inflow noise at the parameters x : (p,), which may be far
-        from the file's. The data stay: the correction for unequal beats is not recomputed."""
+        from the file's. The data stay: the correction for variable beats is not recomputed."""
         self.problem = self.problem.at(self.terms, self.unknowns, x)
 
     # --- simulation ---------------------------------------------------------------------------------------------------
