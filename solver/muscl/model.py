@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..laws.wall import Wall
-from ..network.coefficients import Coefficients, Parameters, Term, changes, coefficients
+from ..network.coefficients import Coefficients, EffectValues, Parameters, changes, coefficients
 from ..network.description import Network
 from ..network.table_source import refuse
 from .grid import Grid, build_grid
@@ -99,7 +99,7 @@ def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
             raise InputError(_lacking(network, term))
 
 
-def _lacking(network: Network, term: Term) -> str:
+def _lacking(network: Network, term: EffectValues) -> str:
     neutral = ", ".join(f"{key} = {value:g}" for key, value in term.effect.neutral.items() if key in term.values)
     return (
         f"network {network.name}: scheme 'muscl' does not support the effect {term.effect.name}; "
