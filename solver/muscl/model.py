@@ -52,7 +52,7 @@ def build(network: Network, parameters: Parameters | None = None, settings: Musc
     """
     settings = settings or MusclSettings()
     c = coefficients(network, parameters)
-    _refuse_what_is_lacking(network, c)
+    _refuse_unsupported(network, c)
     grid, n = build_grid(network, c.L.max(axis=0), settings.cell), len(network.segments)
     faces = _walls(c, np.stack([grid.segment] * 2), np.stack([grid.left, grid.right]))
     ends = _walls(c, np.stack([np.arange(n)] * 2), np.repeat([[0.0], [1.0]], n, axis=1))
@@ -84,7 +84,7 @@ def _walls(c: Coefficients, segment: Array, x: Array) -> Wall:
     return c.wall_at(segment.ravel(), x.ravel()).shaped(x.shape)
 
 
-def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
+def _refuse_unsupported(network: Network, c: Coefficients) -> None:
     """Raise ValueError for effects on the viscous stress, leaks, and forces on the fluid."""
     refuse(network.sources, "scheme 'muscl'")
     wall, every = c.base, np.arange(len(network.segments))
@@ -96,10 +96,10 @@ def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
                 getattr(wall, name) != getattr(before, name) for name in ("nonlinear", "leaks", "remembers", "learns")
             )
         if lacking:
-            raise InputError(_lacking(network, term))
+            raise InputError(_unsupported(network, term))
 
 
-def _lacking(network: Network, term: EffectValues) -> str:
+def _unsupported(network: Network, term: EffectValues) -> str:
     neutral = ", ".join(f"{key} = {value:g}" for key, value in term.effect.neutral.items() if key in term.values)
     return (
         f"network {network.name}: scheme 'muscl' does not support the effect {term.effect.name}; "
