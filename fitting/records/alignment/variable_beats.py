@@ -112,7 +112,7 @@ def _cut_singly(channels: Mapping[str, Array], dt: float, edges: Array, usual: f
     if len(alike) < 2:
         return None
     first, last = int(alike[0]), int(alike[-1]) + 1
-    said = _said(edges, near, odd, alike, dt)
+    said = _exclusion_notes(edges, near, odd, alike, dt)
     return VariableBeats(channels, dt, edges[first : last + 1], alike - first, alike - first, said)
 
 
@@ -135,7 +135,7 @@ def _odd(channels: Mapping[str, Array], singly: VariableBeats) -> Array:
     return singly.serving[far]
 
 
-def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tuple[str, ...]:
+def _exclusion_notes(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tuple[str, ...]:
     """What was left out, in sentences."""
     times, lengths = edges * dt, np.diff(edges)
     first, last = int(alike[0]), int(alike[-1]) + 1
