@@ -133,7 +133,7 @@ class _Search:
         """One step to the most probable θ and g, shortened if it raises χ² too much. fresh : with derivatives and
         weights at the present point."""
         if fresh:
-            self.model.weigh_at(point.x)
+            self.model.update_weights(point.x)
         normal = self.model.normal(point, error)
         point = self.model.weighed(normal, point)
         x, g = self.model.most_probable(normal, point)
@@ -239,7 +239,7 @@ class _Search:
                  if a.law is None or point.g[:, own].any()]  # fmt: skip
         point = self.with_places(point, sized)
         point = self.model.answered(point) or point
-        self.model.weigh_at(point.x)
+        self.model.update_weights(point.x)
         normal = self.model.normal(point, 0.0)
         point = self.model.weighed(normal, point)
         active = point.active
