@@ -185,7 +185,7 @@ class PlaceModel:
                 break
         return best + PRICE * sum(a.law is not None for a in active) + self.worth * len(active), active, widths
 
-    def weighed(self, normal: Normal, point: Point) -> Point:
+    def with_evidence(self, normal: Normal, point: Point) -> Point:
         """A point with its inferred amplitudes, widths and evidence."""
         score, active, widths = self.inferred(normal, point.active, point.widths, point.x)
         return replace(point, active=active, widths=widths, score=score)

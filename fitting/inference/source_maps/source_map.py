@@ -135,7 +135,7 @@ class _Search:
         if fresh:
             self.model.update_weights(point.x)
         normal = self.model.normal(point, error)
-        point = self.model.weighed(normal, point)
+        point = self.model.with_evidence(normal, point)
         x, g = self.model.most_probable(normal, point)
         enough = max(_WORSE * self.model.chi2(point.D, error), 3.0 * 2.0 * point.D.size)
         for _ in range(_BACK):
@@ -206,7 +206,7 @@ class _Search:
     def moved(self, point: Point, error: float) -> Point | None:
         """The point after the move with the largest gain of evidence; None if no move is worth its price."""
         normal = self.model.normal(point, error)
-        point = self.model.weighed(normal, point)
+        point = self.model.with_evidence(normal, point)
         best = self.model.best_move(normal, point)
         if best is None:
             return None
@@ -241,7 +241,7 @@ class _Search:
         point = self.model.answered(point) or point
         self.model.update_weights(point.x)
         normal = self.model.normal(point, 0.0)
-        point = self.model.weighed(normal, point)
+        point = self.model.with_evidence(normal, point)
         active = point.active
         columns, signals = self.model.columns_of(active), []
         sd = np.zeros_like(point.g, float)
