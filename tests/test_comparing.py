@@ -15,7 +15,7 @@ from discrepancy.assemble import _bent, sentence
 from discrepancy.findings.outcome import NamedEffect, OwnNumber, Walls
 from discrepancy.name.intervals import _lower
 from discrepancy.name.scoring import Compared, Named, choice, ranked, shares
-from discrepancy.name.verdict import Naming, _discrepancy_candidates, _partial, _said, decided
+from discrepancy.name.verdict import Naming, _discrepancy_candidates, _exact_verdict, _partial, decided
 from discrepancy.show.gap import Gap
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import EVERY, Term
@@ -61,7 +61,7 @@ def pair(*effects: tuple[str, str]) -> Named:
 def test_two_faults_at_one_site_are_no_discovery(effects: tuple[tuple[str, str], ...], expected: str) -> None:
     """Of the sensors of one site, or of one of them twice; those of two sites, or beside a wall, are. The meter of the
     inflow is at a site at the inlet."""
-    assert _said(pair(*effects), (pair(*effects),), NETWORK) == expected
+    assert _exact_verdict(pair(*effects), (pair(*effects),), NETWORK) == expected
 
 
 @pytest.mark.parametrize("verdict", ["ambiguous", "partial"])

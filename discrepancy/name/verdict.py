@@ -124,7 +124,11 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximat
     order = apart([*same, *rest])
     members = _class(order[: len(same)])
     return replace(
-        unknown, verdict=_said(best, members, problem.network), ranked=order, members=members, confidence=confidence
+        unknown,
+        verdict=_exact_verdict(best, members, problem.network),
+        ranked=order,
+        members=members,
+        confidence=confidence,
     )
 
 
@@ -195,7 +199,7 @@ def _class(order: Sequence[Named]) -> tuple[Named, ...]:
     return tuple(names.values())
 
 
-def _said(best: Named, members: Sequence[Named], network: Network) -> str:
+def _exact_verdict(best: Named, members: Sequence[Named], network: Network) -> str:
     """The verdict if the best hypothesis is exact and has an effect."""
     if len(best.fit.terms) == 1:
         return "effect" if len(members) == 1 else "ambiguous"
