@@ -195,7 +195,7 @@ def three(lines: Sequence[Line]) -> str:
     for least in (12.0, 30.0):
         seen = w.of(lines, "single", least)
         t.at_least(f"d′ ≥ {least:g}: the reported places include the true one", 0.95, share(seen, w.holds_place))
-        sizes = [float(len(w.told_places(x))) for x in seen if w.told_places(x)]
+        sizes = [float(len(w.reported_places(x))) for x in seen if w.reported_places(x)]
         t.median_at_most("– number of reported places, if any", 3, sizes)
         t.add("– right name in the class", "–", share(seen, w.in_class))
         t.at_most("– single wrong name", 0.02, share(seen, w.wrong))

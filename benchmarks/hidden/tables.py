@@ -45,12 +45,12 @@ def confusion(lines: Sequence[Line], least: float = 6.0) -> str:
     """Rows: hidden effects (single ones with d' of at least ``least``, and all nulls); columns: the first name."""
     chosen = w.of(lines, "single", least) + w.of(lines, "null")
     truth = sorted({w.truths(x)[0] for x in chosen if x["effects"]})
-    columns = sorted({*truth, *(w.told(x) for x in chosen)} - set(_VERDICTS)) + list(_VERDICTS)
-    columns = [c for c in columns if c in truth or any(w.told(x) == c for x in chosen)]
+    columns = sorted({*truth, *(w.reported(x) for x in chosen)} - set(_VERDICTS)) + list(_VERDICTS)
+    columns = [c for c in columns if c in truth or any(w.reported(x) == c for x in chosen)]
     rows = []
     for name in [*truth, ""]:
         own = [x for x in chosen if w.truths(x) == ((name,) if name else ())]
-        count = Counter(w.told(x) for x in own)
+        count = Counter(w.reported(x) for x in own)
         label = f"{columns.index(name) + 1} {name}" if name else "nothing hidden"
         rows.append((label, *(_bold(count[c], c == name) for c in columns)))
     header = [c if c in _VERDICTS else str(i + 1) for i, c in enumerate(columns)]
@@ -157,7 +157,7 @@ def outside(lines: Sequence[Line]) -> str:
         for low, high in ((6.0, 30.0), (30.0, np.inf)):
             own = [x for x in w.of(lines, "outside", low) if w.beyond(x) == name and w.d_prime(x) < high]
             if own:
-                taken = Counter(w.told(x) for x in own if w.claims(x))
+                taken = Counter(w.reported(x) for x in own if w.claims(x))
                 verdict = Counter(x["verdict"] for x in own)
                 size = f"{low:g}–{high:g}" if np.isfinite(high) else f"≥ {low:g}"
                 rows.append((name, size, len(own), _counted(verdict), _counted(taken)))
