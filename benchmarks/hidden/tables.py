@@ -200,11 +200,11 @@ def failures(lines: Sequence[Line], network: Network) -> str:
         "errors": [x for x in lines if x.get("error")],
     }  # fmt: skip
     for title, own in chosen.items():
-        parts.append(f"### {title}: {len(own)}\n\n" + "\n".join(f"- {_said(x)}" for x in own))
+        parts.append(f"### {title}: {len(own)}\n\n" + "\n".join(f"- {_record_text(x)}" for x in own))
     return "\n\n".join(parts) + "\n"
 
 
-def _said(x: Line) -> str:
+def _record_text(x: Line) -> str:
     hidden = " + ".join(
         f"{e['name']}@{','.join(e['where'])} {e['size']:.3g} (d′ {e.get('d_prime', float('nan')):.3g})"
         for e in x["effects"]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import binom
 
 from . import words as w
-from .calibration import calibration_error, error_bounds, error_said, named
+from .calibration import calibration_error, error_bounds, error_text, named
 from .counts import NO_RECORDS, Share, markdown, share
 from .tables import SEPARABLE
 from .words import Line
@@ -63,7 +63,7 @@ class Targets:
         stated = named(lines)
         if stated:
             met = _met(calibration_error(stated) <= 0.05, error_bounds(stated)[1] <= 0.05)
-            self.add(f"{what}, calibration error of the confidence", "≤ 0.05", error_said(stated), met)
+            self.add(f"{what}, calibration error of the confidence", "≤ 0.05", error_text(stated), met)
 
     def parameters(self, what: str, lines: Sequence[Line]) -> None:
         """Errors and intervals of the parameters of effects with a single correct name at the correct place."""
