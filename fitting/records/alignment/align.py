@@ -15,7 +15,7 @@ from ..read.record import Array, Record
 from ..read.sensors import converter_step
 from .beats import Beats, require_phases
 from .equal_beats import Grid, check_steady, grid, strict_period, without_jitter
-from .period import Found, usual_period
+from .period import PeriodFound, usual_period
 from .spikes import without_spikes
 from .upstrokes import find_upstrokes, without_gaps
 from .variable_beats import VariableBeats, cut_variable
@@ -77,7 +77,7 @@ def _cut(
     except InputError:  # too irregular or too short to tell: then the word of the user counts
         if period is None:
             raise
-        usual, told = Found(period), False
+        usual, told = PeriodFound(period), False
     else:
         told = True
     if period is not None and abs(period / usual.other - 1.0) <= limit.NEAR:  # the record does not tell which
