@@ -34,7 +34,7 @@ from .branches import Branch, branched, layouts, parents
 from .data import Data
 from .doubts import Shown, doubts, late_flow, means_apart
 from .estimates import (
-    Found,
+    FirstEstimate,
     compliances,
     delay,
     impedance,
@@ -69,7 +69,7 @@ class FirstModel:
 
     network: Network
     text: str
-    found: tuple[Found, ...]
+    found: tuple[FirstEstimate, ...]
     shown: tuple[Shown, ...]
     notes: tuple[str, ...]
 
@@ -111,7 +111,7 @@ def first_model(
         Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)
     )
 
-    def with_compliance(C: Found, tubes: Sequence[Branch]) -> _Parts:
+    def with_compliance(C: FirstEstimate, tubes: Sequence[Branch]) -> _Parts:
         walls = made(tubes, c.value, area, usual)
         stored, most, said = sum(wall.branch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
@@ -159,7 +159,7 @@ class _Parts:
     """The contents of the file of a first model. factor : of the fit, by parameter."""
 
     source: text.Source
-    found: tuple[Found, ...]
+    found: tuple[FirstEstimate, ...]
     tubes: Sequence[Tube]
     windkessels: Mapping[str, tuple[float, ...]]
     notes: Sequence[str]
@@ -196,8 +196,13 @@ class _Parts:
 
 
 def _speed_and_area(
-    beats: Beats, channel: str, Z: Found, usual: Typical, delays: Mapping[str, Found], distances: Mapping[str, float]
-) -> tuple[Found, float, Found]:
+    beats: Beats,
+    channel: str,
+    Z: FirstEstimate,
+    usual: Typical,
+    delays: Mapping[str, FirstEstimate],
+    distances: Mapping[str, float],
+) -> tuple[FirstEstimate, float, FirstEstimate]:
     """Mean wave speed c of a tube, area [m²] at the start of one with all of the flow, and the radius there, with
     Z_c = ρ c/A of the start.
 
@@ -214,25 +219,25 @@ def _speed_and_area(
         site = max(distances, key=lambda name: distances[name])
         c = distances[site] / delays[site].value
         error = float(np.hypot(_DISTANCE, delays[site].error))
-        speed = Found("wave speed c", c, "m/s", error, f"the distance to {site} over the delay")
+        speed = FirstEstimate("wave speed c", c, "m/s", error, f"the distance to {site} over the delay")
         at_root = c / mean_speed(1.0)
         how, R_error = "Z_c and c", float(np.hypot(error, Z.error)) / 2.0
     elif local and local.agree:
         error = float(np.hypot(Z.error, 2.0 * _MEASURED))
         at_root = local.by_flow
-        speed = Found("wave speed c", mean_speed(at_root), "m/s", error, f"Z_c and mean {measured}")
+        speed = FirstEstimate("wave speed c", mean_speed(at_root), "m/s", error, f"Z_c and mean {measured}")
         how, R_error = f"mean of {measured}", _MEASURED
     else:
         off = float(np.log(Z.value * np.pi * usual.R**2 / (rho * usual.c)))
         part = _SPEED**2 / (_SPEED**2 + (2.0 * _RADIUS) ** 2)
         at_root = usual.c * float(np.exp(part * off))
-        speed = Found("wave speed c", mean_speed(at_root), "m/s", _SPEED, "Z_c and a typical aorta")
+        speed = FirstEstimate("wave speed c", mean_speed(at_root), "m/s", _SPEED, "Z_c and a typical aorta")
         how, R_error = f"Z_c and a typical aorta ({1e3 * usual.R:.3g} mm, {usual.c:.3g} m/s)", _RADIUS
     area = rho * at_root / Z.value
     return (
         speed,
         area,
-        Found("radius of the root at the mean pressure", float(np.sqrt(area / np.pi)), "m", R_error, how),
+        FirstEstimate("radius of the root at the mean pressure", float(np.sqrt(area / np.pi)), "m", R_error, how),
     )
 
 

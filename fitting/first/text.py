@@ -14,7 +14,7 @@ from solver.quantities.quantity import quantities
 from solver.quantities.text import quoted, typed_unit
 from solver.quantities.units import INFLOW, display_factor, display_units, readable
 
-from .estimates import Found
+from .estimates import FirstEstimate
 from .fitted import of_owner
 from .tubes import TAPERED, Tube
 
@@ -41,20 +41,20 @@ class Source:
     Q: Array
 
 
-def value(found: Found) -> str:
+def value(found: FirstEstimate) -> str:
     """The number in its display unit: "0.965 mmHg·s/mL"."""
     unit, factor = readable(found.unit)
     return f"{factor * found.value:.3g} {unit}".strip()
 
 
-def error(found: Found) -> str:
+def error(found: FirstEstimate) -> str:
     """Its standard deviation: "± 12 %", or a factor where it is large."""
     return f"± {100.0 * found.error:.2g} %" if found.error < _LARGE else f"×/÷ {np.exp(found.error):.2g}"
 
 
 def network_file(
     source: Source,
-    found: Iterable[Found],
+    found: Iterable[FirstEstimate],
     tubes: Sequence[Tube],
     windkessels: Mapping[str, tuple[float, ...]],
     notes: Iterable[str],
@@ -76,7 +76,7 @@ def network_file(
     return "\n".join(lines) + "\n"
 
 
-def _head(source: Source, found: Iterable[Found], notes: Iterable[str]) -> list[str]:
+def _head(source: Source, found: Iterable[FirstEstimate], notes: Iterable[str]) -> list[str]:
     """Comments, texts and numbers of the whole network."""
     P_ref = (source.P, "mean pressure at the root: R0 and E are those of that pressure")
     return [
