@@ -23,7 +23,7 @@ from solver.quantities.units import INFLOW
 
 from . import thresholds
 from .find.balances import mass_balances, momentum_balances, wall_balances
-from .find.disagreement import Found, find
+from .find.disagreement import Disagreement, find
 from .find.study import Study, Unusable
 from .findings.isolability import isolability, smallest
 from .findings.map_marks import of_sensor, plain
@@ -215,7 +215,7 @@ def weighted(study: Study, naming: Naming) -> Study:
     return replace(study, problem=naming.problem.first)
 
 
-def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]:
+def disagreement(study: Study, before: Run) -> tuple[Disagreement, tuple[Balance, ...]]:
     """Where the refitted model and the record disagree beyond the noise of sensors, drive and solver.
 
     Also the balances of mass, momentum and wall law where the measured channels determine them.
