@@ -66,7 +66,7 @@ def means_along(beats: Beats, root: str, sites: Iterable[str]) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class Shown:
+class ChannelComparison:
     """A channel of the record compared with the model: means, pulses and the rms of the difference [SI]."""
 
     channel: str
@@ -75,7 +75,7 @@ class Shown:
     rms: float
 
 
-def means_apart(row: Shown) -> str:
+def means_apart(row: ChannelComparison) -> str:
     """A sentence if the model misses the mean of a channel by more than half its pulse; "" if not."""
     unit, shown = of_signal(row.channel)
     if abs(row.mean[1] - row.mean[0]) <= limit.BEYOND * row.pulse[0]:

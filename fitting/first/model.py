@@ -32,7 +32,7 @@ from ..records.channels.spectral import coefficients, resample
 from . import text
 from .branches import Branch, branched, layouts, parents
 from .data import Data
-from .doubts import Shown, doubts, late_flow, means_apart
+from .doubts import ChannelComparison, doubts, late_flow, means_apart
 from .estimates import (
     FirstEstimate,
     compliances,
@@ -70,7 +70,7 @@ class FirstModel:
     network: Network
     text: str
     found: tuple[FirstEstimate, ...]
-    shown: tuple[Shown, ...]
+    shown: tuple[ChannelComparison, ...]
     notes: tuple[str, ...]
 
 
@@ -248,7 +248,7 @@ def _inflow(beats: Beats) -> Array:
     return np.where(np.isin(np.arange(len(X)), [0, *kept]), X, 0.0)
 
 
-def _shown(beats: Beats, network: Network) -> tuple[Shown, ...]:
+def _shown(beats: Beats, network: Network) -> tuple[ChannelComparison, ...]:
     """All channels except the inflow, against the network under the measured inflow, linearised at its mean
     pressure."""
     wave = waveforms(network, resample(beats.mean(INFLOW), _SAMPLES), beats.T)
@@ -257,7 +257,7 @@ def _shown(beats: Beats, network: Network) -> tuple[Shown, ...]:
         if name in wave:
             x, y = resample(beats.mean(name), _SAMPLES), wave[name]
             rows.append(
-                Shown(
+                ChannelComparison(
                     name,
                     (float(x.mean()), float(y.mean())),
                     (float(np.ptp(x)), float(np.ptp(y))),
