@@ -107,7 +107,7 @@ def first_model(
             f"a wave speed of {c.value:.3g} m/s is not an artery's; check the unit of {INFLOW}, or give a distance "
             "(--distance), another species (--like) or the body mass (--mass)."
         )
-    source = text.Source(
+    source = text.ModelSource(
         Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)
     )
 
@@ -158,7 +158,7 @@ class _Layout:
 class _Parts:
     """The contents of the file of a first model. factor : of the fit, by parameter."""
 
-    source: text.Source
+    source: text.ModelSource
     found: tuple[FirstEstimate, ...]
     tubes: Sequence[Tube]
     windkessels: Mapping[str, tuple[float, ...]]

@@ -25,7 +25,7 @@ _LARGE = 0.3  # larger relative standard deviations are given as factors
 
 
 @dataclass(frozen=True)
-class Source:
+class ModelSource:
     """The source of a first model: file name and hash of the record, species and source of its typical aorta, period
     [s], mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics of the inflow
     Q : (K+1,) [m³/s]."""
@@ -53,7 +53,7 @@ def error(found: FirstEstimate) -> str:
 
 
 def network_file(
-    source: Source,
+    source: ModelSource,
     found: Iterable[FirstEstimate],
     tubes: Sequence[Tube],
     windkessels: Mapping[str, tuple[float, ...]],
@@ -76,7 +76,7 @@ def network_file(
     return "\n".join(lines) + "\n"
 
 
-def _head(source: Source, found: Iterable[FirstEstimate], notes: Iterable[str]) -> list[str]:
+def _head(source: ModelSource, found: Iterable[FirstEstimate], notes: Iterable[str]) -> list[str]:
     """Comments, texts and numbers of the whole network."""
     P_ref = (source.P, "mean pressure at the root: R0 and E are those of that pressure")
     return [
@@ -96,7 +96,7 @@ def _head(source: Source, found: Iterable[FirstEstimate], notes: Iterable[str]) 
     ]
 
 
-def _inlet(source: Source, segment: str) -> list[str]:
+def _inlet(source: ModelSource, segment: str) -> list[str]:
     return [
         "",
         "[inlet]  # the mean beat of inlet.Q, by its harmonics [m^3/s]",
