@@ -361,6 +361,15 @@ def test_lines_of_words_below_the_titles(tmp_path: Path) -> None:
     check(read(tmp_path, "\n".join(["[s],[mmHg],[mm]", "Time,AA.P,AA.R", *rows(",", ".")])))  # or units above
 
 
+def test_units_of_other_signals_in_a_line_of_units(tmp_path: Path) -> None:
+    """An ECG, a heart rate and a temperature beside the channels leave these their units."""
+    lines = [f"{line},0.1,120,38.1" for line in rows(",", ".")]
+    content = "\n".join(["Time,P,D,ECG,HR,Temp", "s,mmHg,mm,mV,bpm,°C", *lines])
+    check(read(tmp_path, content, names={"P": "AA.P", "D": "AA.R"}))
+    found = preview(tmp_path / "record.txt", Reading())["columns"]
+    assert [column["unit"] for column in found[1:]] == ["mmHg", "mm", "mV", "bpm", "°C"]
+
+
 def test_what_stands_behind_the_samples(tmp_path: Path) -> None:
     """Blank lines and words at the end of the file are no samples; a last line that is cut short is refused."""
     lines = ["time [s],AA.P [mmHg],AA.R [mm]", *rows(",", ".")]

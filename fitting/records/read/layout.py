@@ -181,9 +181,11 @@ def _titles(line: str, separator: str, source: str, at: int, width: int | None) 
 
 
 def _is_units(row: Sequence[str]) -> bool:
-    """Whether a line below the titles holds their units."""
-    cells = [cell.strip(" []()") for cell in row]
-    return any(cells) and all(not cell or is_unit(cell) or _CLOCK.fullmatch(cell) for cell in cells)
+    """Whether a line below the titles holds their units: all that it has, or two among those of other signals, as of an
+    ECG."""
+    cells = [cell for cell in (cell.strip(" []()") for cell in row) if cell]
+    known = sum(is_unit(cell) or _CLOCK.fullmatch(cell) is not None for cell in cells)
+    return known > 0 and (known == len(cells) or known > 1)
 
 
 def _beside(row: Sequence[str], line: str) -> bool:
