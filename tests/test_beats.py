@@ -95,6 +95,13 @@ def test_a_record_shorter_than_two_heart_beats() -> None:
         align(record(time / 1000.0, P=pressure(time / 0.8)))
 
 
+def test_samples_too_far_apart_for_a_heart_beat() -> None:
+    """Times in seconds that hold milliseconds: a sample a second. The time column is named, nothing is searched."""
+    time = np.arange(20_000) * DT
+    with pytest.raises(ValueError, match=r"^bench\.csv: a sample every 5 s is fewer than 8 .* unit of its time column"):
+        align(record(time * 1000.0, P=pressure(time / 0.8)))
+
+
 @pytest.mark.parametrize("n_beats", [1.4, 1.6, 1.9])
 def test_one_beat_only(n_beats: float) -> None:
     """Fewer than two beats are told, or found to have no period; never fitted."""

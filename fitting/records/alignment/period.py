@@ -59,13 +59,18 @@ class _Later:
 def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> PeriodFound:
     """The period of all channels together to some thousandths, steady or not.
 
-    Raises ValueError if nothing repeats, or not twice.
+    Raises ValueError if nothing repeats, or not twice, or too few samples show a beat.
     """
     span = len(next(iter(channels.values()))) * dt
     if span < 2.0 * limit.SHORTEST:
         raise InputError(
             f"{source}: {span:.3g} s of record cannot hold two beats of {limit.SHORTEST:g} s, the shortest; check the "
             f"unit of its time column, or record longer."
+        )
+    if limit.FEWEST_SAMPLES * dt > limit.LONGEST:
+        raise InputError(
+            f"{source}: a sample every {dt:.4g} s is fewer than {limit.FEWEST_SAMPLES} in {limit.LONGEST:.3g} s, the "
+            "longest beat; check the unit of its time column, or record at a higher rate."
         )
     names, x, step = _screened(channels, dt)
     candidates = _candidates(x, step)
@@ -79,8 +84,9 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Perio
     if not votes.any():
         raise InputError(
             f"{source}: no periodicity found between {limit.SHORTEST:g} and {limit.LONGEST:.2g} s in {span:.4g} s of "
-            f"record (best correlation {best.max():.2f}, in {names[int(best.argmax())]}); record at least two whole "
-            f"beats of {limit.FEWEST_SAMPLES} samples or more each, or give the period."
+            f"record (best correlation {best.max():.2f}, in {names[int(best.argmax())]}); check the unit of its time "
+            f"column, record at least two whole beats of {limit.FEWEST_SAMPLES} samples or more each, or give the "
+            "period."
         )
     scores = [float((each.alike / best)[votes].min()) for each in tried]
     lags = [each.lag for each, score in zip(tried, scores, strict=True) if score >= min(limit.GOES_ON, max(scores))]
