@@ -392,7 +392,7 @@ def test_two_columns_of_one_title(tmp_path: Path) -> None:
     check(read(tmp_path, content, names={"4": ""}))
 
 
-@pytest.mark.parametrize("mark", ["--", "-", "NA", "n/a", "#N/A", "null", "***"])
+@pytest.mark.parametrize("mark", ["--", "-", "NA", "n/a", "#N/A", "#DIV/0!", "#NV", "null", "***"])
 @pytest.mark.parametrize("remark", ["", " # remark"], ids=["at once", "cell by cell"])
 def test_marks_of_gaps(tmp_path: Path, mark: str, remark: str) -> None:
     """What programs write for no value is a gap, in the first sample, too."""

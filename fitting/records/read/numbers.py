@@ -20,7 +20,9 @@ from .table import Array, Fault, Place
 
 _SMALL = 1 << 21  # bytes, which NumPy reads in less time than the import of polars takes
 COMMENT = ("#", "%", "//")
-_EMPTY = ("NA", "N/A", "n/a", "#N/A", "null", "NULL", "None")  # for a gap
+# errors of a spreadsheet, in English and in German
+_ERRORS = ("#N/A", "#DIV/0!", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!", "#NV", "#BEZUG!", "#WERT!", "#ZAHL!")
+_EMPTY = ("NA", "N/A", "n/a", *_ERRORS, "null", "NULL", "None")  # for a gap
 MISSING = (*_EMPTY, "-", "--", "---", "...", "*", "**", "***", "-?-", "-.-", "?", "???")
 _NUMBER = re.compile(
     r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?)|nan|", re.IGNORECASE | re.ASCII
@@ -120,10 +122,12 @@ def slowly(
 
 _BEGINS = re.compile(r"\s*[\"'+\-.,;\t\d]|\s*(?:nan|inf)\b", re.IGNORECASE)  # of a line that may be a sample
 
+_REMARK = re.compile(rf"#(?!(?:{'|'.join(re.escape(each[1:]) for each in _ERRORS)})(?:[,;\s]|$))")
+
 
 def without_remark(line: str) -> str:
-    """A line up to the # of a remark, which that of #N/A is not."""
-    return re.split(r"#(?!N/A)", line, maxsplit=1)[0]
+    """A line up to the # of a remark, which that of a spreadsheet's error is not."""
+    return _REMARK.split(line, maxsplit=1)[0]
 
 
 def _samples(lines: Sequence[str], start: int, separator: str, width: int, at: list[int]) -> Iterator[str]:
