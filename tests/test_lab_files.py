@@ -484,6 +484,28 @@ def test_a_comma_that_may_group_thousands_is_asked(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("blank", ["\u00a0", "\u202f"])
+def test_fixed_blanks_group_thousands(tmp_path: Path, blank: str) -> None:
+    """As a French spreadsheet writes them, in the first sample, too."""
+    P = [f"{p * MMHG:,.4f}".replace(",", blank).replace(".", ",") for p in P_MMHG]
+    lines = [f"{t:.3f};{p};{r:.8f}".replace(".", ",") for t, p, r in zip(TIME, P, R_MM, strict=True)]
+    check(read(tmp_path, "\n".join(["Temps [s];AA.P [Pa];AA.R [mm]", *lines])))
+
+
+@pytest.mark.parametrize(
+    ("cell", "advice"),
+    [
+        ("1.014,5", "if its point groups thousands, say --decimal comma"),
+        ("1 014,5", "export it without what groups its digits by thousands"),
+    ],
+)
+def test_grouped_digits_are_refused_with_what_helps(tmp_path: Path, cell: str, advice: str) -> None:
+    """Points and blanks between digits, beyond the lines that decide."""
+    lines = rows(";", ",")
+    lines[900] = f"{lines[900].partition(';')[0]};{cell};9,0"
+    assert advice in refused(tmp_path, "\n".join(["time [s];AA.P [mmHg];AA.R [mm]", *lines]))
+
+
 def test_marks_that_change_are_refused_where_they_do(tmp_path: Path) -> None:
     """A point among decimal commas, beyond the lines that decide: line and column."""
     lines = rows(";", ",")

@@ -68,7 +68,9 @@ def _prepared(lines: list[str], form: Layout) -> list[str]:
 
 
 def _lines(text: str) -> list[str]:
-    """Lines, without the single quotes of a file that begins with one, nor the date in them, as rdsamp writes them."""
+    """Lines, without the single quotes of a file that begins with one, nor the date in them, as rdsamp writes them, and
+    without the fixed blanks that group digits by thousands in French."""
+    text = re.sub(r"(?<=\d)[\u00a0\u202f](?=\d{3}(?!\d))", "", text)
     if text.startswith("'"):
         text = re.sub(r"'(?:\[(\S+)[^\]'\n]*\]|([^'\n]*))'", r"\1\2", text)
     return re.split(r"\r\n|\r|\n", text)
