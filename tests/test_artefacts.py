@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fitting.records.alignment.align import align
-from fitting.records.read.artefacts import without_codes, without_still
+from fitting.records.read.artefacts import without_codes, without_hum, without_still
 from fitting.records.read.record import read_record, write_record
 from fitting.records.read.sensors import UnusableRecord
 from fitting.records.read.table import Place
@@ -115,3 +115,35 @@ def test_codes() -> None:
         wrong = P.copy()
         wrong[: len(others)] = np.array(others) * MMHG
         assert without_codes(wrong, "AA.P", MMHG) == (wrong, ())
+
+
+@pytest.mark.parametrize(("f", "amplitude"), [(50.0, 2.0), (60.1, 5.0), (49.8, 0.5), (100.0, 2.0)])
+def test_hum_is_subtracted(f: float, amplitude: float) -> None:
+    """Beats of one length and of others, with a gap: what is left of it is a twentieth at most, and the rest is as it
+    was. At 250 Hz, near the fastest line that it can show, too."""
+    for wander in (0.0, 0.02):
+        P = pressure(TIME + wander * np.sin(2.0 * np.pi * TIME / 4.3))
+        P[4000:5000] = np.nan
+        found, said = without_hum(P + amplitude * MMHG * np.sin(2.0 * np.pi * f * TIME + 0.4), "AA.P", DT)
+        assert np.nanstd(found - P) < 0.05 * amplitude * MMHG and (np.isnan(found) == np.isnan(P)).all()
+        assert said[0].startswith(f"AA.P has hum of the mains, {amplitude:.2g} mmHg at ")
+
+
+@pytest.mark.parametrize("period", [0.8, 0.1, 0.5, 1.7, 0.73])
+def test_a_beat_is_no_hum(period: float) -> None:
+    """Of beats of one length a harmonic may be at 50 or 60 Hz: the record stays as it is, bit by bit."""
+    for x in (pressure(period=period), pressure(period=period) + 0.5 * MMHG):
+        found, said = without_hum(x, "AA.P", DT)
+        assert found is x and said == ()
+
+
+def test_hum_is_no_catheter_that_rings(tmp_path: Path) -> None:
+    """The mean beat of a file with hum in every channel is that of the file without."""
+    t = TIME + 0.02 * np.sin(2.0 * np.pi * TIME / 4.3)
+    channels = {"inlet.Q": np.maximum(np.sin(2.0 * np.pi * t / T), 0.0) * 400e-6, "AA.P": pressure(t)}
+    hum = np.sin(100.0 * np.pi * TIME + 0.4)
+    means = []
+    for size in (0.0, 0.1):
+        write_record(tmp_path / "hum.csv", TIME, {n: x + size * np.ptp(x) * hum for n, x in channels.items()})
+        means.append(align(read_record(tmp_path / "hum.csv")).mean("AA.P"))
+    assert len(means[0]) == len(means[1]) and np.std(means[1] - means[0]) < 0.1 * MMHG

@@ -119,6 +119,12 @@ BEYOND = 0.5  # of the range, by which a level lies outside what beats reach
 STEEP_FOR, JUMP = 0.05, 0.5  # [s] in which a level is reached, from this part of the range away: a pulse falls slower
 AROUND = 0.3  # [s] on either side that go with it: the line rings
 
+# --- hum of the mains ---
+MAINS, HUMS = (50.0, 60.0), 3  # [Hz], and its harmonics that are looked for
+MAINS_OFF = 0.01  # of its frequency, by EN 50160, within which it is for 99.5 % of a year
+HUM_FOLLOWED = 4.0  # [s] in which it may change: a Hann window takes 97 % of what is 0.05 Hz off, and of the beats what
+# is within 0.5 Hz of it, where by AS_MUCH they have less than half its amplitude
+
 # --- what arteries of mammals have ---
 HIGHEST_MEAN = 300.0 * MMHG  # mmHg read as kPa make any mean above 40 mmHg exceed it
 PULSE = (2.0 * MMHG, 200.0 * MMHG)  # mmHg read as Pa make 15 to 150 mmHg 0.1 to 1.1

@@ -1,7 +1,8 @@
-"""Samples at which a sensor did not measure the artery: while it was flushed, zeroed or calibrated, and codes for none.
+"""What a sensor recorded beside the artery: while it was flushed, zeroed or calibrated, codes for none, and hum.
 
 A line that is flushed or open to the air stands still for longer than any beat does, and it gets there in a jump, where
-a beat declines. A code, such as -999, is one and the same impossible number wherever it stands. Both become gaps.
+a beat declines. A code, such as -999, is one and the same impossible number wherever it stands. Both become gaps. The
+hum of the mains is one line of the spectrum, where beats have one for each of their harmonics. It is subtracted.
 """
 
 from __future__ import annotations
@@ -70,6 +71,63 @@ def without_still(values: Array, name: str, dt: float, place: Place) -> tuple[Ar
     if share > 0.5:
         raise UnusableRecord(f"{place}: {where}, most of the record; cut the file to where it was measured.")
     return found, (f"{where}, as a sensor that is flushed, zeroed or dead: these samples were taken for gaps.",)
+
+
+def without_hum(values: Array, name: str, dt: float) -> tuple[Array, tuple[str, ...]]:
+    """A channel without the hum of the mains and its harmonics, where there is any, and what was done. dt [s].
+
+    Left in, it would time upstrokes, and would be no noise of the mean beat, which is estimated from neighbouring
+    harmonics: hum is in one of them.
+    """
+    there, said = ~np.isnan(values), list[str]()
+    x = values if there.all() else np.interp(np.arange(len(values)), np.flatnonzero(there), values[there])
+    for usual in sorted(k * mains for mains in limit.MAINS for k in range(1, limit.HUMS + 1)):
+        f = _line(x, usual, dt)
+        if f is None:
+            continue
+        hum = _hum(x, there, f, dt)
+        x = x - hum
+        unit, shown = of_signal(name)
+        said.append(f"{shown * np.sqrt(2.0 * np.mean(hum[there] ** 2)):.2g} {unit} at {f:.4g} Hz")
+    if not said:
+        return values, ()
+    return np.where(there, x, np.nan), (f"{name} has hum of the mains, {' and '.join(said)}: it was subtracted.",)
+
+
+def _line(x: Array, f: float, dt: float) -> float | None:
+    """The frequency of a line near f [Hz], None if there is none: it has AS_MUCH times the power of any other within
+    the rate of the fastest heart, for of beats the next harmonics are nearly as high."""
+    n = min(len(x), round(limit.SCREENED / dt))
+    part = x[(len(x) - n) // 2 :][:n]
+    power = np.abs(np.fft.rfft((part - part.mean()) * np.hanning(n))) ** 2
+    at = np.fft.rfftfreq(n, dt)
+    off, near = np.abs(at - f), max(limit.MAINS_OFF * f, 2.0 / (n * dt))  # the window makes lines two bins wide
+    line, others = off <= near, (off > 2.0 * near) & (off <= 1.0 / limit.SHORTEST + 2.0 * near)
+    if f > 0.5 / dt - near or not others.any():
+        return None
+    top = int(np.where(line, power, -1.0).argmax())
+    return float(at[top]) if power[top] > limit.AS_MUCH * float(power[others].max()) else None
+
+
+def _hum(x: Array, there: Array, f: float, dt: float) -> Array:
+    """The hum of x : (n,) at f [Hz], 0 in gaps. there : where x is none.
+
+    Its amplitude and phase are the means of exp(-i 2 pi f t) times x, less the mean of x over a cycle, in a Hann window
+    of HUM_FOLLOWED.
+    """
+    from scipy.signal import oaconvolve  # takes half a second
+
+    number = np.arange(len(x))
+    turn = np.exp(-2j * np.pi * f * dt * number)
+    half = max(1, round(0.5 / (f * dt)))
+    cycle = np.concatenate([[0.5], np.ones(2 * half - 1), [0.5]]) / (2.0 * half)
+    kept = 1.0 - float(np.real(cycle @ turn[: len(cycle)] * turn[half].conj()))  # of the hum: 1 for a whole cycle
+    fast = x - oaconvolve(np.pad(x, half, mode="reflect"), cycle, mode="valid")
+    part = min(round(limit.HUM_FOLLOWED / dt), len(x) // 2)
+    window = np.hanning(2 * (part // 2) + 3)[1:-1]
+    level = oaconvolve(np.where(there, fast, 0.0) * turn, window, mode="same")
+    weight = np.maximum(oaconvolve(there.astype(float), window, mode="same"), 1.0)  # each sample has its own, 1
+    return np.where(there, 2.0 / kept * np.real(level * turn.conj()) / weight, 0.0)
 
 
 def _range(x: Array, n: int) -> Array:

@@ -24,7 +24,7 @@ from solver.network.files import write_whole
 from solver.quantities.units import of_signal
 
 from .. import limits as limit
-from .artefacts import without_codes, without_still
+from .artefacts import without_codes, without_hum, without_still
 from .columns import Chosen, Reading, choose
 from .kinds import read_table
 from .sensors import (
@@ -215,7 +215,9 @@ def _one(
                 f"{place}: column {title!r}: the channel is constant ({shown * constant:.6g} {unit}), it does not "
                 f'pulsate; check the sensor, or leave it out: --map "{title}=".'
             )
-    channels = {name: axis.of(values) for name, values in channels.items()}
+    for name in channels:
+        channels[name], hum = without_hum(axis.of(channels[name]), name, axis.dt)
+        said += hum
     return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, said)
 
 
