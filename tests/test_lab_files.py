@@ -392,6 +392,18 @@ def test_two_columns_of_one_title(tmp_path: Path) -> None:
     check(read(tmp_path, content, names={"4": ""}))
 
 
+def test_columns_of_one_title_are_asked_for_by_number(tmp_path: Path) -> None:
+    """The options that are proposed can be given together, and one by the title names those by number."""
+    lines = [f"{line},{line.rpartition(',')[2]}" for line in rows(",", ".")]
+    content = "\n".join(["time [s],Pressure [mmHg],Radius [mm],Radius [mm]", *lines])
+    said = refused(tmp_path, content)
+    assert '--map "Pressure [mmHg]=Ao.P" --map "3=Ao.R" --map "4=site2.R"' in said
+    found = preview(tmp_path / "record.txt", Reading())
+    assert '--map "3=Ao.R"' in "".join(preview_questions(found)) and '--map "Radius' not in str(found)
+    assert 'by its number, --map "3=AA.R" or --map "4=AA.R"' in refused(tmp_path, content, names={"Radius": "AA.R"})
+    check(read(tmp_path, content, names={"Pressure": "AA.P", "3": "AA.R"}))
+
+
 @pytest.mark.parametrize("mark", ["--", "-", "NA", "n/a", "#N/A", "#DIV/0!", "#NV", "null", "***"])
 @pytest.mark.parametrize("remark", ["", " # remark"], ids=["at once", "cell by cell"])
 def test_marks_of_gaps(tmp_path: Path, mark: str, remark: str) -> None:

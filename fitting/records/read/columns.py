@@ -132,10 +132,10 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         refuse(place, None, times[1][0].title, f'{titles} are both a time; leave one out: --map "{times[1][0].title}="')
     titles_ = [column.title for column in columns]
     _check_cells(times[0][0], place)
-    _check_names([column for column, target in wanted if _unknown(column, target)], place)
+    _check_names([column for column, target in wanted if _unknown(column, target)], columns, place)
     found = [_chosen(column, target, titles_, place) for column, target in wanted if target[0] != "time"]
     if not found:
-        _check_names([column for column in columns if column is not times[0][0]], place)
+        _check_names([column for column in columns if column is not times[0][0]], columns, place)
         raise InputError(
             f'{place}: there is no channel beside the time; name one "AA.P [mmHg]", or say which column it is: '
             '--map "Pressure (mmHg)=AA.P".'
@@ -144,8 +144,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         for other in found[:i]:
             if other.name == each.name:
                 both = "a name twice" if other.kind is each.kind else "R and D of one site"
-                same = other.column.title == each.column.title
-                this = next(i for i, c in enumerate(columns, 1) if c is each.column) if same else each.column.title
+                this = _called(each.column, columns)
                 why = f'{both}; keep one of the two columns, --map "{this}=" leaves this one out'
                 refuse(place, None, each.column.title, why)
     return _chosen(*times[0], titles_, place), found
@@ -174,7 +173,8 @@ def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
             elif not table.titled and not reading.names:
                 found.append((False, "a column without a title"))
             elif asked.get(id(column)):
-                found.append((False, f'say what it is, such as --map "{column.title}={asked[id(column)]}"'))
+                option = f'--map "{_called(column, table.columns)}={asked[id(column)]}"'
+                found.append((False, f"say what it is, such as {option}"))
             else:
                 each = _chosen(column, target, titles, table.place)
                 found.append((True, "time" if each.name == "time" else f"{each.name}, a {each.kind.noun}"))
@@ -202,7 +202,10 @@ def _targets(
     for title, variable in reading.names.items():
         there = _columns(columns, title)
         if len(there) != 1 and strict:
-            what = "no column has this title or number" if not there else f"{len(there)} columns have this title"
+            what = "no column has this title or number"
+            if there:
+                numbers = " or ".join(f'--map "{i + 1}={variable}"' for i in there)
+                what = f"{len(there)} columns have this title; say which by its number, {numbers}"
             raise InputError(
                 f'{place}: --map "{title}={variable}": {what}; the columns are '
                 f"{', '.join(repr(column.title) for column in columns)}."
@@ -267,11 +270,18 @@ def _unknown(column: Column, target: tuple[str, str]) -> bool:
     return target[0] != "time" and _kind(target[0]) is None and target[0] == name_and_unit(column.title)[0]
 
 
-def _check_names(unknown: Sequence[Column], place: Place) -> None:
+def _called(column: Column, columns: Sequence[Column]) -> str:
+    """What an option calls a column: its title, or its number if others have that title, too."""
+    if sum(each.title == column.title for each in columns) == 1:
+        return column.title
+    return str(next(i for i, each in enumerate(columns, start=1) if each is column))
+
+
+def _check_names(unknown: Sequence[Column], columns: Sequence[Column], place: Place) -> None:
     """Raise InputError with the options for all of them, if several columns have titles that are no variables."""
     if len(unknown) < 2:
         return
-    maps = [f'--map "{c.title}={target}"' for c, target in zip(unknown, proposed(unknown), strict=True)]
+    maps = [f'--map "{_called(c, columns)}={target}"' for c, target in zip(unknown, proposed(unknown), strict=True)]
     titles = ", ".join(repr(column.title) for column in unknown)
     speeds = [(c.title, unit) for c in unknown if is_velocity(unit := name_and_unit(c.title)[1] or c.unit)]
     speed = f"; {of_velocity(speeds[0][0], INFLOW, speeds[0][1])}" if speeds else ""
