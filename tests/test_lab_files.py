@@ -392,6 +392,15 @@ def test_two_columns_of_one_title(tmp_path: Path) -> None:
     check(read(tmp_path, content, names={"4": ""}))
 
 
+def test_volts_are_asked_for_their_calibration(tmp_path: Path) -> None:
+    """What one volt is, as the unit; an ECG beside is left out."""
+    content = text({"time [s]": TIME, "Pressure [V]": P_MMHG / 50.0, "ECG [V]": 0.0 * TIME, "Radius [mm]": R_MM})
+    asked = "give what one V is as its unit, [50 mmHg] if that is 50 mmHg, or [mmHg] if it was calibrated"
+    assert asked in refused(tmp_path, content)
+    assert asked in refused(tmp_path, content, names={"Pressure": "AA.P", "Radius": "AA.R"})
+    check(read(tmp_path, content, names={"Pressure": "AA.P [50 mmHg]", "Radius": "AA.R"}))
+
+
 def test_columns_of_one_title_are_asked_for_by_number(tmp_path: Path) -> None:
     """The options that are proposed can be given together, and one by the title names those by number."""
     lines = [f"{line},{line.rpartition(',')[2]}" for line in rows(",", ".")]

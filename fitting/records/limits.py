@@ -31,7 +31,8 @@ RANGE = (0.05, 0.95)  # quantiles of a beat whose distance is its pulse: spikes 
 NO_PULSE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
 UNLIKE, USUAL = 0.35, 6.0  # of the pulse, and times as much as usual: a beat that differs by both is not used
 MISSING = 3  # such beats in a row that do not end a stretch
-ODD, VISIBLE = 5.0, 1e-3  # times as much as usual, and of the pulse: a beat that differs by both is named
+ODD, VISIBLE = 5.0, 1e-3  # times as much as usual, and of the pulse: a beat that differs by both is named, and hum of
+# that is subtracted
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval, and about which samples are spikes
 FEWEST_SAMPLES = 8  # of a beat, and of a record
 

@@ -77,7 +77,7 @@ def without_hum(values: Array, name: str, dt: float) -> tuple[Array, tuple[str, 
     """A channel without the hum of the mains and its harmonics, where there is any, and what was done. dt [s].
 
     Left in, it would time upstrokes, and would be no noise of the mean beat, which is estimated from neighbouring
-    harmonics: hum is in one of them.
+    harmonics: hum is in one of them. What no beat shows stays.
     """
     there, said = ~np.isnan(values), list[str]()
     x = values if there.all() else np.interp(np.arange(len(values)), np.flatnonzero(there), values[there])
@@ -86,9 +86,12 @@ def without_hum(values: Array, name: str, dt: float) -> tuple[Array, tuple[str, 
         if f is None:
             continue
         hum = _hum(x, there, f, dt)
+        size, (low, high) = float(np.sqrt(2.0 * np.mean(hum[there] ** 2))), np.quantile(x[there], limit.RANGE)
+        if size < limit.VISIBLE * (high - low):
+            continue
         x = x - hum
         unit, shown = of_signal(name)
-        said.append(f"{shown * np.sqrt(2.0 * np.mean(hum[there] ** 2)):.2g} {unit} at {f:.4g} Hz")
+        said.append(f"{shown * size:.2g} {unit} at {f:.4g} Hz")
     if not said:
         return values, ()
     return np.where(there, x, np.nan), (f"{name} has hum of the mains, {' and '.join(said)}: it was subtracted.",)
@@ -101,9 +104,10 @@ def _line(x: Array, f: float, dt: float) -> float | None:
     part = x[(len(x) - n) // 2 :][:n]
     power = np.abs(np.fft.rfft((part - part.mean()) * np.hanning(n))) ** 2
     at = np.fft.rfftfreq(n, dt)
-    off, near = np.abs(at - f), max(limit.MAINS_OFF * f, 2.0 / (n * dt))  # the window makes lines two bins wide
+    off, near = np.abs(at - f), limit.MAINS_OFF * f
     line, others = off <= near, (off > 2.0 * near) & (off <= 1.0 / limit.SHORTEST + 2.0 * near)
-    if f > 0.5 / dt - near or not others.any():
+    # of less than HUM_FOLLOWED a line is wider than that: a Hann window makes it two bins of 1/(n dt)
+    if f > 0.5 / dt - near or n * dt < limit.HUM_FOLLOWED or not others.any():
         return None
     top = int(np.where(line, power, -1.0).argmax())
     return float(at[top]) if power[top] > limit.AS_MUCH * float(power[others].max()) else None

@@ -18,7 +18,18 @@ from solver.quantities.units import INFLOW
 from .sensors import KINDS, TIME, Kind
 from .table import Column, Place, Table, refuse
 from .titles import advice as advised
-from .titles import between_samples, counts, factor, is_time, is_velocity, name_and_unit, of_velocity, proposed
+from .titles import (
+    between_samples,
+    counts,
+    factor,
+    is_time,
+    is_velocity,
+    is_voltage,
+    name_and_unit,
+    of_velocity,
+    of_voltage,
+    proposed,
+)
 
 _EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]", "FA.P [mmHg]")
 _START = "start"
@@ -285,6 +296,9 @@ def _check_names(unknown: Sequence[Column], columns: Sequence[Column], place: Pl
     titles = ", ".join(repr(column.title) for column in unknown)
     speeds = [(c.title, unit) for c in unknown if is_velocity(unit := name_and_unit(c.title)[1] or c.unit)]
     speed = f"; {of_velocity(speeds[0][0], INFLOW, speeds[0][1])}" if speeds else ""
+    volts = [unit for c, m in zip(unknown, maps, strict=True)
+             if is_voltage(unit := name_and_unit(c.title)[1] or c.unit) and not m.endswith('="')]  # fmt: skip
+    speed += f"; where the unit is {volts[0]}, {of_voltage(volts[0], KINDS['P'])}" if volts else ""
     raise InputError(
         f"{place}: {titles} are no channels; allowed are {CHANNELS}, with any name of a site, and inlet.Q, the flow "
         f"into the arteries; say which is which, such as {' '.join(maps)} (an empty name leaves a column out: "
@@ -315,6 +329,8 @@ def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str],
     fits = next((each for each in (*KINDS.values(), TIME) if factor(unit, each) is not None), None)
     what = f"the unit {unit} is that of a {fits.noun}" if fits else f"the unit {unit} is not known or of another kind"
     advice = f"write a unit of {kind.noun}, such as [{kind.example}]"
+    if is_voltage(unit):
+        what, advice = f"the unit {unit} is that of a voltage", of_voltage(unit, kind)
     if kind is KINDS["Q"] and is_velocity(unit):
         what, advice = f"the unit {unit} is that of a velocity", of_velocity(title, name, unit)
     if fits and _swapped(name, titles, kind):

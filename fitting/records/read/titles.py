@@ -121,7 +121,7 @@ def _letter(name: str, unit: str) -> str:
     units = [letter for letter, kind in KINDS.items() if unit and factor(unit, kind) is not None]
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)  # AoDiam
     words = [letter for letter, spelled in _WORDS.items() if spelled.search(name) or spelled.search(apart)]
-    volts = unit.strip() in ("V", "mV")  # the range of a converter, as LabChart prints it
+    volts = is_voltage(unit)
     if (unit and not units and not volts) or _OTHER.search(name):
         return ""
     return next((each for each in words if not units or each in units), units[0] if units else "" if volts else "P")
@@ -152,6 +152,17 @@ def is_velocity(unit: str) -> bool:
         return "/" in unit and base_units(unit) == base_units("m/s")
     except InputError:
         return False
+
+
+def is_voltage(unit: str) -> bool:
+    """Whether a unit is that of a signal that is not calibrated, or of a converter's range, as LabChart prints it."""
+    return unit.strip() in ("V", "mV")
+
+
+def of_voltage(unit: str, kind: Kind) -> str:
+    """What to say of a column of volts that are a pressure, a flow or a length."""
+    given = f"[50 {kind.example}] if that is 50 {kind.example}"
+    return f"give what one {unit} is as its unit, {given}, or [{kind.example}] if it was calibrated"
 
 
 def of_velocity(title: str, name: str, unit: str) -> str:
