@@ -392,6 +392,15 @@ def test_two_columns_of_one_title(tmp_path: Path) -> None:
     check(read(tmp_path, content, names={"4": ""}))
 
 
+def test_a_channel_with_times_of_its_own(tmp_path: Path) -> None:
+    """Every fifth sample, one below the other beside times of its own: refused, not read by the other times."""
+    rest = [f",{t:.3f},{r:.8f}" for t, r in zip(TIME[::5], R_MM[::5], strict=True)] + [",,"] * len(TIME)
+    lines = [f"{t:.3f},{p:.8f}{end}" for t, p, end in zip(TIME, P_MMHG, rest, strict=False)]
+    said = refused(tmp_path, "\n".join(["Time P [s],AA.P [mmHg],Time R [s],AA.R [mm]", *lines]),
+                   names={"Time P": "time"})  # fmt: skip
+    assert "column 'AA.R [mm]': it ends where the times of 'Time R [s]' do" in said and "--with" in said
+
+
 def test_volts_are_asked_for_their_calibration(tmp_path: Path) -> None:
     """What one volt is, as the unit; an ECG beside is left out."""
     content = text({"time [s]": TIME, "Pressure [V]": P_MMHG / 50.0, "ECG [V]": 0.0 * TIME, "Radius [mm]": R_MM})

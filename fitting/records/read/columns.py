@@ -158,7 +158,24 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
                 this = _called(each.column, columns)
                 why = f'{both}; keep one of the two columns, --map "{this}=" leaves this one out'
                 refuse(place, None, each.column.title, why)
+    _check_clocks(times[0][0], found, columns, place)
     return _chosen(*times[0], titles_, place), found
+
+
+def _check_clocks(clock: Column, chosen: Sequence[Chosen], columns: Sequence[Column], place: Place) -> None:
+    """Raise InputError for a channel that ends where another column of times does, before the time that was chosen."""
+    ends = {id(column): int(np.flatnonzero(~np.isnan(column.values)).max(initial=-1)) for column in columns}
+    for other in columns:
+        if other is clock or not 0 <= ends[id(other)] < ends[id(clock)]:
+            continue
+        timed = replace(other, values=other.values[: ends[id(other)] + 1])
+        for each in chosen:
+            if may_be_time(timed) and each.column is not other and ends[id(each.column)] == ends[id(other)]:
+                why = (
+                    f"it ends where the times of {other.title!r} do, and is of these; write both to a file of their "
+                    "own, and give that beside this one with --with"
+                )
+                refuse(place, None, each.column.title, why)
 
 
 def which_is_which(n: int, timed: bool = True) -> str:
