@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 import arterial_fmu.cli.discover
 import arterial_fmu.cli.fit
 from fitting.records.alignment.align import align
+from fitting.records.read import numbers
 from fitting.records.read.columns import Reading
 from fitting.records.read.preview import preview, preview_questions
 from fitting.records.read.record import Record, read_record
@@ -197,6 +198,16 @@ def test_comments_units_below_and_savetxt(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "s.txt", np.column_stack([TIME, P_MMHG, R_MM]), delimiter=",",
                header="time [s],AA.P [mmHg],AA.R [mm]")  # fmt: skip
     check(read_record(tmp_path / "s.txt"), 1e-7)
+
+
+@pytest.mark.parametrize("mark", [".", ","])
+def test_a_remark_costs_no_look_at_every_cell(tmp_path: Path, mark: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One in a file of LabChart, and the lines of a further block: the rest is read as fast as without."""
+    lines = rows("\t", mark)
+    lines[300] += "\t#* infusion"
+    head = [f"Interval=\t0{mark}005 s", "ChannelTitle=\tAA.P\tAA.R", "UnitName=\tmmHg\tmm"]
+    monkeypatch.setattr(numbers, "_number", None)
+    check(read(tmp_path, "\n".join([*head, *lines[:500], *head, *lines[500:]])))
 
 
 def clock(start: float, t: float, mark: str) -> str:

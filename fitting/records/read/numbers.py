@@ -97,6 +97,15 @@ def slowly(
     start = place.lines[0]
     numbers, where, at = array("d"), list[int](), [start - 1]
     faults: list[Fault | None] = [None] * len(titles)
+    samples, stand = list[str](), list[int]()
+    for line in _samples(lines, start, separator, len(titles), at):
+        samples.append(line)
+        stand.append(at[0])
+    columns = quickly("".join(samples).encode(), 0, len(titles), separator, mark)  # comments were all that stood by
+    if columns is not None and len(columns[0]) == len(stand):
+        return columns, stand, faults
+    del samples, stand, columns
+    at = [start - 1]
     rows = csv.reader(_samples(lines, start, separator, len(titles), at), strict=True, delimiter=separator)
     try:
         for row in rows:
