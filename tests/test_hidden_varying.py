@@ -142,7 +142,8 @@ def test_held_out_beats_are_compared_under_the_fitted_flow() -> None:
     assert isinstance(problem, NetworkProblem)
     fitted, others = (problem.repeated(part, study.fitted, K)[1:] for part in (study.fitted, study.held_out))
     as_recorded = problem.held_out(study.held_out, study.fitted).target.X[1:]
-    variance = problem.noise[1:] * (1.0 + study.fitted.n_beats / study.held_out.n_beats)
+    noise = np.einsum("kii->ki", problem.noise(study.fitted, study.fitted)).real
+    variance = noise[1:] * (1.0 + study.fitted.n_beats / study.held_out.n_beats)
     rms = [np.sqrt(np.mean(np.abs(X - fitted) ** 2 / variance)) for X in (others, as_recorded)]
     assert rms[0] == pytest.approx(1.2, abs=0.1) and rms[1] == pytest.approx(7.2, abs=0.3)
 

@@ -12,7 +12,6 @@ from fitting.inference.fit import Array
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels.amounts import changes, sizes
 from fitting.records.channels.noise import pulses
-from fitting.records.channels.wander import correlation_of_means, mean_wander
 from solver.quantities.legible import number
 
 from .. import thresholds as at
@@ -75,32 +74,26 @@ def stated_error(study: Study) -> Array:
 
 @dataclass(frozen=True)
 class _Units:
-    """The noise of the mean of some beats, with or without an error of the model.
+    """covariance : (K+1, m, m) of the mean of some beats about a free run, with or without an error of the model."""
 
-    variance : (K+1, m) of each coefficient. means : covariance (m, m) of the means (k = 0), which breathing and drift
-    move together.
-    """
-
-    variance: Array
-    means: Array
+    covariance: Array
 
     @classmethod
     def of(cls, study: Study, part: Beats, K: int, error: Array | float = 0.0) -> _Units:
         """From the noise of the fitted beats. error : standard deviation (m,) of the model's."""
-        names = study.problem.signals
-        variance = study.problem.noise[: K + 1] * (study.fitted.n_beats / part.n_beats)
-        if part is not study.fitted:
-            variance[0] = np.maximum(variance[0], np.diag(mean_wander(part, study.fitted, names)))
-        variance = np.maximum(variance, 1e-300)
-        sd, moved = np.sqrt(variance[0]), correlation_of_means(study.held_out, study.fitted, names)
-        return cls(variance + error**2, sd[:, None] * moved * sd + np.diag(np.broadcast_to(error, len(names)) ** 2))
+        own = study.problem.noise(part, study.fitted)[: K + 1]
+        return cls(own + np.diag(np.broadcast_to(error, own.shape[-1]) ** 2))
+
+    @property
+    def variance(self) -> Array:
+        """(K+1, m) of each coefficient."""
+        return np.einsum("kii->ki", self.covariance).real
 
     def weighted(self, D: Array) -> Array:
         """w C⁻¹ D of differences D : (K+1, m)."""
-        found = _weights(len(D) - 1) * D / self.variance
-        sd = np.sqrt(np.diag(self.means))
-        found[0] = np.linalg.solve(self.means / sd[:, None] / sd, D[0] / sd) / sd
-        return found
+        sd = np.sqrt(self.variance)
+        correlation = self.covariance / sd[:, :, None] / sd[:, None, :]
+        return _weights(len(D) - 1) * np.linalg.solve(correlation, (D / sd)[..., None])[..., 0] / sd
 
     def power(self, D: Array) -> Array:
         """(K+1,) contributions of harmonics to χ²."""
@@ -132,7 +125,7 @@ def fall(study: Study, before: Array, after: Array) -> tuple[float, float]:
         scatter += float(((each - each.mean()) ** 2).sum())
         free += len(each) - 1
     own = float((0.5 * np.abs(slope[1:]) ** 2 @ stated**2).sum())  # of a complex coefficient, half in its real part
-    means = float((slope[0].conj() @ units.means @ slope[0]).real)
+    means = float((slope[0].conj() @ units.covariance[0] @ slope[0]).real)
     return value, math.sqrt(scatter / free / study.held_out.n_beats + own + means)
 
 

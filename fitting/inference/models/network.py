@@ -26,7 +26,6 @@ from ...records.channels.noise import (
     inflow_noise,
     mean_beat,
     pulses,
-    sensor_noise,
     solver_error,
     steady_beats,
     under_drive_of,
@@ -159,11 +158,10 @@ class NetworkProblem(Single):
         if X is None:
             return self.measured_wave(beats)
         gain, offset = meter(fit.member, self.K + 1, self.simulator.T)
-        S = inflow_noise(beats, self.signals, self.response, self.felt)
         gain = gain * undone(self.network, INFLOW, self.simulator.drive)[: self.K + 1]
         full = np.fft.rfft(beats.mean(INFLOW), norm="forward")
-        weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
-        full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
+        weighted = np.linalg.solve(self.target.covariance, (self.target.X - X)[..., None])[..., 0]
+        full[: self.K + 1] += self._inflow_noise * np.einsum("ki,ki->k", self.response.conj(), weighted)
         full[0] -= offset
         full[: self.K + 1] /= gain
         return np.fft.irfft(full, beats.N, norm="forward")
@@ -190,8 +188,17 @@ class NetworkProblem(Single):
         return Drive(INFLOW)
 
     @property
-    def noise(self) -> Array:
-        return sensor_noise(self.beats, self.signals, self.response, self.felt)
+    def _inflow_noise(self) -> Array:
+        """(K+1,) variance of the mean inflow's coefficients, at most what the covariance C of the channels contains:
+        C - S H H† has no negative eigenvalue if S H† C⁻¹ H <= 1."""
+        S, H = inflow_noise(self.beats, self.signals, self.response, self.felt), self.response
+        seen = np.einsum("ki,ki->k", H.conj(), np.linalg.solve(self.target.covariance, H[..., None])[..., 0]).real
+        return np.minimum(S, 1.0 / np.maximum(seen, 1e-300))
+
+    def noise(self, beats: Beats, fitted: Beats) -> Array:
+        own, at = (self.exact or self.target).covariance.copy(), np.arange(len(self.signals))
+        own[:, at, at] -= self.error**2
+        return own if beats is fitted else of_other_beats(own, 0.0 * self.error, beats, fitted, self.signals)
 
     def covariance(self, beats: Beats) -> Array:
         """(K+1, m, m) of sensors, inflow, solver and network."""
