@@ -196,8 +196,7 @@ class NetworkProblem(Single):
         return np.minimum(S, 1.0 / np.maximum(seen, 1e-300))
 
     def noise(self, beats: Beats, fitted: Beats) -> Array:
-        own, at = (self.exact or self.target).covariance.copy(), np.arange(len(self.signals))
-        own[:, at, at] -= self.error**2
+        own = (self.exact or self.target).covariance - self.error[..., None] ** 2 * np.eye(len(self.signals))
         return own if beats is fitted else of_other_beats(own, 0.0 * self.error, beats, fitted, self.signals)
 
     def covariance(self, beats: Beats) -> Array:

@@ -26,7 +26,6 @@ from .. import thresholds as limit
 from ..alignment.beats import Beats
 from .inflow_variability import Felt
 from .spectral import coefficients
-from .wander import joint
 
 Array = np.ndarray
 
@@ -289,9 +288,9 @@ def _scatter(beats: Beats, names: Sequence[str]) -> Array:
     samples (the mean), ν/(ν - 1)/σ² for ν complex ones.
     """
     S, dof = beats.covariance(names), beats.n_beats - 1.0
-    # means that drift are fewer than they look
+    # means that drift are fewer than they look, and two drifts look correlated
     dof_mean = max(1.0, dof / float(np.mean(beats.serial_factors(names))))
-    mean, rest = joint(np.diag(S[0]).real, (beats,), names)[None], _shrunk(S[1:], _POOLED * dof)
+    mean, rest = _shrunk(S[:1], dof_mean), _shrunk(S[1:], _POOLED * dof)
     wider = dof_mean / max(dof_mean - 2.0, dof_mean / 3.0)
     return np.concatenate([mean * wider, rest * _POOLED * dof / (_POOLED * dof - 1.0)])
 

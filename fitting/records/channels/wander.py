@@ -21,23 +21,19 @@ def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
     channels together, such as breathing, does not move their differences (:func:`correlation_of_means`). A beat with
     gaps counts by its samples relative to the mean beat; one without a sample does not count.
     """
-    return joint(np.nanvar(_levels((other, part), names), axis=0), (other, part), names)
+    level = _levels(part, other, names)
+    sd = np.nanstd(level, axis=0)
+    return sd[:, None] * correlation_of_means(part, other, names) * sd
 
 
-def joint(variance: Array, parts: Sequence[Beats], names: Sequence[str]) -> Array:
-    """The covariance (m, m) of means of that variance (m,), with the correlation of those of the beats."""
-    sd = np.sqrt(variance)
-    return np.asarray(sd[:, None] * correlation_of_means(parts, names) * sd)
-
-
-def correlation_of_means(parts: Sequence[Beats], names: Sequence[str]) -> Array:
+def correlation_of_means(part: Beats, other: Beats, names: Sequence[str]) -> Array:
     """Correlation (m, m) that the means of the beats of two channels have at least, with a probability of 95 %.
 
         tanh(artanh |r| - 1.645/√(n - 3)),   n = b (1 - c_i c_j)/(1 + c_i c_j)
 
     of b beats with lag-1 correlations c, by Fisher and Bartlett: two slow drifts look correlated by chance.
     """
-    level = _levels(parts, names)
+    level = _levels(part, other, names)
     level = level[~np.isnan(level).any(axis=1)]
     level = level - level.mean(axis=0)
     size = np.sqrt((level**2).sum(axis=0))
@@ -56,11 +52,11 @@ def correlation_of_means(parts: Sequence[Beats], names: Sequence[str]) -> Array:
     return np.asarray(whole / scale[:, None] / scale)
 
 
-def _levels(parts: Sequence[Beats], names: Sequence[str]) -> Array:
+def _levels(part: Beats, other: Beats, names: Sequence[str]) -> Array:
     """(n, m) deviations of the beats' means from that of all; nan for a beat without a sample."""
 
     def of(name: str) -> Array:
-        beats = np.concatenate([part.values[name] for part in parts])
+        beats = np.concatenate([other.values[name], part.values[name]])
         there = ~np.isnan(beats).all(axis=1)
         found = np.full(len(beats), np.nan)
         found[there] = np.nanmean((beats - np.nanmean(beats, axis=0))[there], axis=1)
