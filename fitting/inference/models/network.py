@@ -160,7 +160,7 @@ class NetworkProblem(Single):
         gain, offset = meter(fit.member, self.K + 1, self.simulator.T)
         gain = gain * undone(self.network, INFLOW, self.simulator.drive)[: self.K + 1]
         full = np.fft.rfft(beats.mean(INFLOW), norm="forward")
-        weighted = np.linalg.solve(self.target.covariance, (self.target.X - X)[..., None])[..., 0]
+        weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
         full[: self.K + 1] += self._inflow_noise * np.einsum("ki,ki->k", self.response.conj(), weighted)
         full[0] -= offset
         full[: self.K + 1] /= gain
@@ -192,7 +192,7 @@ class NetworkProblem(Single):
         """(K+1,) variance of the mean inflow's coefficients, at most what the covariance C of the channels contains:
         C - S H H† has no negative eigenvalue if S H† C⁻¹ H <= 1."""
         S, H = inflow_noise(self.beats, self.signals, self.response, self.felt), self.response
-        seen = np.einsum("ki,ki->k", H.conj(), np.linalg.solve(self.target.covariance, H[..., None])[..., 0]).real
+        seen = np.einsum("ki,kij,kj->k", H.conj(), np.linalg.inv(self.target.covariance), H).real
         return np.minimum(S, 1.0 / np.maximum(seen, 1e-300))
 
     def noise(self, beats: Beats, fitted: Beats) -> Array:
