@@ -160,8 +160,9 @@ class NetworkProblem(Single):
         gain, offset = meter(fit.member, self.K + 1, self.simulator.T)
         gain = gain * undone(self.network, INFLOW, self.simulator.drive)[: self.K + 1]
         full = np.fft.rfft(beats.mean(INFLOW), norm="forward")
-        weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
-        full[: self.K + 1] += self._inflow_noise * np.einsum("ki,ki->k", self.response.conj(), weighted)
+        weights = np.linalg.inv(self.target.covariance)
+        S = inflow_noise(beats, self.signals, self.response, weights, self.felt)
+        full[: self.K + 1] += S * np.einsum("ki,kij,kj->k", self.response.conj(), weights, self.target.X - X)
         full[0] -= offset
         full[: self.K + 1] /= gain
         return np.fft.irfft(full, beats.N, norm="forward")
@@ -186,14 +187,6 @@ class NetworkProblem(Single):
     def driven(self, wave: Array) -> Drive:
         """The inflow."""
         return Drive(INFLOW)
-
-    @property
-    def _inflow_noise(self) -> Array:
-        """(K+1,) variance of the mean inflow's coefficients, at most what the covariance C of the channels contains:
-        C - S H H† has no negative eigenvalue if S H† C⁻¹ H <= 1."""
-        S, H = inflow_noise(self.beats, self.signals, self.response, self.felt), self.response
-        seen = np.einsum("ki,kij,kj->k", H.conj(), np.linalg.inv(self.target.covariance), H).real
-        return np.minimum(S, 1.0 / np.maximum(seen, 1e-300))
 
     def noise(self, beats: Beats, fitted: Beats) -> Array:
         own = (self.exact or self.target).covariance - self.error[..., None] ** 2 * np.eye(len(self.signals))
