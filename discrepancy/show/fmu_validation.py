@@ -1,8 +1,8 @@
 """Validation of a name by FMUs: free runs through fmpy, their gap to the record, and the test of the name.
 
 The FMU is driven by the most probable wave, the inflow or the pressure of a bench, inferred from the whole record and
-not only from its one noisy sensor. The gap is divided by the noise of the sensors: 1 is noise. No effect is named that
-does not shrink the gap to held-out beats. The FMU is the model that inference compared: one model has one gap.
+not only from its one noisy sensor. The gap is divided by the noise of sensors and drive: 1 is noise. No effect is named
+that does not shrink the gap to held-out beats. The FMU is the model that inference compared: one model has one gap.
 """
 
 from __future__ import annotations

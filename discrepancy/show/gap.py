@@ -1,4 +1,8 @@
-"""The gap between a run and a record, in units of the noise: of the whole beat, and how far it falls."""
+"""The gap between a run and a record, in units of the noise: of the whole beat, and how far it falls.
+
+The unit is the covariance of the fits, without their errors of solver and model: the gap of a fit is its misfit, of
+fitted beats what it leaves and of held-out ones what it predicts.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,8 @@ _OCTAVES = (2, 4, 8, 16)
 @dataclass(frozen=True)
 class Gap:
     """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI];
-    pulsation : the same without the means. In the total, the means count jointly, as breathing moves them together.
+    pulsation : the same without the means. The total is over all channels jointly, as breathing moves their means and
+    noise of the flow meter all of them together.
     above : that of all channels from harmonic 2, 4, 8 … on. in_error : the total in units of noise and stated error of
     the network together, if it has one."""
 
@@ -47,9 +52,9 @@ def gap(study: Study, X: Array) -> Gap:
     total, in_error, each, rms, pulsation, above = [], [], [], [], [], []
     for part in (study.fitted, study.held_out):
         D = X - study.problem.repeated(part, study.fitted, K)
-        units = _Units.of(study, part, K)
+        units = _Units(study.problem.noise(part, study.fitted)[: K + 1])
         total.append(units.rms(D))
-        in_error.append(_Units.of(study, part, K, stated).rms(D))
+        in_error.append(units.beside(stated).rms(D))
         w = _weights(K)
         whitened, power = w * np.abs(D) ** 2 / units.variance, w * np.abs(D) ** 2
         each.append(np.sqrt(whitened.sum(axis=0) / w.sum()))
@@ -78,11 +83,9 @@ class _Units:
 
     covariance: Array
 
-    @classmethod
-    def of(cls, study: Study, part: Beats, K: int, error: Array | float = 0.0) -> _Units:
-        """From the noise of the fitted beats. error : standard deviation (m,) of the model's."""
-        own = study.problem.noise(part, study.fitted)[: K + 1]
-        return cls(own + np.diag(np.broadcast_to(error, own.shape[-1]) ** 2))
+    def beside(self, error: Array) -> _Units:
+        """With an error of the model of standard deviation (m,)."""
+        return _Units(self.covariance + np.diag(error**2))
 
     @property
     def variance(self) -> Array:
@@ -113,7 +116,7 @@ def fall(study: Study, before: Array, after: Array) -> tuple[float, float]:
     means, which drift, is C's. C : :class:`_Units` with the stated error of the network, which adds to that noise.
     """
     names, K, stated = study.problem.signals, len(before) - 1, stated_error(study)
-    units = _Units.of(study, study.held_out, K, stated)
+    units = _Units(study.problem.noise(study.held_out, study.fitted)[: K + 1]).beside(stated)
     y = study.problem.repeated(study.held_out, study.fitted, K)
     value = float((units.power(before - y) - units.power(after - y)).sum())
     slope = 2.0 * units.weighted(after - before)
