@@ -154,10 +154,10 @@ def change(before: Gap, after: Gap) -> str:
 
 def changed(before: Gap, after: Gap) -> str:
     """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"; of
-    the pulsation if means are most of a channel's and rise where the gap falls, in which means that wander count
-    little."""
-    rises = any(held_out(after.rms)[name] > x for name, x in held_out(before.rms).items())
-    without = rises and (_of_means(before) or _of_means(after))
+    the pulsation if means are most of a channel's and more than half is left of one, as means that wander count little
+    in the gap."""
+    stays = any(held_out(after.rms)[name] > 0.5 * x for name, x in held_out(before.rms).items())
+    without = stays and (_of_means(before) or _of_means(after))
     first, last = (held_out(each.pulsation if without else each.rms) for each in (before, after))
     rms = changes(first, last, held_out(before.channels))
     said = f"rms without the means: {rms}" if without else rms
