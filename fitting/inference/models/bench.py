@@ -278,7 +278,12 @@ class Bench(Single):
     def noise(self, beats: Beats, fitted: Beats) -> Array:
         own = self.loop.noise[: self.K + 1].copy()
         own[:, 0, 0] -= np.broadcast_to(self.error**2, len(self.loop.noise))[: self.K + 1]
-        return own if beats is fitted else of_other_beats(own, np.zeros((len(own), 2)), beats, fitted, self.signals)
+        if beats is fitted:
+            return own
+        # other beats have other waves: the change that P and R share adds, of both means; half the noise of the fitted
+        # ones stays in the wave, which two channels determine
+        whole = fitted.covariance(self.signals)[: self.K + 1]
+        return of_other_beats(whole, np.zeros((len(own), 2)), beats, fitted, self.signals) + whole - 0.5 * own
 
     def covariance(self, beats: Beats) -> Array:
         """(N//2 + 1, 2, 2) of the sensors."""
