@@ -224,7 +224,8 @@ def started(model: Model, rest: State, omega: Array, near: Near | None = None) -
     begun = Waves(omega, constant(rest.y, len(omega)), constant(rest.H, len(omega)))
     if near is None:
         return begun
-    layout, mesh, tau = model.layout, model.mesh, np.reshape(taus_of(omega), (-1, 1, 1))
+    layout, mesh = model.layout, model.mesh
+    tau: Any = np.reshape(taus_of(omega), (-1, 1, 1))
     A, Q, P_C = (layout.part(begun.y, name) for name in ("A", "Q", "P_C"))
     A_near, Q_near = (layout.part(near.waves.y, name) for name in ("A", "Q"))
     A[0] += A_near[0]
