@@ -31,15 +31,7 @@ from ..quantities.units import SIGNAL_UNITS
 from ..scheme import terms
 from ..scheme.guards import NonPhysicalState, check
 from ..scheme.model import Model
-from ..scheme.stage import (
-    Condensed,
-    Operators,
-    Stage,
-    operators,
-    operators_about,
-    operators_repeated,
-    start,
-)
+from ..scheme.stage import Condensed, Operators, Stage, operators, operators_about, operators_repeated, start
 from ..scheme.step import State, initial_state
 from .mixing import EARLIER, SLOW, mixed
 from .waves import SAMPLES, Near, Waves, amplitudes, constant, samples, taus_of

@@ -223,7 +223,7 @@ def elementwise(r: Recorder, name: str, *values: Any) -> Traced:
     different = {each for each in shapes if each}
     shape = np.broadcast_shapes(*different) if len(different) > 1 else different.pop() if different else ()
     size = math.prod(shape)
-    return of(r, r.emit(name, tuple([r.operand(v, shape) for v in values]), (size,), size), shape)
+    return of(r, r.emit(name, tuple(r.operand(v, shape) for v in values), (size,), size), shape)
 
 
 def _elementwise(r: Recorder, name: str, inputs: Sequence[Any]) -> Traced:
