@@ -25,7 +25,7 @@ from types import MappingProxyType
 
 from fmu_src import __version__, content
 from fmu_src.contents import models, system
-from fmu_src.contents.models import Model
+from fmu_src.contents.models import FMUContents
 from fmu_src.native import native_fmu
 from solver.errors import InputError
 from solver.io.writing import write_folder
@@ -55,7 +55,7 @@ def build(
     return build_model(models.arteries_model(network, settings or Settings(), starts), out, execution_tool)
 
 
-def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
+def build_model(model: FMUContents, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
     """Build ``<out>/<model.name>.fmu``, the code under names that carry a hash of the whole content.
 
     Raises ValueError for a model of an FMU that needs no Python, and if the directory cannot be written.
@@ -100,7 +100,7 @@ def build_native(
 
 
 def build_native_model(
-    model: Model, out: str | os.PathLike[str] = "dist", fmi: int = 2, platforms: Sequence[str] = ()
+    model: FMUContents, out: str | os.PathLike[str] = "dist", fmi: int = 2, platforms: Sequence[str] = ()
 ) -> Path:
     """Build ``<out>/<model.name>.fmu``, a heart or a body that needs no Python on its host, and return its path.
 

@@ -23,7 +23,7 @@ from solver.quantities.units import INFLOW
 
 from . import thresholds
 from .find.balances import mass_balances, momentum_balances, wall_balances
-from .find.disagreement import Found, find
+from .find.disagreement import Disagreement, find
 from .find.study import Study, Unusable
 from .findings.isolability import isolability, smallest
 from .findings.map_marks import of_sensor, plain
@@ -46,7 +46,7 @@ _BENT = (
 
 
 @dataclass(frozen=True)
-class Shown:
+class ValidationRuns:
     """Free runs of the FMUs: the file ``given``, with refitted nuisances (``before``), and with the added effects
     (``after``). If effects were added, also the extended ``network``, its FMU (``archive``), the FMU's difference from
     the direct solver (``parity``) or the reason why it is unknown (``failure``), and the effects. agreement : of the
@@ -86,7 +86,9 @@ def unusable(
     )
 
 
-def summary(record: Record, model: str | os.PathLike[str], study: Study, naming: Naming, shown: Shown) -> Outcome:
+def summary(
+    record: Record, model: str | os.PathLike[str], study: Study, naming: Naming, shown: ValidationRuns
+) -> Outcome:
     """The outcome of all stages."""
     before, after = shown.before, shown.after
     gaps = shown.gaps or (before.gap, after.gap if after else None)
@@ -179,7 +181,7 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
     return float(chdtrc(max(1, len(base.z) - len(base.x)), base.chi2))
 
 
-def fmu_warnings(shown: Shown) -> tuple[str, ...]:
+def fmu_warnings(shown: ValidationRuns) -> tuple[str, ...]:
     """Warnings about the FMUs that ran, and about the delivered one."""
     found, a = [], shown.agreement
     if a is not None and not a.difference <= thresholds.AGREE:
@@ -215,7 +217,7 @@ def weighted(study: Study, naming: Naming) -> Study:
     return replace(study, problem=naming.problem.first)
 
 
-def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]:
+def disagreement(study: Study, before: Run) -> tuple[Disagreement, tuple[Balance, ...]]:
     """Where the refitted model and the record disagree beyond the noise of sensors, drive and solver.
 
     Also the balances of mass, momentum and wall law where the measured channels determine them.

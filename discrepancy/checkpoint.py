@@ -27,7 +27,7 @@ from fitting.inference.source_maps.source_evidence import Law
 from fitting.inference.source_maps.source_map import Rival, Signal, SourceMap
 from fitting.inference.unknown import Unknown
 from fitting.records.alignment.beats import Beats
-from fitting.records.alignment.variable_beats import UnequalBeats
+from fitting.records.alignment.variable_beats import VariableBeats
 from fitting.records.channels.inflow import Inflow
 from fitting.records.channels.inflow_variability import Felt
 from fitting.records.channels.noise import Target
@@ -52,7 +52,7 @@ _FORMAT = 2  # of the stages: another one makes those of an earlier program inva
 _KINDS = dataclasses(
     Naming, Named, Fit, Term, Unknown, Run, Gap,
     SourceMap, Signal, Law, Rival, Place, Learnt, *sources.ALL,
-    NetworkProblem, Bench, Several, Simulator, Forced, Settings, Inflow, Loop, Beats, UnequalBeats, Target, Felt,
+    NetworkProblem, Bench, Several, Simulator, Forced, Settings, Inflow, Loop, Beats, VariableBeats, Target, Felt,
 )  # fmt: skip
 _KINDS[Network] = Kind(lambda it: {"text": json.dumps(to_dict(it))}, lambda text: from_dict(json.loads(text)))
 

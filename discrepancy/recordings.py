@@ -33,7 +33,7 @@ from .find.plausibility import check_beats, check_record, check_waves
 from .find.study import Study, prepare
 from .findings.recorded import Recorded
 from .name.joint_selection import name_together
-from .name.scoring import seen_by, weighed
+from .name.scoring import weighed, whitened_response
 from .name.verdict import Naming
 from .options import COMMON, Asked
 from .show.fmu_validation import Run, confirmed, of_coefficients
@@ -182,7 +182,7 @@ class Recordings:
         found = self._through(i, record, study, without, best, before, after, given)
         if best is None or not (whole and fitted) or found[2] is None:
             return found
-        seen = seen_by(naming.best.fit, best.terms)[whole.rows[i]]
+        seen = whitened_response(naming.best.fit, best.terms)[whole.rows[i]]
         return replace(found[0], d=float(np.linalg.norm(seen))), *found[1:]
 
     def unseen_by(
@@ -243,7 +243,7 @@ class Recordings:
         except RunFailed as error:
             return replace(recorded, failed=f"its FMU does not run with this record: {error}"), first, None
         fallen, sd = fall(study, first.X, last.X)
-        seen = seen_by(best, best.terms)
+        seen = whitened_response(best, best.terms)
         recorded = replace(
             recorded, gap_after=last.gap.total, rms_after=held_out(last.gap.rms), fallen=fallen, sd=sd,
             d=float(np.linalg.norm(seen)),

@@ -42,7 +42,7 @@ from solver.network.files import write_network
 
 from .add.described import NOTHING
 from .add.learning import Learnt, in_range, law_of, learns
-from .assemble import Shown, deciding_numbers, summary, unusable, weighted
+from .assemble import ValidationRuns, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
 from .find.model_source import OF_FIRST, first_of, read_model
 from .find.plausibility import check_record, check_waves
@@ -233,7 +233,7 @@ class _Work:
         study, best = weighted(self.study, naming), found if after else None
         wave = drives(study, base, found)[after is not None]  # of the runs, also if they do not bear the name out
         agree = agreement(study, best or base, wave, after or before)
-        shown = Shown(as_given[0], before, agreement=agree, gaps=judged.gaps)
+        shown = ValidationRuns(as_given[0], before, agreement=agree, gaps=judged.gaps)
         if after is not None:
             shown = self._with_model(replace(shown, after=after, network=network), naming, fmu)
         law = self._law(naming, after or before, best or base, network_fmu=fmu if after else given)
@@ -268,7 +268,7 @@ class _Work:
                 f'"{math.ceil(max(TIME_LIMIT, 2.0 * limit) / 60.0)} min".'
             ) from None
 
-    def _with_model(self, shown: Shown, naming: Naming, ran: Path) -> Shown:
+    def _with_model(self, shown: ValidationRuns, naming: Naming, ran: Path) -> ValidationRuns:
         """Adds the effects, and the FMU to deliver of the extended network with its difference from the solver."""
         assert shown.network is not None
         self.progress(0.9, "comparing the extended FMU with the solver")

@@ -19,7 +19,7 @@ import fmpy
 from fmpy.fmi2 import FMU2Slave
 
 from build_fmu import build_model, build_native_model
-from fmu_src.contents.models import Model
+from fmu_src.contents.models import FMUContents
 from solver import Network, Pressure, Resistance, Settings, Windkessel, load
 from solver.io.writing import write_whole
 from solver.network.files import read_network
@@ -59,7 +59,7 @@ class Store:
         key = pickle.dumps((build.__name__, network, options))
         return self._once(key, lambda folder: build(network, out=folder, **options))
 
-    def lumped(self, make: Callable[..., Model], species: str = "human", fmi: int = 0) -> Path:
+    def lumped(self, make: Callable[..., FMUContents], species: str = "human", fmi: int = 0) -> Path:
         """The FMU of ``make(species)``, a heart or a body. fmi : of one that needs no Python; 0 of the other."""
         return self._once(
             pickle.dumps((make.__name__, species, fmi)),

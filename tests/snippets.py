@@ -41,6 +41,7 @@ DOCUMENTS = {
     "docs/python.md": (3, 0),
     "docs/studies.md": (1, 1),
     "docs/fitting.md": (3, 3),
+    "docs/first-model.md": (1, 1),
     "docs/lab-files.md": (2, 2),
     "docs/discrepancy.md": (3, 3),
     "docs/tutorial-fmu.md": (1, 2),
@@ -51,6 +52,7 @@ DOCUMENTS = {
 # documents whose snippets take long have a file, and so a process, of their own
 ELSEWHERE = {
     "docs/fitting.md": "test_snippets_of_fitting",
+    "docs/first-model.md": "test_snippets_of_fitting",
     "docs/lab-files.md": "test_snippets_of_fitting",
     "docs/discrepancy.md": "test_snippets_of_discrepancy",
     "docs/tutorial-lab.md": "test_snippets_of_discrepancy",

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from small_network import NETWORK, term, terms
 
-from discrepancy.name.scoring import Compared, Named, apart, seen_by
+from discrepancy.name.scoring import Compared, Named, apart, whitened_response
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import Term, term_at
 from fitting.inference.unknown import Unknown, with_prior
@@ -56,7 +56,7 @@ def test_where_an_effect_lies_is_no_size() -> None:
     across = [Term("stenosis", "A", ("A",), (size, place)), term("channel_gain", "B.P")]
     fit = fit_of(np.zeros(3), across, x=(1.5, 4.0, 100.0))
     fit.J[:] = [[2.0, 0.0, 0.0], [0.0, 10.0, 0.0], [0.0, 0.0, 1.0]]
-    assert min(np.linalg.norm(seen_by(fit, [t])) for t in across) == pytest.approx(3.0)
+    assert min(np.linalg.norm(whitened_response(fit, [t])) for t in across) == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("effect", effects.ALL, ids=lambda e: e.name)

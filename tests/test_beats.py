@@ -182,16 +182,16 @@ def test_a_rate_that_drifts_is_not_taken_for_a_steady_one(change: float, longest
     """Refinement ends up to 10 % from the usual beat, at 0.476 s for 0.3; cut singly, T is the mean of what is used, to
     a sample, and the longest beat that is named the first one used, of 0.5/(1 + change t/10 s) s."""
     beats = align(slowing(change))
-    assert beats.unequal is not None
+    assert beats.variable is not None
     assert pytest.approx(T, abs=DT) == beats.T
-    first = beats.unequal.edges[0] * DT
+    first = beats.variable.edges[0] * DT
     assert longest == pytest.approx(0.5 / (1.0 + change * (first + 0.25) / 10.0), abs=DT)
     assert f"to {longest:.3g} s; each was cut" in beats.warnings[0]
 
 
 def test_an_unsteady_rate_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beats of 0.5 to 0.385 s whose upstrokes cannot be told: no period fits; nor does one that is given."""
-    monkeypatch.setattr("fitting.records.alignment.align.unequal", lambda *_: None)
+    monkeypatch.setattr("fitting.records.alignment.align.cut_variable", lambda *_: None)
     for period in (None, 0.45):
         with pytest.raises(ValueError, match=r"not steady: if cut every 0\.43\d* s, .* steady rate\.$"):
             align(slowing(0.3), period)

@@ -94,7 +94,7 @@ def test_contents(fmu: Path, sheep: Network) -> None:
     code = {n.removeprefix(f"resources/_{name}/") for n in names if n.startswith(f"resources/_{name}/")}
     modules = "__init__ host wrapper slaves/arteries_slave slaves/base slaves/refusal slaves/saving".split()
     modules += [f"cosimulation/{module}" for module in ("arteries", "drive", "ports", "stretch")]
-    modules += [f"variables/{module}" for module in ("arteries_variables", "description", "variable")]
+    modules += [f"variables/{module}" for module in ("arteries_variables", "model_description", "variable")]
     modules += [f"{folder}/__init__" for folder in ("slaves", "cosimulation", "variables")]
     assert {n for n in code if n.startswith("fmu_src/")} == {f"fmu_src/{module}.py" for module in modules}
     # the physics, and nothing of files, terminals, runs or drawings

@@ -15,7 +15,7 @@ from discrepancy.assemble import _bent, sentence
 from discrepancy.findings.outcome import NamedEffect, OwnNumber, Walls
 from discrepancy.name.intervals import _lower
 from discrepancy.name.scoring import Compared, Named, choice, ranked, shares
-from discrepancy.name.verdict import Naming, _held_loosely, _partial, _said, decided
+from discrepancy.name.verdict import Naming, _discrepancy_candidates, _exact_verdict, _partial, decided
 from discrepancy.show.gap import Gap
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import EVERY, Term
@@ -61,7 +61,7 @@ def pair(*effects: tuple[str, str]) -> Named:
 def test_two_faults_at_one_site_are_no_discovery(effects: tuple[tuple[str, str], ...], expected: str) -> None:
     """Of the sensors of one site, or of one of them twice; those of two sites, or beside a wall, are. The meter of the
     inflow is at a site at the inlet."""
-    assert _said(pair(*effects), (pair(*effects),), NETWORK) == expected
+    assert _exact_verdict(pair(*effects), (pair(*effects),), NETWORK) == expected
 
 
 @pytest.mark.parametrize("verdict", ["ambiguous", "partial"])
@@ -172,7 +172,7 @@ def test_both_of_a_pair_are_weighed_alone() -> None:
     single = [replace(pair((f"effect_{i}", "A")), misfit=9.0, score=float(i)) for i in range(at.FEW + 4)]
     both = replace(pair(("effect_0", "A"), (f"effect_{at.FEW + 2}", "A")), misfit=1.0, score=-9.0)
     none = replace(pair(), misfit=99.0, score=99.0)
-    held = _held_loosely(Compared(problem, none, (both, *single), {}, ()), [both])
+    held = _discrepancy_candidates(Compared(problem, none, (both, *single), {}, ()), [both])
     assert [n.label for n in held[1:]] == [f"effect_{i} at A" for i in (*range(at.FEW), at.FEW + 2)]
     assert held[0] is none
 
@@ -186,8 +186,11 @@ def test_a_network_weighs_beside_free_sources_what_may_be_named() -> None:
     single = [replace(pair((f"effect_{i}", "A")), misfit=9.0, score=float(i)) for i in range(len(left))]
     single = [replace(n, fit=replace(n.fit, z=of * none.fit.z)) for n, of in zip(single, left, strict=True)]
     found = Compared(problem, none, tuple(single), {}, ())
-    assert [n.label for n in _held_loosely(found, [])] == [none.label, *(f"effect_{i} at A" for i in (0, 1, 3))]
-    assert _held_loosely(found, [single[0]]) == [none, single[0]]
+    assert [n.label for n in _discrepancy_candidates(found, [])] == [
+        none.label,
+        *(f"effect_{i} at A" for i in (0, 1, 3)),
+    ]
+    assert _discrepancy_candidates(found, [single[0]]) == [none, single[0]]
 
 
 def test_less_than_half_of_the_gap_is_no_part() -> None:

@@ -24,7 +24,7 @@ from truth.hide import Effect
 from truth.records import Case, Made, make, write
 
 from discrepancy import workflow
-from discrepancy.assemble import Shown, fmu_warnings, global_p, sentence, summary, unusable
+from discrepancy.assemble import ValidationRuns, fmu_warnings, global_p, sentence, summary, unusable
 from discrepancy.checkpoint import Journal
 from discrepancy.find.model_source import read_model
 from discrepancy.find.study import Study as Prepared
@@ -243,9 +243,9 @@ def test_the_fmu_of_a_bench_is_run(study: Study) -> None:
     with pytest.raises(ValueError, match="driven by a pressure"):
         parity(study.folder / "out" / "model.fmu", pressed)
     run = Run(np.zeros((1, 1)), {}, Gap((1.0, 1.0), {}))
-    assert "differs from the direct solver by" in fmu_warnings(Shown(run, run, parity=other))[0]
-    assert fmu_warnings(Shown(run, run, parity=1e-9)) == fmu_warnings(Shown(run, run)) == ()
-    assert "does not run with its network's own inflow: why" in fmu_warnings(Shown(run, run, failure="why"))[0]
+    assert "differs from the direct solver by" in fmu_warnings(ValidationRuns(run, run, parity=other))[0]
+    assert fmu_warnings(ValidationRuns(run, run, parity=1e-9)) == fmu_warnings(ValidationRuns(run, run)) == ()
+    assert "does not run with its network's own inflow: why" in fmu_warnings(ValidationRuns(run, run, failure="why"))[0]
 
 
 def test_an_fmu_at_rest_is_not_compared(fast_fmu: Callable[..., Path]) -> None:
@@ -255,7 +255,7 @@ def test_an_fmu_at_rest_is_not_compared(fast_fmu: Callable[..., Path]) -> None:
     assert parity(fmu, network) is None
     assert parity(fmu, bench_network("AA", bench_set(E=1e6))) is None
     run = Run(np.zeros((1, 1)), {}, Gap((1.0, 1.0), {}))
-    (said,) = fmu_warnings(Shown(run, run, network=network, archive=b""))
+    (said,) = fmu_warnings(ValidationRuns(run, run, network=network, archive=b""))
     assert said.startswith("model.fmu has no inflow of its own, as of an artery on a bench")
     assert "the same wall was run as an FMU under the recorded pressure" in said
 
@@ -340,7 +340,7 @@ def test_an_incomplete_search_is_said(healthy: tuple[Record, Prepared, Naming]) 
     X = np.stack([np.fft.rfft(study.fitted.mean(n), norm="forward") for n in study.problem.signals], axis=1)
     run = compared(study, naming.base.fit, X)
     for complete in (True, False):
-        outcome = summary(record, "base.toml", study, replace(naming, complete=complete), Shown(run, run))
+        outcome = summary(record, "base.toml", study, replace(naming, complete=complete), ValidationRuns(run, run))
         said = verdict_json(outcome)
         incomplete = "The time limit ended the search before all candidates were compared."
         for text in (outcome.sentence, said["sentence"], report.page(outcome, {})):
@@ -434,7 +434,7 @@ def test_a_class_holds_hypotheses(healthy: tuple[Record, Prepared, Naming]) -> N
     other = replace(one, fit=replace(one.fit, terms=(Term("taper", "PD", ("PD",), ()), one.fit.terms[1])))
     X = np.stack([np.fft.rfft(study.fitted.mean(n), norm="forward") for n in study.problem.signals], axis=1)
     run = compared(study, naming.base.fit, X)
-    outcome = summary(record, "base.toml", study, replace(naming, members=(one, other)), Shown(run, run))
+    outcome = summary(record, "base.toml", study, replace(naming, members=(one, other)), ValidationRuns(run, run))
     gain = ("channel_gain", ("CA.P",))
     assert outcome.members == ((("stenosis", ("MD",)), gain), (("taper", ("PD",)), gain))
 

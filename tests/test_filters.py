@@ -163,7 +163,7 @@ def test_beats_that_differ(known: bool) -> None:
     rng = np.random.default_rng(0)
     channels = {name: x[1200::4] + 0.01 * x.std() * rng.standard_normal(1400) for name, x in waves.items()}
     beats = align(Record("synthetic.csv", "", np.arange(1400) * T / N, channels))
-    assert beats.unequal is not None
+    assert beats.variable is not None
     problem = network_problem(beats, with_filters(NETWORK, FILTERS) if known else NETWORK, SHOWN)
     (fit,) = problem.refit([()])
     assert fit is not None

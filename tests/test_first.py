@@ -20,12 +20,12 @@ from typer.testing import CliRunner
 from arterial_fmu.cli.discover import app as discrepancy_app
 from arterial_fmu.cli.fit import app
 from discrepancy.find.model_source import first_of
+from fitting.first.branches import Branch, branched
 from fitting.first.estimates import delay
 from fitting.first.model import FirstModel, first_model
 from fitting.first.shares import forks, ratios
 from fitting.first.species import NAMES, typical
 from fitting.first.spread import spread
-from fitting.first.stretches import Stretch, branched
 from fitting.inference.hypothesis import candidates
 from fitting.records.alignment.beats import Beats
 from fitting.records.read.record import read_record, write_record
@@ -300,7 +300,7 @@ def test_side_branches(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_where_side_branches_go() -> None:
     """In the middle of the last tube whose flow is not measured, for half of what is not claimed; measured flows stay
     for all odds, and what enters a fork leaves it."""
-    tube = [Stretch("Fem", "", "Fem", 0.06, 1.0)]
+    tube = [Branch("Fem", "", "Fem", 0.06, 1.0)]
     fork = branched(tube, "Ao")
     assert [(s.name, s.parent, s.site, s.time, s.share, s.end) for s in fork] == [
         ("Ao", "", "", 0.03, 1.0, False),
@@ -308,13 +308,13 @@ def test_where_side_branches_go() -> None:
         ("Ao_side", "Ao", "", 0.03, 0.5, True),
     ]
     assert [s.name for s in branched(fork, "Ao")] == ["Ao", "to_Fem_1", "Fem", "to_Fem_1_side", "Ao_side"]
-    lone = branched([Stretch("root", "", "", 0.06, 1.0)], "")
+    lone = branched([Branch("root", "", "", 0.06, 1.0)], "")
     assert [s.name for s in lone] == ["root", "root_end", "root_side"]
     assert [s.name for s in branched(lone, "")][1:4] == ["to_root_end_1", "root_end", "to_root_end_1_side"]
     known = [
-        Stretch("Ao", "", "", 0.03, 1.0, False),
-        Stretch("Fem", "Ao", "Fem", 0.03, 0.1, measured=True),
-        Stretch("Ao_side", "Ao", "", 0.03, 0.9),
+        Branch("Ao", "", "", 0.03, 1.0, False),
+        Branch("Fem", "Ao", "Fem", 0.03, 0.1, measured=True),
+        Branch("Ao_side", "Ao", "", 0.03, 0.9),
     ]
     more = branched(known, "Ao")
     assert [(s.name, s.parent, s.share) for s in more] == [
@@ -331,7 +331,7 @@ def test_where_side_branches_go() -> None:
     np.testing.assert_allclose(flow["Ao"] + flow["to_Ao_1_side"], 1.0, rtol=1e-14)
     np.testing.assert_allclose(flow["Ao_side"] + 0.1, flow["Ao"], rtol=1e-14)
     assert [s.name for s in branches] == ["Ao", "to_Ao_1_side"] and np.all(np.diff(flow["Ao"]) > 0.0)
-    assert branched([Stretch("Fem", "", "Fem", 0.06, 1.0, measured=True)], "Ao") == []
+    assert branched([Branch("Fem", "", "Fem", 0.06, 1.0, measured=True)], "Ao") == []
 
 
 # --- the network --------------------------------------------------------------------------------------------------

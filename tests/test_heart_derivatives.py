@@ -17,7 +17,7 @@ from fmus import MS, Instance, Store
 from native_fmus import needs_compiler
 from test_native_heart import MODELS, R1, R2, STIFF, C
 
-from fmu_src.contents.models import Model
+from fmu_src.contents.models import FMUContents
 from solver.lumped import heart_step
 from solver.lumped.arithmetic import repeated, solution
 from solver.lumped.component import Arithmetic
@@ -129,7 +129,7 @@ class Pair:
 
 
 def pair(stored: Store, kind: str, folder: Path, start: Mapping[str, Any] | None = None) -> Pair:
-    model: Model = MODELS[kind]("human", None, 2)
+    model: FMUContents = MODELS[kind]("human", None, 2)
     subject = model.subject
     assert subject is not None
     fmu = Instance(stored.lumped(MODELS[kind], fmi=2), folder / "fmu")

@@ -120,7 +120,7 @@ def test_what_is_hardly_visible_is_not_judged() -> None:
     case = Case("bench", "CA", 40.0, (Effect("channel_lag", ("CA.R",), 1e-7),))
     x = row("bench", 11, 0, case, least=1.0)
     assert x["verdict"] == w.NOT_JUDGED and x["effects"][0]["d_prime"] < 1.0 and "seconds" not in x
-    assert not w.judged([x]) and "1 of too little d′" in page.origin([x | {"sources": "abc"}])
+    assert not w.judged([x]) and "1 with too small a d′" in page.origin([x | {"sources": "abc"}])
 
 
 def test_a_killed_run_goes_on(tmp_path: Path, made: list[int]) -> None:
@@ -237,9 +237,9 @@ def test_report_by_hand(tmp_path: Path) -> None:
     for cells in (
         "false alarms on nulls, bench | ≤ 2 % | 33.3 % (1/3;",
         "bench, d′ ≥ 12, 40 dB: named right | ≥ 95 % | 50.0 % (2/4;",
-        "bench, single name but wrong, all sizes | ≤ 1 % | 25.0 % (1/4;",
+        "bench, single wrong name, all sizes | ≤ 1 % | 25.0 % (1/4;",
         "bench, truth in the class, d′ ≥ 6 | ≥ 98 % | 75.0 % (3/4;",
-        "bench, outside the catalogue: one name or two, and not that more remains | ≤ 5 % | 50.0 % (1/2;",
+        "bench, outside the catalogue: named without the note that more remains | ≤ 5 % | 50.0 % (1/2;",
         "bench, two effects, both d′ ≥ 30: both named | ≥ 80 % | 50.0 % (1/2;",
         "– one, and more remains | ≥ 95 % | 100.0 % (2/2;",
         "bench, parameter: median relative error | ≤ 10 % | +10.00 % (2) |",
@@ -371,23 +371,23 @@ def test_groups_have_their_tables() -> None:
         "nothing hidden: false alarms | ≤ 3 % | 50.0 % (1/2;",
         "– spread × 1.5 | – | 100.0 % (1/1;",
         "d′ ≥ 30: right name in the class | ≥ 90 % | 100.0 % (1/1; 2.5–100.0) | open |",
-        "gap on held-out beats where named right, after/before | ≤ 0.3 | median 0.11, 90 % 0.11; 1 | open |",
+        "gap on held-out beats after/before, effects named right | ≤ 0.3 | median 0.11, 90 % 0.11; 1 | open |",
         "network, nothing hidden: false alarms | ≤ 5 % | 0.0 % (0/2;",
         "network, nothing hidden: unusable | ≤ 25 % | 50.0 % (1/2; 1.3–98.7) | **no** |",
-        "network, outside the catalogue: one name or two, and not that more remains | ≤ 5 % | 100.0 % (1/1;",
+        "network, outside the catalogue: named without the note that more remains | ≤ 5 % | 100.0 % (1/1;",
         "– at most 60 s | ≥ 95 % | 100.0 % (3/3; 29.2–100.0) | open |",
         "– more than 300 s | none | 0.0 % (0/3; 0.0–70.8) | open |",
         "walls alike, d′ ≥ 30: named right | – | 100.0 % (1/1;",
         "| effect | 2 | 50.0 % (1/2; 1.3–98.7) | 9.00 | 1.00 | 0.11 |",
         "bench, nothing hidden: false alarms | ≤ 2 % | 0.0 % (0/1; 0.0–97.5) | open |",
-        "E or R_t of one, d′ ≥ 12: named in its place | ≥ 95 % | 100.0 % (1/1;",
-        "R0 of one, d′ ≥ 12: on the map in its place | ≥ 95 % | 100.0 % (1/1;",
+        "outlier of E or R_t, d′ ≥ 12: named at its place | ≥ 95 % | 100.0 % (1/1;",
+        "outlier of R0, d′ ≥ 12: on the map at its place | ≥ 95 % | 100.0 % (1/1;",
         "two effects, both d′ ≥ 30: both named | ≥ 85 % | 100.0 % (1/1;",
         "two effects, both d′ ≥ 30: both named | ≥ 85 % | 0.0 % (0/1;",
-        "– or one of them, and that more remains | all | 100.0 % (1/1;",
-        "d′ ≥ 12: the places that are told hold the truth | ≥ 95 % | 50.0 % (1/2;",
-        "– how many places are told, where any | ≤ 3 | median 2.00, 90 % 2.00; 2 | open |",
-        "d′ ≥ 30: the places that are told hold the truth | ≥ 95 % | 100.0 % (1/1;",
+        "– or one of them, with the note that more remains | all | 100.0 % (1/1;",
+        "d′ ≥ 12: the reported places include the true one | ≥ 95 % | 50.0 % (1/2;",
+        "– number of reported places, if any | ≤ 3 | median 2.00, 90 % 2.00; 2 | open |",
+        "d′ ≥ 30: the reported places include the true one | ≥ 95 % | 100.0 % (1/1;",
     ):
         assert cells in text, cells
     for title in page.TITLES.values():
@@ -495,8 +495,8 @@ def test_outside_the_catalogue_of_all_sizes(group: str, kind: str) -> None:
     ]
     text = whole(lines, load("sheep"))
     assert (
-        f"{kind}, outside the catalogue: one name or two, and not that more remains | ≤ 5 % | 50.0 % (1/2; 1.3–98.7) | "
-        "**no** |\n| – of these d′ ≥ 30 | ≤ 5 % | 0.0 % (0/1; 0.0–97.5) | open |"
+        f"{kind}, outside the catalogue: named without the note that more remains | ≤ 5 % | 50.0 % (1/2; 1.3–98.7) | "
+        "**no** |\n| – of these with d′ ≥ 30 | ≤ 5 % | 0.0 % (0/1; 0.0–97.5) | open |"
     ) in text
 
 

@@ -490,7 +490,7 @@ LAB = {"Time": TIME, "ECG": 0.0 * TIME, "Pressure (mmHg)": P_MMHG, "Radius": R_M
 
 def test_map(tmp_path: Path) -> None:
     """Names as in the file; the unit from the title or from the option; what is not named is left out."""
-    names = Reading.asked(["Time=time [s]", "Pressure (mmHg)=AA.P", "Radius=AA.R [mm]"], None).names
+    names = Reading.from_options(["Time=time [s]", "Pressure (mmHg)=AA.P", "Radius=AA.R [mm]"], None).names
     check(read(tmp_path, text(LAB), names=names))
 
 
@@ -523,7 +523,7 @@ def test_map_that_is_none() -> None:
     """Neither title nor variable: the sentence has an example."""
     for pair in ("Pressure", "=AA.P"):
         with pytest.raises(ValueError, match="must be TITLE=VARIABLE, such as"):
-            Reading.asked([pair], None)
+            Reading.from_options([pair], None)
 
 
 @pytest.mark.parametrize("above", ["", "# loop\n\n"])
@@ -559,7 +559,7 @@ def test_a_mock_loop_is_cut_into_beats(tmp_path: Path, respired: float) -> None:
     names = {"1": "time [s]", "2": "inlet.Q [mL/s]", "3": "C.P [mmHg]", "4": "R.P [mmHg]"}
     beats = align(read(tmp_path, "\n".join(lines), names=names))
     assert beats.T == pytest.approx(0.8, rel=1e-4)
-    assert beats.n_beats == (30 if beats.unequal is None else 28)  # varying ones begin at the end of diastole
+    assert beats.n_beats == (30 if beats.variable is None else 28)  # varying ones begin at the end of diastole
     assert set(beats.values) == {"inlet.Q", "C.P", "R.P"} and not beats.told.get("sampling")
 
 

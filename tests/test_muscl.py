@@ -76,7 +76,7 @@ def test_mass(sheep: Network, ends: str) -> None:
     assert abs(_volume(model, state) - volumes[-1]) <= 1e-12 * volumes[0]
 
 
-def _volume(model: muscl.Model, state: State) -> float:
+def _volume(model: muscl.MusclModel, state: State) -> float:
     return float(np.sum(state.A * model.dx))
 
 

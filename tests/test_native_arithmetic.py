@@ -16,7 +16,7 @@ from fmus import Instance, Store
 from native_fmus import needs_compiler
 
 from build_fmu import build_model, build_native_model
-from fmu_src.contents.models import Model, arteries_model, body_model, heart_model
+from fmu_src.contents.models import FMUContents, arteries_model, body_model, heart_model
 from fmu_src.native import arrays
 from solver import InputError, Settings, load
 from solver.lumped.arithmetic import Number, require
@@ -38,7 +38,7 @@ class Demanding(HeartComponent):
         super().advance(t, h, values)
 
 
-def demanding(sentence: str, numbers: int) -> Model:
+def demanding(sentence: str, numbers: int) -> FMUContents:
     model = heart_model("human", None, 2)
     assert model.subject is not None
     return replace(model, subject=replace(model.subject, make=lambda: Demanding(sentence, numbers)))
@@ -91,7 +91,7 @@ def test_fewer_programs_are_not_enough(stored: Store, c_host: CHost, tmp_path: P
 
 
 @pytest.mark.parametrize("make", [heart_model, body_model])
-def test_documents_of_another_fmu(tmp_path: Path, make: Callable[..., Model]) -> None:
+def test_documents_of_another_fmu(tmp_path: Path, make: Callable[..., FMUContents]) -> None:
     """A model whose pages say that the host needs Python, or another FMI, is none of a native FMU, and the reverse."""
     for fmi, of in ((2, 0), (3, 0), (3, 2)):
         with pytest.raises(InputError, match=f"documents are those of fmi = {of}, .* make the model with fmi = {fmi}"):

@@ -23,7 +23,7 @@ from native_fmus import needs_compiler
 from test_fmu_bad_input import BAD, HOST, sentence_of_the_solver
 
 from build_fmu import build_native, build_native_model
-from fmu_src.contents.models import Model, body_model, heart_model
+from fmu_src.contents.models import FMUContents, body_model, heart_model
 from solver import Network, load
 
 pytestmark = needs_compiler
@@ -275,7 +275,9 @@ def test_every_function_is_called(fmi: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [heart_model, body_model])
-def test_random_calls_of_hearts_and_bodies(fuzz: tuple[int, Path], tmp_path: Path, make: Callable[..., Model]) -> None:
+def test_random_calls_of_hearts_and_bodies(
+    fuzz: tuple[int, Path], tmp_path: Path, make: Callable[..., FMUContents]
+) -> None:
     fmu = build_native_model(make("human", None, fuzz[0]), tmp_path, fmi=fuzz[0])
     survives(fuzz, fmu, tmp_path / "fmu", 1)
 

@@ -25,7 +25,7 @@ from typer.testing import CliRunner
 
 from arterial_fmu.cli.build import app
 from build_fmu import build_native_model
-from fmu_src.contents.models import Model, body_model, heart_model
+from fmu_src.contents.models import FMUContents, body_model, heart_model
 from fmu_src.importer import doctor
 from fmu_src.slaves import body_slave, heart_slave
 from solver.lumped import heart_step
@@ -38,12 +38,12 @@ Array = np.ndarray
 ML = 1e-6
 EQUAL = 1e-13  # of the pulse of each output
 R1, C, R2 = 0.05 * MMHG / ML, 1.6 * ML / MMHG, 1.2 * MMHG / ML  # of a Windkessel
-MODELS: Mapping[str, Callable[..., Model]] = {"heart": heart_model, "body": body_model}
+MODELS: Mapping[str, Callable[..., FMUContents]] = {"heart": heart_model, "body": body_model}
 # a valve of a resistance alone, which opens and closes at once: Newton's method fails, bisection goes on
 STIFF = {f"aortic_valve.{key}": x for key, x in {"l": 0.0, "R": R1, "K_open": 1e3, "K_close": 1e3}.items()}
 
 
-def built(stored: Store, make: Callable[..., Model], species: str = "human") -> tuple[Path, Path]:
+def built(stored: Store, make: Callable[..., FMUContents], species: str = "human") -> tuple[Path, Path]:
     """Both FMUs: pythonfmu's and the native one."""
     return stored.lumped(make, species), stored.lumped(make, species, 2)
 

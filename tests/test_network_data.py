@@ -12,7 +12,7 @@ from fitting.inference.unknown_text import parse_unknowns
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels import noise as network_data
 from fitting.records.channels.inflow import inflow as interpolated
-from fitting.records.thresholds import NEIGHBOURS
+from fitting.records.limits import NEIGHBOURS
 from solver import Settings, linear, load, simulate_periodic
 
 K = 12

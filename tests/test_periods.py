@@ -48,7 +48,7 @@ def test_nor_where_beats_vary(seed: int) -> None:
     made = second_harmonic(0.02, seed, 0.04)
     for period in (None, 0.5):
         beats = align(made, period)
-        assert beats.unequal is not None and beats.T == pytest.approx(0.5, rel=0.03)
+        assert beats.variable is not None and beats.T == pytest.approx(0.5, rel=0.03)
         assert not any("may be" in text for text in beats.warnings)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from snippets import DOCUMENTS, PAGES, ROOT, Lines, cases, documents, run_snippet, snippets, text_of
 
+from arterial_fmu.cli.commands import COMMANDS, load
 from fmu_src.variables.arteries_variables import variable_table
 from solver import Network, Settings, read_network
 from solver.laws import catalogue
@@ -100,3 +101,13 @@ def test_fmu_variables(sheep: Network) -> None:
         kinds = [kind for pattern, kind in patterns.items() if re.fullmatch(pattern, v.name)]
         expected = f"{v.variability} parameter" if v.causality == "parameter" else v.causality
         assert [known.get(v.name)] == [expected] or kinds == [expected], v.name
+
+
+def test_every_option_is_documented() -> None:
+    """Every option of every command is on a page."""
+    text = "".join(map(text_of, PAGES))
+    for command in map(load, COMMANDS):
+        names = command.list_commands(None) if hasattr(command, "list_commands") else ()
+        for each in (command, *(command.get_command(None, name) for name in names)):
+            options = [o for p in each.params for o in (*p.opts, *p.secondary_opts) if o.startswith("--")]
+            assert not [o for o in options if o != "--help" and not re.search(f"{o}(?![\\w-])", text)], each.name

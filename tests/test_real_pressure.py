@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from test_unequal_beats import ventilated
+from test_variable_beats import ventilated
 
 from benchmarks.hidden.counts import share
 from benchmarks.real_pressure import Window, count_upstrokes, cut_again, groups, main, windows

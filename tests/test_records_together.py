@@ -45,7 +45,7 @@ def files(folder: Path, rates: tuple[float, float], starts: tuple[float, float] 
 
 
 def both(paths: tuple[Path, Path], *maps: str) -> Record:
-    return read_record(paths[0], Reading.asked(maps, None, [paths[1]]))
+    return read_record(paths[0], Reading.from_options(maps, None, [paths[1]]))
 
 
 @pytest.mark.parametrize(
@@ -130,13 +130,13 @@ def test_files_of_two_clocks(tmp_path: Path, behind: float, shift: str) -> None:
     wanted = both(files(tmp_path, (200.0, 200.0), (30.0, 30.0 if shift == "start" else 32.0)))
     P, Q = files(tmp_path, (200.0, 200.0), (30.0, 30.0 if shift == "start" else 32.0))
     Q.write_text("\n".join(_behind(line, behind) for line in Q.read_text().splitlines()))
-    record = read_record(P, Reading.asked((), None, [f"{Q}={shift}"]))
+    record = read_record(P, Reading.from_options((), None, [f"{Q}={shift}"]))
     np.testing.assert_allclose(record.channels["inlet.Q"], wanted.channels["inlet.Q"], rtol=1e-9)
     np.testing.assert_allclose(record.time, wanted.time, rtol=1e-15)
     assert record.told["shift"] == {str(Q): "start" if shift == "start" else 30.0}
     assert any(said == f"+{behind:g} s were added to the times of {Q}." for said in record.said)
     with pytest.raises(ValueError, match=r'--with .*Q\.csv = "3 m": the unit m does not convert'):
-        Reading.asked((), None, [f"{Q}=3 m"])
+        Reading.from_options((), None, [f"{Q}=3 m"])
 
 
 def _behind(line: str, seconds: float) -> str:

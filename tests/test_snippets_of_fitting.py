@@ -1,4 +1,4 @@
-"""The snippets of docs/fitting.md and docs/lab-files.md, in order."""
+"""The snippets of docs/fitting.md, docs/first-model.md and docs/lab-files.md, in order."""
 
 from __future__ import annotations
 

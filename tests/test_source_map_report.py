@@ -18,7 +18,7 @@ from forked import NETWORK, T, clean, record
 from made_up import synthetic
 from test_confirm import named, stiffer, study
 
-from discrepancy.assemble import Shown, _acting, sentence, summary
+from discrepancy.assemble import ValidationRuns, _acting, sentence, summary
 from discrepancy.checkpoint import Journal
 from discrepancy.findings.outcome import Outcome, verdict_json
 from discrepancy.findings.shown_map import Acting, SourceMapShown, band_of, beat_of, shown_map
@@ -246,11 +246,11 @@ def test_the_outcome_has_the_map_of_its_naming() -> None:
     run = stiffer(s, 0.0)
     made = SimpleNamespace(path="b.csv", sha256="ab", told={}, channels={})
     naming = replace(named("unknown"), map=found(LEAK), base=replace(named().base, misfit=9.0), complete=True)
-    outcome = summary(made, "fork.toml", s, naming, Shown(run, run))  # type: ignore[arg-type]
+    outcome = summary(made, "fork.toml", s, naming, ValidationRuns(run, run))  # type: ignore[arg-type]
     assert outcome.map is not None and outcome.map.T == T
     assert "No law of the catalogue explains it. It acts as a loss of flow along B: 1.4 mL/s rms (" in outcome.sentence
     assert verdict_json(outcome)["map"][0]["where"] == "B" and "Where the missing physics acts" in page(outcome, {})
-    assert summary(made, "", s, replace(naming, map=None), Shown(run, run)).map is None  # type: ignore[arg-type]
+    assert summary(made, "", s, replace(naming, map=None), ValidationRuns(run, run)).map is None  # type: ignore[arg-type]
 
 
 # --- verdict.json, figure and page --------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from arterial_fmu.cli.terminal.options import DefaultGroup, Json, NetworkName, Q
 from arterial_fmu.cli.terminal.progress import bar
 from build_fmu import build, build_model, build_native, build_native_model, build_system
 from fmu_src.contents import models
-from fmu_src.contents.models import Model
+from fmu_src.contents.models import FMUContents
 from fmu_src.native.binaries import PLATFORMS
 from fmu_src.variables.variable import Variable
 from solver.errors import InputError
@@ -39,7 +39,7 @@ Changes = Annotated[
     list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='A start value: "heart.rate=1.3 Hz".')
 ]
 Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
-ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
+ExecutionTool = Annotated[bool, typer.Option(help="Set needsExecutionTool in the FMU; some importers reject it.")]
 Native = Annotated[bool, typer.Option("--native", help="Build an FMU that needs no Python on its host.")]
 Standard = Annotated[int, typer.Option("--fmi", metavar="2|3", help="With --native: version of FMI.")]
 Platforms = Annotated[
@@ -104,7 +104,7 @@ def _start_values(table: Iterable[Variable], changes: Sequence[str]) -> dict[str
     return assignments(changes, {name: (q.unit, q.display) for name, q in numbers.items()})
 
 
-def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
+def _lumped(model: Callable[..., FMUContents]) -> Callable[..., None]:
     """The command that builds a heart or a body."""
 
     def command(

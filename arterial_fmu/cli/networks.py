@@ -86,10 +86,10 @@ def import_csv(
             lines = '# inlet.Q_max = "90 mL/s" and # inlet.T = "0.8 s", or # inlet.Q = "flow.csv"'
             say_notes([f"{half_sine}; to define another, write above the table {lines}."], aside=as_json)
         folder = (out or Path()).parent
-        _write(_seen_from(folder, sections, table.parent), table, out, force, as_json, folder)
+        _write(_relative_to(folder, sections, table.parent), table, out, force, as_json, folder)
 
 
-def _seen_from(folder: Path, sections: written.Sections, old: Path) -> written.Sections:
+def _relative_to(folder: Path, sections: written.Sections, old: Path) -> written.Sections:
     """Sections with the paths of their inflow files relative to another folder."""
     if folder.resolve() == old.resolve():
         return sections

@@ -13,7 +13,7 @@ from fitting.parallel.threads import single_threaded
 from fitting.records.channels.spectral import interpolated
 
 from .measures import POINTS, measured
-from .models import Model
+from .models import StudyModel
 
 Array = np.ndarray
 
@@ -25,7 +25,7 @@ WAVE = pl.Array(pl.Float32, POINTS)
 class Batch:
     """The input of a worker: sets (n,) by number, their parameters (n,) [SI], and the results to keep."""
 
-    model: Model
+    model: StudyModel
     sets: Array
     parameters: Mapping[str, Array]
     measures: tuple[str, ...]

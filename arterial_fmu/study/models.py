@@ -188,10 +188,10 @@ class FMUModel:
         return answers
 
 
-Model = NetworkModel | FMUModel
+StudyModel = NetworkModel | FMUModel
 
 
-def read_model(source: str, driven_by: str | None, dt: str, element_length: str | None, tolerance: float) -> Model:
+def read_model(source: str, driven_by: str | None, dt: str, element_length: str | None, tolerance: float) -> StudyModel:
     """The model of a bundled name, a network file or an FMU.
 
     driven_by : the source of the inflow, a network or a record (CSV) with inlet.Q. An FMU needs it. element_length :

@@ -17,7 +17,7 @@ from fmu_src import __version__
 from solver.errors import InputError
 
 from .measures import WAVES, measures
-from .models import Model, NetworkModel
+from .models import NetworkModel, StudyModel
 from .varied import Varied
 
 Array = np.ndarray
@@ -31,7 +31,7 @@ _CHECKED_OF = 32  # at most one set out of this number
 class Plan:
     """base : N, a power of 2. sites : those of the results."""
 
-    model: Model
+    model: StudyModel
     varied: tuple[Varied, ...]
     base: int
     seed: int
@@ -113,7 +113,7 @@ def base_of(samples: int, D: int) -> int:
     return 1 << ((samples // (D + 2)).bit_length() - 1)
 
 
-def sites_of(model: Model, text: str | None) -> tuple[str, ...]:
+def sites_of(model: StudyModel, text: str | None) -> tuple[str, ...]:
     """The given sites, "MD,CA", or all. Raises ValueError for an unknown site."""
     places = dict.fromkeys(name.rpartition(".")[0] for name in model.channels)
     there = tuple(place for place in places if "." not in place and place != "inlet")
@@ -126,7 +126,7 @@ def sites_of(model: Model, text: str | None) -> tuple[str, ...]:
     return asked
 
 
-def plan_of(model: Model, varied: Sequence[Varied], samples: int, seed: int, sites: str | None) -> Plan:
+def plan_of(model: StudyModel, varied: Sequence[Varied], samples: int, seed: int, sites: str | None) -> Plan:
     """The plan of a study. Raises ValueError for invalid options, or if SALib is missing."""
     try:
         import SALib  # noqa: F401

@@ -24,10 +24,10 @@ def reliability(lines: Sequence[Line]) -> str:
     for own in binned(stated):
         low, high = min(x["confidence"] for x in own), max(x["confidence"] for x in own)
         rows.append((f"{low:.3f}–{high:.3f}", len(own), f"{_mean(own):.3f}", share(own, w.confident_right)))
-    note = "Every record with a name, whatever is hidden; right: name and place of what tops the class."
+    note = "Every record with a name, whatever is hidden; right: name and place of the first in the class."
     if stated:
         note += (
-            f" Calibration error (mean distance of stated from right, weighted): {error_said(stated)}. "
+            f" Calibration error (mean distance of stated from right, weighted): {error_text(stated)}. "
             f"Brier score: {brier(stated):.3f}."
         )
     return f"{note}\n\n" + markdown(("confidence", "records", "mean stated", "right"), rows)
@@ -78,12 +78,12 @@ def error_by_chance(stated: Sequence[Line], draws: int = 20_000) -> tuple[float,
     return float(gaps.mean() / len(stated)), float(np.quantile(gaps, 0.95) / len(stated))
 
 
-def error_said(stated: Sequence[Line]) -> str:
+def error_text(stated: Sequence[Line]) -> str:
     """The calibration error with its interval, the number of records, and the error of exact confidences."""
     low, high = error_bounds(stated)
     mean, most = error_by_chance(stated)
     said = f"{calibration_error(stated):.3f} ({low:.3f}–{high:.3f}; {len(stated)})"
-    return f"{said}; of exact ones {mean:.3f}, 95 % ≤ {most:.3f}"
+    return f"{said}; of exact confidences {mean:.3f}, 95 % ≤ {most:.3f}"
 
 
 def brier(stated: Sequence[Line]) -> float:

@@ -16,15 +16,15 @@ from .words import Line
 
 TITLES = {
     "standard": "Standard records",
-    "walls": "Every wall off by itself",
+    "walls": "Individual walls",
     "sensors": "Noise in the sensors' units",
-    "varying": "Beats that vary",
-    "offcentre": "Effects away from the middle",
-    "outside_walls": "Outside the catalogue, every wall off by itself",
-    "own": "One number far off, every wall off by itself",
-    "elastic": "Walls without viscosity, every one off by itself",
-    "pairs": "Two effects, every wall off by itself",
-    "three": "Three pressures, every wall off by itself",
+    "varying": "Varying beats",
+    "offcentre": "Localised effects off centre",
+    "outside_walls": "Outside the catalogue, individual walls",
+    "own": "An outlier, individual walls",
+    "elastic": "Individual walls without viscosity",
+    "pairs": "Two effects, individual walls",
+    "three": "Three pressures, individual walls",
 }
 BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end -->"
 
@@ -74,20 +74,20 @@ def _short(own: Sequence[Line]) -> Iterator[tuple[str, str]]:
     if w.of(own, "pair"):
         yield "Two effects", t.pairs(own)
     yield "Confidence", reliability(own)
-    yield "What the named effects close", t.closed(own)
+    yield "Gap closed by the named effects", t.closed(own)
     if w.of(own, "outside"):
         yield "Outside the catalogue", t.outside(own)
 
 
 def _sections(kind: str, own: Sequence[Line], network: Network) -> Iterator[tuple[str, str]]:
     yield "Power", t.power(own)
-    yield "Which effect is taken for which", t.confusion(own)
+    yield "Confusion of effects", t.confusion(own)
     yield "By effect", t.by_effect(own)
     if kind == "network":
         yield "Places", t.places(own, network)
-    yield "What is not told apart", t.ambiguous(own)
+    yield "Effects that are not distinguished", t.ambiguous(own)
     yield "Confidence", reliability(own)
-    yield "What the named effects close", t.closed(own)
+    yield "Gap closed by the named effects", t.closed(own)
     yield "Parameters of the added term", t.parameters(own)
     yield "Two effects", t.pairs(own)
     yield "Outside the catalogue", t.outside(own)
@@ -99,8 +99,8 @@ def origin(lines: Sequence[Line]) -> str:
     for group, kind, seed in sorted({_plan(x) for x in lines}):
         own = [x for x in lines if _plan(x) == (group, kind, seed)]
         lost, small = (sum(x["verdict"] == which for x in own) for which in (w.NOT_MADE, w.NOT_JUDGED))
-        without = f" ({lost} without a periodic state, left out)" if lost else ""
-        without += f" ({small} of too little d′, chosen before any verdict, left out)" if small else ""
+        without = f" ({lost} without a periodic state, excluded)" if lost else ""
+        without += f" ({small} with too small a d′, excluded before any verdict)" if small else ""
         said.append(f"{len(own)} {group} {kind} records of seed {seed}{without}, sources {', '.join(_hashes(own))}")
     return "; ".join(said) + "."
 

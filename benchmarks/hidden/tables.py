@@ -45,18 +45,18 @@ def confusion(lines: Sequence[Line], least: float = 6.0) -> str:
     """Rows: hidden effects (single ones with d' of at least ``least``, and all nulls); columns: the first name."""
     chosen = w.of(lines, "single", least) + w.of(lines, "null")
     truth = sorted({w.truths(x)[0] for x in chosen if x["effects"]})
-    columns = sorted({*truth, *(w.told(x) for x in chosen)} - set(_VERDICTS)) + list(_VERDICTS)
-    columns = [c for c in columns if c in truth or any(w.told(x) == c for x in chosen)]
+    columns = sorted({*truth, *(w.reported(x) for x in chosen)} - set(_VERDICTS)) + list(_VERDICTS)
+    columns = [c for c in columns if c in truth or any(w.reported(x) == c for x in chosen)]
     rows = []
     for name in [*truth, ""]:
         own = [x for x in chosen if w.truths(x) == ((name,) if name else ())]
-        count = Counter(w.told(x) for x in own)
+        count = Counter(w.reported(x) for x in own)
         label = f"{columns.index(name) + 1} {name}" if name else "nothing hidden"
         rows.append((label, *(_bold(count[c], c == name) for c in columns)))
     header = [c if c in _VERDICTS else str(i + 1) for i, c in enumerate(columns)]
     rest = [f"{i + 1} {c}" for i, c in enumerate(columns) if c not in truth and c not in _VERDICTS]
     note = f"Single effects with d′ ≥ {least:g}, and all nulls." + (f" {', '.join(rest)}." if rest else "")
-    return f"{note}\n\n" + markdown(("hidden \\ told", *header), rows)
+    return f"{note}\n\n" + markdown(("hidden \\ reported", *header), rows)
 
 
 _VERDICTS = ("none", "several", "partial", "unknown", "unusable", "crashed")
@@ -128,7 +128,7 @@ def parameters(lines: Sequence[Line]) -> str:
             spread = f"{100 * np.median(np.abs(relative)):.1f} %"
             covered = Share(sum(e[3] for e in mine), len(mine))
             rows.append((f"{name} `{key}`", len(mine), f"{100 * np.median(relative):+.1f} %", spread, covered))
-    note = "Errors relative to the effect's size (value less the value without it)."
+    note = "Errors relative to the effect's size (value minus the neutral value)."
     return f"{note}\n\n" + markdown(("parameter", "records", "median error", "median absolute error", "covered"), rows)
 
 
@@ -145,7 +145,7 @@ def closed(lines: Sequence[Line]) -> str:
                 for v in zip(*((g["given"], g["best"], g["best"] / g["given"]) for g in found), strict=True)
             )
             rows.append((verdict, len(own), share(own, w.confident_right), before, after, ratio))
-    note = "Medians of the whitened RMS on held-out beats; 1 is noise, and what is above it remains."
+    note = "Medians of the whitened RMS on held-out beats; 1 is noise, and more is a remaining gap."
     header = ("verdict", "records", "right name and place", "gap before", "after (remains)", "after/before")
     return f"{note}\n\n" + markdown(header, rows)
 
@@ -157,7 +157,7 @@ def outside(lines: Sequence[Line]) -> str:
         for low, high in ((6.0, 30.0), (30.0, np.inf)):
             own = [x for x in w.of(lines, "outside", low) if w.beyond(x) == name and w.d_prime(x) < high]
             if own:
-                taken = Counter(w.told(x) for x in own if w.claims(x))
+                taken = Counter(w.reported(x) for x in own if w.claims(x))
                 verdict = Counter(x["verdict"] for x in own)
                 size = f"{low:g}–{high:g}" if np.isfinite(high) else f"≥ {low:g}"
                 rows.append((name, size, len(own), _counted(verdict), _counted(taken)))
@@ -200,11 +200,11 @@ def failures(lines: Sequence[Line], network: Network) -> str:
         "errors": [x for x in lines if x.get("error")],
     }  # fmt: skip
     for title, own in chosen.items():
-        parts.append(f"### {title}: {len(own)}\n\n" + "\n".join(f"- {_said(x)}" for x in own))
+        parts.append(f"### {title}: {len(own)}\n\n" + "\n".join(f"- {_record_text(x)}" for x in own))
     return "\n\n".join(parts) + "\n"
 
 
-def _said(x: Line) -> str:
+def _record_text(x: Line) -> str:
     hidden = " + ".join(
         f"{e['name']}@{','.join(e['where'])} {e['size']:.3g} (d′ {e.get('d_prime', float('nan')):.3g})"
         for e in x["effects"]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import binom
 
 from . import words as w
-from .calibration import calibration_error, error_bounds, error_said, named
+from .calibration import calibration_error, error_bounds, error_text, named
 from .counts import NO_RECORDS, Share, markdown, share
 from .tables import SEPARABLE
 from .words import Line
@@ -63,7 +63,7 @@ class Targets:
         stated = named(lines)
         if stated:
             met = _met(calibration_error(stated) <= 0.05, error_bounds(stated)[1] <= 0.05)
-            self.add(f"{what}, calibration error of the confidence", "≤ 0.05", error_said(stated), met)
+            self.add(f"{what}, calibration error of the confidence", "≤ 0.05", error_text(stated), met)
 
     def parameters(self, what: str, lines: Sequence[Line]) -> None:
         """Errors and intervals of the parameters of effects with a single correct name at the correct place."""
@@ -87,11 +87,11 @@ class Targets:
 
     def outside(self, what: str, lines: Sequence[Line]) -> None:
         """Effects outside the catalogue: a name without the note that more remains is wrong."""
-        said = "one name or two, and not that more remains"
+        said = "named without the note that more remains"
         self.at_most(f"{what}, outside the catalogue: {said}", 0.05, share(w.of(lines, "outside"), w.committed))
-        self.at_most("– of these d′ ≥ 30", 0.05, share(w.of(lines, "outside", 30.0), w.committed))
+        self.at_most("– of these with d′ ≥ 30", 0.05, share(w.of(lines, "outside", 30.0), w.committed))
         apart = [x for x in w.of(lines, "outside") if w.separation(x) >= SEPARABLE]
-        self.at_most(f"– of these separation ≥ {SEPARABLE:g}", 0.05, share(apart, w.committed))
+        self.at_most(f"– of these with separation ≥ {SEPARABLE:g}", 0.05, share(apart, w.committed))
 
     def seconds(self, what: str, most: float, longest: float, lines: Sequence[Line]) -> None:
         """CPU time of a diagnosis in one process: nearly all within ``most``, none above ``longest`` [s]."""

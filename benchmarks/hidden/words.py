@@ -148,7 +148,7 @@ def one_and_more(line: Line) -> bool:
     return line["verdict"] in ("several", "unknown", "partial") and bool(set(top(line)) & set(truths(line)))
 
 
-def told(line: Line) -> str:
+def reported(line: Line) -> str:
     """The column of the confusion matrix: the name on top, or the verdict where there is none."""
     if line["verdict"] in ("effect", "ambiguous", "partial") and len(top(line)) == 1:
         return top(line)[0]
@@ -193,7 +193,7 @@ def wanders(line: Line) -> bool:
     return any(e["name"] == "varying_tone" for e in line["effects"])
 
 
-def told_places(line: Line) -> set[str]:
+def reported_places(line: Line) -> set[str]:
     """Where it says that something acts: the places of the class, of ``unknown`` those of the map and of what cannot be
     told from these. Of a junction and an outlet the name is that of its segment."""
     if claims(line):
@@ -208,7 +208,7 @@ def told_places(line: Line) -> set[str]:
 def holds_place(line: Line) -> bool:
     """Whether the places that are told hold that of what is hidden, a single effect."""
     (effect,) = line["effects"]
-    return set(effect["where"]) <= told_places(line)
+    return set(effect["where"]) <= reported_places(line)
 
 
 _NUMBERS = {"wall_stiffness": "E", "terminal_reflection": "outlet.R_t", "wall_radius": "R0"}

@@ -20,7 +20,7 @@ from ..findings.outcome import Located
 
 
 @dataclass(frozen=True)
-class Found:
+class Disagreement:
     """z : (K+1, m) of the channels. p_value : of the global χ². located : the largest significant entries."""
 
     z: Array
@@ -28,7 +28,7 @@ class Found:
     located: tuple[Located, ...]
 
 
-def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
+def find(names: Sequence[str], residual: Array, covariance: Array) -> Disagreement:
     """The significant entries of a residual, measured minus simulated.
 
     residual : (K+1, m) complex coefficients. covariance : (K+1, m, m).
@@ -51,4 +51,4 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
     power = np.einsum("ki,kij,kj->k", residual.conj(), np.linalg.inv(covariance), residual).real
     total = power[0] + 2.0 * power[1:].sum()  # χ² = Σ weight x† C⁻¹ x
     p_value = float(chdtrc(residual.shape[1] * (2 * len(power) - 1), total))
-    return Found(z, p_value, tuple(located))
+    return Disagreement(z, p_value, tuple(located))

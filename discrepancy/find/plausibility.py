@@ -9,8 +9,8 @@ import numpy as np
 
 from fitting.inference.fit import Array
 from fitting.records.alignment.period import repeats, usual_period
+from fitting.records.limits import SURE
 from fitting.records.read.record import Record
-from fitting.records.thresholds import SURE
 from solver.errors import InputError
 
 from .study import Study, Unusable

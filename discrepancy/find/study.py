@@ -18,7 +18,7 @@ from fitting.inference.prior import Calibrated
 from fitting.inference.runs import Runs
 from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats
-from fitting.records.channels.noise import seam_said
+from fitting.records.channels.noise import seam_note
 from fitting.records.read.record import Record
 from fitting.records.read.sensors import UnusableRecord
 from fitting.wall.elastic_law import MISFIT
@@ -81,7 +81,7 @@ def prepare(
         if INFLOW in record.channels:
             whole = network_problem(fitted, network, channels(record, network), runs, prior, accuracy(network))
             problem: Single = whole
-            warnings += *seam_said(fitted, whole.signals, whole.felt), *_means_along(beats, network)
+            warnings += *seam_note(fitted, whole.signals, whole.felt), *_means_along(beats, network)
         else:
             site = bench_site(record, network)
             problem = bench(fitted, network, site)

@@ -66,7 +66,7 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
         search = named_at(whole.at((), found.unknowns, found.x), found, terms, first)
     else:
         search = _of_bench(whole, terms, first)
-    known, complete = last_of(_with_what_stands_out(search, first))
+    known, complete = last_of(_with_outliers(search, first))
     near, last = None, Comparison(known)
     if isinstance(known.problem, NetworkProblem) and known.best.explains:
         if (near := nearest(known.problem, known.none.fit, replace(runs, deadline=None))) is not None:
@@ -105,7 +105,7 @@ def _freed(found: Compared, where: SourceMap | None, runs: Runs) -> Callable[[Na
     return beside
 
 
-def _with_what_stands_out(search: Iterator[Compared], runs: Runs) -> Iterator[Compared]:
+def _with_outliers(search: Iterator[Compared], runs: Runs) -> Iterator[Compared]:
     """The comparison after every stage; last, after the outliers among the individual walls were treated."""
     known = None
     for known in search:

@@ -75,7 +75,7 @@ class Named:
     @property
     def visible(self) -> bool:
         """True if each of two effects is detectable beside the other."""
-        alone = [float(np.linalg.norm(seen_by(self.fit, [t]))) for t in self.fit.terms]
+        alone = [float(np.linalg.norm(whitened_response(self.fit, [t]))) for t in self.fit.terms]
         return len(alone) < 2 or min(alone) >= at.VISIBLE
 
     def moved_to(self, fit: Fit, dof_of_noise: float) -> Named:
@@ -89,7 +89,7 @@ def names_of(terms: Sequence[Term]) -> str:
     return " + ".join(sorted(term.label for term in terms))
 
 
-def seen_by(fit: Fit, terms: Sequence[Term]) -> Array:
+def whitened_response(fit: Fit, terms: Sequence[Term]) -> Array:
     """(n,) whitened response to the sizes of some effects of a fit, with all its other free unknowns projected out. Its
     norm is their d'."""
     names = {u.name for t in terms for u in t.unknowns}  # some of which may be fixed

@@ -99,7 +99,7 @@ def decided(
 def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximate: Sequence[Named]) -> Naming:
     problem, none = found.problem, found.none
     exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
-    held = ((n, beside(n)) for n in _held_loosely(found, exact))
+    held = ((n, beside(n)) for n in _discrepancy_candidates(found, exact))
     loose = [with_errors(n, errors) for n, errors in held if errors is not None]
     ways = ranked([*exact, *(n for n in loose if not _by_a_law(n, exact)), *_with_shown(approximate)])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
@@ -124,7 +124,11 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximat
     order = apart([*same, *rest])
     members = _class(order[: len(same)])
     return replace(
-        unknown, verdict=_said(best, members, problem.network), ranked=order, members=members, confidence=confidence
+        unknown,
+        verdict=_exact_verdict(best, members, problem.network),
+        ranked=order,
+        members=members,
+        confidence=confidence,
     )
 
 
@@ -166,7 +170,7 @@ def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
     return any(n.fit.terms and n.score < most and {t.place for t in n.fit.terms} <= there for n in exact)
 
 
-def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
+def _discrepancy_candidates(found: Compared, exact: Sequence[Named]) -> list[Named]:
     """Hypotheses that are also evaluated with an error of the model: no effect, and the most probable single effects,
     with each member of a pair that explains the record, so that a second effect must do better than such an error. In
     a network whose best hypothesis explains the record, no effect and that one alone; in others the most probable one
@@ -195,7 +199,7 @@ def _class(order: Sequence[Named]) -> tuple[Named, ...]:
     return tuple(names.values())
 
 
-def _said(best: Named, members: Sequence[Named], network: Network) -> str:
+def _exact_verdict(best: Named, members: Sequence[Named], network: Network) -> str:
     """The verdict if the best hypothesis is exact and has an effect."""
     if len(best.fit.terms) == 1:
         return "effect" if len(members) == 1 else "ambiguous"

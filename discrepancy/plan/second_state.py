@@ -33,7 +33,7 @@ _NEWTON, _CLOSE = 30, 1e-9  # at most, Newton steps to the radius under a pressu
 
 
 @dataclass(frozen=True)
-class State:
+class SecondState:
     """Another state of the subject: heart rate and inflow (on a bench the pulse of the pressure) as factors of the
     recorded ones, and the relative change of the mean pressure."""
 
@@ -44,10 +44,10 @@ class State:
 
 
 STATES = (
-    State("heart rate × 1.5", rate=1.5),
-    State("mean pressure + 30 %", level=0.3),
-    State("mean pressure − 30 %", level=-0.3),
-    State("inflow × 1.5", flow=1.5),
+    SecondState("heart rate × 1.5", rate=1.5),
+    SecondState("mean pressure + 30 %", level=0.3),
+    SecondState("mean pressure − 30 %", level=-0.3),
+    SecondState("inflow × 1.5", flow=1.5),
 )
 _OF_BENCH = {"inflow × 1.5": "pulse pressure × 1.5"}
 
@@ -109,7 +109,7 @@ def _apart(there: Forward, fit: Fit, C: Array, runs: Runs) -> float | None:
     return float(np.sqrt(point.z @ np.linalg.solve(V, point.z)))
 
 
-def _of_network(problem: Forward, state: State, fit: Fit, runs: Runs) -> NetworkProblem | None:
+def _of_network(problem: Forward, state: SecondState, fit: Fit, runs: Runs) -> NetworkProblem | None:
     """The problem with the simulation of a hypothesis in a state as its record; None if that fails. The mean pressure
     is changed through the venous pressures of all outlets."""
     assert isinstance(problem, NetworkProblem)
@@ -130,7 +130,7 @@ def _of_network(problem: Forward, state: State, fit: Fit, runs: Runs) -> Network
     return None if X is None else replace(there, target=Target.of(problem.signals, X, problem.target.covariance))
 
 
-def _of_bench(problem: Bench, state: State, fit: Fit) -> Bench | None:
+def _of_bench(problem: Bench, state: SecondState, fit: Fit) -> Bench | None:
     """The same for one wall."""
     loop, mean = problem.loop, float(problem.loop.P.mean())
     P = mean * (1.0 + state.level) + state.flow * (loop.P - mean)

@@ -325,7 +325,7 @@ def law_text(law: LearnedLaw) -> str:
     beside = f" in place of {' and '.join(map(label_text, law.instead))}" if law.instead else beside
     return (
         f"A law fitted to the {owner}{beside} describes this recording: {law.formula}, {numbers}. {_tested(law)} "
-        f"{_gaps(law, 'it')}. The recording covers {_seen(law)}."
+        f"{_gaps(law, 'it')}. The recording covers {_learned_range(law)}."
     )
 
 
@@ -358,7 +358,7 @@ def with_law(outcome: Outcome, law: LearnedLaw | None) -> Outcome:
     return replace(outcome, learned=law, sentence=joined(outcome.sentence, law_text(law)))
 
 
-def _seen(law: LearnedLaw) -> str:
+def _learned_range(law: LearnedLaw) -> str:
     """The range of states from which the law was learned."""
     lows, highs, rates = zip(*law.seen.values(), strict=True)
     low, high, rate = min(lows), max(highs), max(rates)

@@ -73,7 +73,7 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
     if not found.values and origin.get("zeros"):
         raise InputError(f"{path}: only zeros of sensors were calibrated; make these known by --filter, as it says.")
     try:
-        coordinates, covariance = _told(found)
+        coordinates, covariance = _unknowns_of(found)
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"{path}: holds no covariance of what was calibrated, or a broken one; {_AGAIN}.") from None
     moved = {variable for c in coordinates for variable, _ in c.moves}
@@ -92,7 +92,7 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
     return Prior(here, along(coordinates, covariance, here), os.fspath(path), str(origin.get("sha256", "")))
 
 
-def _told(found: ParameterSet) -> tuple[list[Coordinate], Array]:
+def _unknowns_of(found: ParameterSet) -> tuple[list[Coordinate], Array]:
     """The unknowns of a calibration and their covariance. Raises any of several errors if these are invalid."""
     unknowns: Mapping[str, Any] = found.provenance["unknowns"]
     coordinates = []

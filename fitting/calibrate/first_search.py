@@ -66,7 +66,7 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Prob
     near = [i for i in ended if not far(weighted, ended[i])]
     best = min(near or ended, key=lambda i: (not near and i > 0, ended[i].history[-1]))
     asked = x0 is not None or list(ended) == [0]
-    return weighted, ended[best], [] if asked else [_said(weighted, ended, best)]
+    return weighted, ended[best], [] if asked else [_search_note(weighted, ended, best)]
 
 
 def _enough(problem: Problem, ended: Mapping[int, Ended]) -> bool:
@@ -93,7 +93,7 @@ def far(problem: Problem, found: Ended) -> bool:
     return problem.whole.left_of_pulsation(found.fit) > FAR and bool(found.errors.any())
 
 
-def _said(problem: Problem, ended: Mapping[int, Ended], best: int) -> str:
+def _search_note(problem: Problem, ended: Mapping[int, Ended], best: int) -> str:
     left = {i: problem.whole.left_of_pulsation(each.fit) for i, each in ended.items()}
     leaves = {i: f"{100.0 * each:.2g} % of the pulsation (rms)" for i, each in left.items()}
     why = f"the search leaves {leaves[0]}" if 0 in ended else "there is no periodic beat"

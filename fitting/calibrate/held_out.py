@@ -53,7 +53,7 @@ def judge(
     own = {variable for u, free in zip(one.unknowns, varies, strict=True) if free for variable in u.variables}
 
     def left(free: bool) -> Calibration:
-        unknowns = [u if free and v else _held(u, at) for u, v, at in zip(one.unknowns, varies, x, strict=True)]
+        unknowns = [u if free and v else _fixed(u, at) for u, v, at in zip(one.unknowns, varies, x, strict=True)]
         return calibrate(beats, network, unknowns, settings=settings, x0=x)
 
     as_fitted = left(False)
@@ -64,5 +64,5 @@ def judge(
     return HeldOut(beats.source, as_fitted.recordings[0].rms, refitted.recordings[0].rms, values)
 
 
-def _held(unknown: Unknown, x: float) -> Unknown:
+def _fixed(unknown: Unknown, x: float) -> Unknown:
     return replace(unknown, low=float(x), high=float(x))

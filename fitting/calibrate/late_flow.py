@@ -20,7 +20,7 @@ from ..first.waves import late
 from ..inference.gauss_newton import Rules
 from ..inference.joint.calibration import Problem
 from ..inference.joint.model_error import Ended, minimum
-from ..records import thresholds as limit
+from ..records import limits as limit
 from ..records.channels.inflow import flowed
 
 

@@ -41,8 +41,8 @@ from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.channels.amounts import sizes
 from ..records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
+from ..records.limits import MAX_HARMONICS
 from ..records.recordings import labels_of
-from ..records.thresholds import MAX_HARMONICS
 from .calibrated import ALL_PRIOR, Calibration, Recording, noise_known
 from .first_search import ROUGH, first_search
 from .late_flow import late_flow

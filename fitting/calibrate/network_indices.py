@@ -19,7 +19,7 @@ from ..inference.zeros import apart, unmoved
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.channels.inflow import inflow
-from ..records.thresholds import MAX_HARMONICS
+from ..records.limits import MAX_HARMONICS
 from ..results.estimate import Estimate
 from ..wall.indices import estimates, loop_area, measured_loss, of_wall
 from .network_calibration import Calibration

@@ -9,9 +9,9 @@ import numpy as np
 
 from solver.quantities.units import INFLOW, MMHG, of_signal
 
-from ..records import thresholds as limit
+from ..records import limits as limit
 from ..records.alignment.beats import Beats
-from .estimates import Found, radius_at, speeds
+from .estimates import FirstEstimate, radius_at, speeds
 from .fitted import Delay
 from .waves import foot, later, smooth
 
@@ -24,7 +24,7 @@ _MANY = 6.0  # times the usual resistance or a sixth of it: L/min read as mL/s i
 _USUAL, _MASS = 1.1 * MMHG / 1e-6, 70.0  # [Pa s/m³] of a human of 70 kg: 95 mmHg over 5 L/min; as mass^(-3/4)
 
 
-def doubts(beats: Beats, root: str, R: Found, Z: Found, mass: float, sites: list[str]) -> Iterator[str]:
+def doubts(beats: Beats, root: str, R: FirstEstimate, Z: FirstEstimate, mass: float, sites: list[str]) -> Iterator[str]:
     """Sentences. root : the channel of the pressure there. R : the total resistance, Z : the impedance at the root.
     mass [kg] of the animal."""
     yield from _ventricle(beats, root)
@@ -66,7 +66,7 @@ def means_along(beats: Beats, root: str, sites: Iterable[str]) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class Shown:
+class ChannelComparison:
     """A channel of the record compared with the model: means, pulses and the rms of the difference [SI]."""
 
     channel: str
@@ -75,7 +75,7 @@ class Shown:
     rms: float
 
 
-def means_apart(row: Shown) -> str:
+def means_apart(row: ChannelComparison) -> str:
     """A sentence if the model misses the mean of a channel by more than half its pulse; "" if not."""
     unit, shown = of_signal(row.channel)
     if abs(row.mean[1] - row.mean[0]) <= limit.BEYOND * row.pulse[0]:
@@ -110,7 +110,7 @@ def _clocks(beats: Beats, root: str) -> Iterator[str]:
         )
 
 
-def _flow_of_another_place(beats: Beats, root: str, Z: Found) -> Iterator[str]:
+def _flow_of_another_place(beats: Beats, root: str, Z: FirstEstimate) -> Iterator[str]:
     found = speeds(beats, root, Z)
     if found and not found.agree:
         measured = radius_at(beats, root)
@@ -144,7 +144,7 @@ def _zero_of_flow(beats: Beats) -> Iterator[str]:
         )
 
 
-def _size(R: Found, mass: float) -> Iterator[str]:
+def _size(R: FirstEstimate, mass: float) -> Iterator[str]:
     times = R.value / (_USUAL * (mass / _MASS) ** -0.75)
     if not 1.0 / _MANY < times < _MANY:
         yield (

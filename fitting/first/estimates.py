@@ -36,7 +36,7 @@ _DECAY = (0.3, 0.98)  # of diastole: where pressure decays alike everywhere
 
 
 @dataclass(frozen=True)
-class Found:
+class FirstEstimate:
     """One number: value in its SI unit, relative standard deviation (of its logarithm), and how it was found."""
 
     name: str
@@ -76,7 +76,7 @@ def root_pressure(beats: Beats) -> str:
     return min(pressures, key=lambda name: later(foot(smooth(beats, name), beats.T) - begin, beats.T))
 
 
-def resistance(beats: Beats, root: str, P_venous: float) -> Found:
+def resistance(beats: Beats, root: str, P_venous: float) -> FirstEstimate:
     """R = (mean P - P_venous)/mean Q [Pa·s/m³]. Raises ValueError where one of the two is not positive."""
     P, Q = beats.mean(root).mean() - P_venous, beats.mean(INFLOW).mean()
     if not (P > 0.0 and Q > 0.0):
@@ -87,10 +87,10 @@ def resistance(beats: Beats, root: str, P_venous: float) -> Found:
             f'"TITLE=-{INFLOW}" turns it) and the zero of {root}, or give --venous.'
         )
     how = f"mean of {root} minus P_venous ({P_venous / MMHG:.3g} mmHg), over mean of {INFLOW}"
-    return Found("total resistance R", float(P / Q), "Pa.s/m^3", float(np.hypot(0.02, _VENOUS / P)), how)
+    return FirstEstimate("total resistance R", float(P / Q), "Pa.s/m^3", float(np.hypot(0.02, _VENOUS / P)), how)
 
 
-def compliances(beats: Beats, root: str, P_venous: float, R: float) -> tuple[Found, ...]:
+def compliances(beats: Beats, root: str, P_venous: float, R: float) -> tuple[FirstEstimate, ...]:
     """C [m³/Pa] by two methods, or by one if diastole shows no decay.
 
     By the pulse: with C, a Windkessel of resistance R has the pulse of the root under its flow. It ignores Z_c and
@@ -113,16 +113,16 @@ def compliances(beats: Beats, root: str, P_venous: float, R: float) -> tuple[Fou
     decay = _decay(smooth(beats, root) - P_venous, smooth(beats, INFLOW), R, beats.T)
     by_pulse = f"pulse of {root} of a Windkessel under {INFLOW}"
     if decay is None:
-        return (Found(_C, C, "m^3/Pa", _ROUGH, f"{by_pulse}; diastole shows no decay"),)
+        return (FirstEstimate(_C, C, "m^3/Pa", _ROUGH, f"{by_pulse}; diastole shows no decay"),)
     by_decay, error = f"decay of {root} in diastole", _difference(C, decay)
     shown, other = (f"{x * MMHG * 1e6:.3g} mL/mmHg" for x in (C, decay))
     return (
-        Found(_C, C, "m^3/Pa", error, f"{by_pulse}; by the {by_decay}: {other}"),
-        Found(_C, decay, "m^3/Pa", error, f"{by_decay}; by the {by_pulse}: {shown}"),
+        FirstEstimate(_C, C, "m^3/Pa", error, f"{by_pulse}; by the {by_decay}: {other}"),
+        FirstEstimate(_C, decay, "m^3/Pa", error, f"{by_decay}; by the {by_pulse}: {shown}"),
     )
 
 
-def impedance(beats: Beats, root: str) -> Found:
+def impedance(beats: Beats, root: str) -> FirstEstimate:
     """Z_c [Pa·s/m³] at the root: geometric mean of the estimates from the upstroke and from the high harmonics.
 
     ΔP/ΔQ from the foot of the flow till half its rise (R. E. Dujardin and D. N. Stone, Med. Biol. Eng. Comput. 19
@@ -145,10 +145,12 @@ def impedance(beats: Beats, root: str) -> Found:
     early = max(2, int(np.argmax(Q > Q[0] + _EARLY * (Q.max() - Q[0]))) + 1)
     by_upstroke = float(np.polyfit(Q[:early], P[:early], 1)[0])
     if not by_upstroke > 0.0:
-        return Found("impedance Z_c", by_harmonics, "Pa.s/m^3", 2.0 * _ROUGH, f"{how}; P falls in the upstroke of Q")
+        return FirstEstimate(
+            "impedance Z_c", by_harmonics, "Pa.s/m^3", 2.0 * _ROUGH, f"{how}; P falls in the upstroke of Q"
+        )
     Z_c = float(np.sqrt(by_upstroke * by_harmonics))
     error = max(_LEAST, _difference(by_upstroke, by_harmonics) / 2.0)
-    return Found("impedance Z_c", Z_c, "Pa.s/m^3", error, f"{how}; upstroke: {_shown(by_upstroke)}")
+    return FirstEstimate("impedance Z_c", Z_c, "Pa.s/m^3", error, f"{how}; upstroke: {_shown(by_upstroke)}")
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,7 @@ def radius_at(beats: Beats, root: str) -> str:
     return next((name for name in (here, "inlet.R") if name in beats.values), "")
 
 
-def speeds(beats: Beats, root: str, Z: Found) -> Speeds | None:
+def speeds(beats: Beats, root: str, Z: FirstEstimate) -> Speeds | None:
     """Wave speeds at the root, None without a radius there."""
     if not (measured := radius_at(beats, root)):
         return None
@@ -182,7 +184,7 @@ def speeds(beats: Beats, root: str, Z: Found) -> Speeds | None:
     return Speeds(Z.value * np.pi * mean**2 / rho, float(np.sqrt(max(mean * slope / (2.0 * rho), 0.0))))
 
 
-def delay(beats: Beats, root: str, site: str) -> Found:
+def delay(beats: Beats, root: str, site: str) -> FirstEstimate:
     """The delay of the upstroke at a site relative to the root [s], foot to foot: P to P, R to P, or Q to Q.
 
     It contains that of one sensor against the other, and so does its error.
@@ -198,10 +200,10 @@ def delay(beats: Beats, root: str, site: str) -> Found:
     if found < t:
         how = f"no delay detected ({1e3 * found:.2g} ms), one sample assumed"
     error = float(np.hypot(np.clip(abs(t - other) / t, _LEAST / 2.0, 1.0), _SENSORS / t))
-    return Found(f"delay to {site}", t, "s", min(error, 1.0), how)
+    return FirstEstimate(f"delay to {site}", t, "s", min(error, 1.0), how)
 
 
-def reflection_time(beats: Beats, root: str, Z_c: float) -> Found:
+def reflection_time(beats: Beats, root: str, Z_c: float) -> FirstEstimate:
     """The travel time of a wave to its reflection and back [s]: from the foot of the forward to that of the backward
     wave, P_± = (P ± Z_c Q)/2. Source: N. Westerhof et al., Cardiovasc. Res. 6 (1972) 648."""
     P, Q = (smooth(beats, name) for name in (root, INFLOW))
@@ -209,8 +211,8 @@ def reflection_time(beats: Beats, root: str, Z_c: float) -> Found:
     how = f"feet of the forward and the backward wave of {root} and {INFLOW}"
     if t < beats.T / beats.N:
         how = f"the backward wave of {root} and {INFLOW} is not later, {_RETURN:.0%} of the period assumed"
-        return Found("reflection time", _RETURN * beats.T, "s", 2.0 * _ROUGH, how)
-    return Found("reflection time", float(t), "s", _ROUGH, how)
+        return FirstEstimate("reflection time", _RETURN * beats.T, "s", 2.0 * _ROUGH, how)
+    return FirstEstimate("reflection time", float(t), "s", _ROUGH, how)
 
 
 def _decay(P: Array, Q: Array, R: float, T: float) -> float | None:

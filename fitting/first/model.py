@@ -30,10 +30,11 @@ from solver.quantities.units import INFLOW, MMHG
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
+from .branches import Branch, branched, layouts, parents
 from .data import Data
-from .doubts import Shown, doubts, late_flow, means_apart
+from .doubts import ChannelComparison, doubts, late_flow, means_apart
 from .estimates import (
-    Found,
+    FirstEstimate,
     compliances,
     delay,
     impedance,
@@ -46,7 +47,6 @@ from .estimates import (
 )
 from .fitted import Delay, Fitted, delayed, fitted, of_owner
 from .species import Typical, typical
-from .stretches import Stretch, branched, layouts, parents
 from .tubes import KEYS, Tube, made, mean_speed, windkessel
 from .waves import heard
 
@@ -69,8 +69,8 @@ class FirstModel:
 
     network: Network
     text: str
-    found: tuple[Found, ...]
-    shown: tuple[Shown, ...]
+    found: tuple[FirstEstimate, ...]
+    shown: tuple[ChannelComparison, ...]
     notes: tuple[str, ...]
 
 
@@ -107,13 +107,13 @@ def first_model(
             f"a wave speed of {c.value:.3g} m/s is not an artery's; check the unit of {INFLOW}, or give a distance "
             "(--distance), another species (--like) or the body mass (--mass)."
         )
-    source = text.Source(
+    source = text.ModelSource(
         Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)
     )
 
-    def with_compliance(C: Found, tubes: Sequence[Stretch]) -> _Parts:
+    def with_compliance(C: FirstEstimate, tubes: Sequence[Branch]) -> _Parts:
         walls = made(tubes, c.value, area, usual)
-        stored, most, said = sum(wall.stretch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
+        stored, most, said = sum(wall.branch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
             said.append(
                 f"by the times of the waves, tubes would store {stored / C.value:.0%} of the compliance; they are made "
@@ -122,10 +122,10 @@ def first_model(
             shorter = [replace(tube, time=tube.time * most / stored) for tube in tubes]
             walls = made(shorter, c.value, area, usual)
         rest = C.value - min(stored, most)
-        ends = {wall.stretch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.stretch.end}
+        ends = {wall.branch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.branch.end}
         return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, said)
 
-    def of_layout(tubes: Sequence[Stretch], before: Fitted | None = None) -> _Layout | None:
+    def of_layout(tubes: Sequence[Branch], before: Fitted | None = None) -> _Layout | None:
         models = [with_compliance(C, tubes).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
         parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
         fit = fitted(data, model.network, bool(distances), tubes, before)
@@ -148,7 +148,7 @@ def first_model(
 class _Layout:
     """Tubes, their network as estimated, the contents of its file, and the fit."""
 
-    tubes: Sequence[Stretch]
+    tubes: Sequence[Branch]
     network: Network
     parts: _Parts
     fit: Fitted
@@ -158,8 +158,8 @@ class _Layout:
 class _Parts:
     """The contents of the file of a first model. factor : of the fit, by parameter."""
 
-    source: text.Source
-    found: tuple[Found, ...]
+    source: text.ModelSource
+    found: tuple[FirstEstimate, ...]
     tubes: Sequence[Tube]
     windkessels: Mapping[str, tuple[float, ...]]
     notes: Sequence[str]
@@ -172,8 +172,8 @@ class _Parts:
         tubes = [
             replace(
                 t,
-                stretch=replace(t.stretch, share=t.stretch.share * fit.share[t.stretch.name]),
-                **{key: getattr(t, key) * x for key, x in of_owner(f, t.stretch.name).items()},
+                branch=replace(t.branch, share=t.branch.share * fit.share[t.branch.name]),
+                **{key: getattr(t, key) * x for key, x in of_owner(f, t.branch.name).items()},
             )
             for t in self.tubes
         ]
@@ -196,8 +196,13 @@ class _Parts:
 
 
 def _speed_and_area(
-    beats: Beats, channel: str, Z: Found, usual: Typical, delays: Mapping[str, Found], distances: Mapping[str, float]
-) -> tuple[Found, float, Found]:
+    beats: Beats,
+    channel: str,
+    Z: FirstEstimate,
+    usual: Typical,
+    delays: Mapping[str, FirstEstimate],
+    distances: Mapping[str, float],
+) -> tuple[FirstEstimate, float, FirstEstimate]:
     """Mean wave speed c of a tube, area [m²] at the start of one with all of the flow, and the radius there, with
     Z_c = ρ c/A of the start.
 
@@ -214,25 +219,25 @@ def _speed_and_area(
         site = max(distances, key=lambda name: distances[name])
         c = distances[site] / delays[site].value
         error = float(np.hypot(_DISTANCE, delays[site].error))
-        speed = Found("wave speed c", c, "m/s", error, f"the distance to {site} over the delay")
+        speed = FirstEstimate("wave speed c", c, "m/s", error, f"the distance to {site} over the delay")
         at_root = c / mean_speed(1.0)
         how, R_error = "Z_c and c", float(np.hypot(error, Z.error)) / 2.0
     elif local and local.agree:
         error = float(np.hypot(Z.error, 2.0 * _MEASURED))
         at_root = local.by_flow
-        speed = Found("wave speed c", mean_speed(at_root), "m/s", error, f"Z_c and mean {measured}")
+        speed = FirstEstimate("wave speed c", mean_speed(at_root), "m/s", error, f"Z_c and mean {measured}")
         how, R_error = f"mean of {measured}", _MEASURED
     else:
         off = float(np.log(Z.value * np.pi * usual.R**2 / (rho * usual.c)))
         part = _SPEED**2 / (_SPEED**2 + (2.0 * _RADIUS) ** 2)
         at_root = usual.c * float(np.exp(part * off))
-        speed = Found("wave speed c", mean_speed(at_root), "m/s", _SPEED, "Z_c and a typical aorta")
+        speed = FirstEstimate("wave speed c", mean_speed(at_root), "m/s", _SPEED, "Z_c and a typical aorta")
         how, R_error = f"Z_c and a typical aorta ({1e3 * usual.R:.3g} mm, {usual.c:.3g} m/s)", _RADIUS
     area = rho * at_root / Z.value
     return (
         speed,
         area,
-        Found("radius of the root at the mean pressure", float(np.sqrt(area / np.pi)), "m", R_error, how),
+        FirstEstimate("radius of the root at the mean pressure", float(np.sqrt(area / np.pi)), "m", R_error, how),
     )
 
 
@@ -243,7 +248,7 @@ def _inflow(beats: Beats) -> Array:
     return np.where(np.isin(np.arange(len(X)), [0, *kept]), X, 0.0)
 
 
-def _shown(beats: Beats, network: Network) -> tuple[Shown, ...]:
+def _shown(beats: Beats, network: Network) -> tuple[ChannelComparison, ...]:
     """All channels except the inflow, against the network under the measured inflow, linearised at its mean
     pressure."""
     wave = waveforms(network, resample(beats.mean(INFLOW), _SAMPLES), beats.T)
@@ -252,7 +257,7 @@ def _shown(beats: Beats, network: Network) -> tuple[Shown, ...]:
         if name in wave:
             x, y = resample(beats.mean(name), _SAMPLES), wave[name]
             rows.append(
-                Shown(
+                ChannelComparison(
                     name,
                     (float(x.mean()), float(y.mean())),
                     (float(np.ptp(x)), float(np.ptp(y))),

@@ -14,7 +14,7 @@ from solver.quantities.quantity import quantities
 from solver.quantities.text import quoted, typed_unit
 from solver.quantities.units import INFLOW, display_factor, display_units, readable
 
-from .estimates import Found
+from .estimates import FirstEstimate
 from .fitted import of_owner
 from .tubes import TAPERED, Tube
 
@@ -25,7 +25,7 @@ _LARGE = 0.3  # larger relative standard deviations are given as factors
 
 
 @dataclass(frozen=True)
-class Source:
+class ModelSource:
     """The source of a first model: file name and hash of the record, species and source of its typical aorta, period
     [s], mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics of the inflow
     Q : (K+1,) [m³/s]."""
@@ -41,29 +41,29 @@ class Source:
     Q: Array
 
 
-def value(found: Found) -> str:
+def value(found: FirstEstimate) -> str:
     """The number in its display unit: "0.965 mmHg·s/mL"."""
     unit, factor = readable(found.unit)
     return f"{factor * found.value:.3g} {unit}".strip()
 
 
-def error(found: Found) -> str:
+def error(found: FirstEstimate) -> str:
     """Its standard deviation: "± 12 %", or a factor where it is large."""
     return f"± {100.0 * found.error:.2g} %" if found.error < _LARGE else f"×/÷ {np.exp(found.error):.2g}"
 
 
 def network_file(
-    source: Source,
-    found: Iterable[Found],
+    source: ModelSource,
+    found: Iterable[FirstEstimate],
     tubes: Sequence[Tube],
     windkessels: Mapping[str, tuple[float, ...]],
     notes: Iterable[str],
     factor: Mapping[str, float],
     late: float,
 ) -> str:
-    """TOML with all of it. windkessels : R1, C, R2 by stretch [SI]. factor : of the fit, by parameter. late : of the
+    """TOML with all of it. windkessels : R1, C, R2 by branch [SI]. factor : of the fit, by parameter. late : of the
     inflow [s], as a comment."""
-    lines = [*_head(source, found, notes), *_inlet(source, tubes[0].stretch.name)]
+    lines = [*_head(source, found, notes), *_inlet(source, tubes[0].branch.name)]
     for tube in tubes:
         lines += _segment(tube, factor)
     lines += _junctions(tubes)
@@ -76,7 +76,7 @@ def network_file(
     return "\n".join(lines) + "\n"
 
 
-def _head(source: Source, found: Iterable[Found], notes: Iterable[str]) -> list[str]:
+def _head(source: ModelSource, found: Iterable[FirstEstimate], notes: Iterable[str]) -> list[str]:
     """Comments, texts and numbers of the whole network."""
     P_ref = (source.P, "mean pressure at the root: R0 and E are those of that pressure")
     return [
@@ -96,7 +96,7 @@ def _head(source: Source, found: Iterable[Found], notes: Iterable[str]) -> list[
     ]
 
 
-def _inlet(source: Source, segment: str) -> list[str]:
+def _inlet(source: ModelSource, segment: str) -> list[str]:
     return [
         "",
         "[inlet]  # the mean beat of inlet.Q, by its harmonics [m^3/s]",
@@ -109,7 +109,7 @@ def _inlet(source: Source, segment: str) -> list[str]:
 
 
 def _segment(tube: Tube, factor: Mapping[str, float]) -> list[str]:
-    s = tube.stretch
+    s = tube.branch
     fit = of_owner(factor, s.name)
     numbers = _lines(
         Segment,
@@ -126,10 +126,10 @@ def _segment(tube: Tube, factor: Mapping[str, float]) -> list[str]:
 
 
 def _junctions(tubes: Sequence[Tube]) -> list[str]:
-    parents = dict.fromkeys(tube.stretch.parent for tube in tubes if tube.stretch.parent)
+    parents = dict.fromkeys(tube.branch.parent for tube in tubes if tube.branch.parent)
     lines = []
     for parent in parents:
-        children = tuple(tube.stretch.name for tube in tubes if tube.stretch.parent == parent)
+        children = tuple(tube.branch.name for tube in tubes if tube.branch.parent == parent)
         lines += ["", "[[junctions]]", f'in = ["{parent}"]', f"out = {quoted(children)}"]
     return lines
 
@@ -148,8 +148,8 @@ def _outlet(name: str, numbers: tuple[float, ...], P_venous: float, factor: Mapp
 
 
 def _sites(root: str, tubes: Sequence[Tube]) -> list[str]:
-    places = [(root, tubes[0].stretch.name, 0.0)] if root else []
-    places += [(tube.stretch.site, tube.stretch.name, 1.0) for tube in tubes if tube.stretch.site]
+    places = [(root, tubes[0].branch.name, 0.0)] if root else []
+    places += [(tube.branch.site, tube.branch.name, 1.0) for tube in tubes if tube.branch.site]
     texts = (f'{site} = {{ segment = "{segment}", position = {at:g} }}' for site, segment, at in places)
     return ["", "[sites]", *texts]
 

@@ -82,7 +82,7 @@ class Workers:
         if self.jobs < 2 or len(tasks) < 2:
             yield from ((i, here(task)) for i, task in enumerate(tasks))
             return
-        left = {answer: i for i, answer in enumerate(self._asked(tasks, there))}
+        left = {answer: i for i, answer in enumerate(self._submitted(tasks, there))}
         try:
             while left:
                 mine = next((answer for answer in reversed(left) if answer.cancel()), None)  # nobody has begun it
@@ -110,7 +110,7 @@ class Workers:
             with suppress(OSError), process:  # waits for it, and closes its pipes
                 pass
 
-    def _asked(self, tasks: Sequence[Task], there: Callable[[Task], Answer]) -> list[Future[Answer]]:
+    def _submitted(self, tasks: Sequence[Task], there: Callable[[Task], Answer]) -> list[Future[Answer]]:
         """The future answers of other processes to all tasks that are not cancelled before they start."""
         module = getattr(there, "func", there).__module__  # of a partial, that of its function
         self._pool = self._pool or ThreadPoolExecutor(self.jobs - 1, "worker", self._begin, (module,))

@@ -19,7 +19,7 @@ import numpy as np
 from solver.network.description import Network
 from solver.quantities.units import of_signal
 
-from . import thresholds as limit
+from . import limits as limit
 from .read.record import Record
 from .read.sensors import KINDS, UnusableRecord
 from .read.titles import factor

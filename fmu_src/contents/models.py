@@ -34,8 +34,8 @@ _STEPS = ("dt", "element_length")  # of the settings that are variables
 
 
 @dataclass(frozen=True)
-class Model:
-    """What one FMU is made of.
+class FMUContents:
+    """The contents of one FMU.
 
     name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class.
     table : its variables. resources, documents : further files by path, text in ``resources/`` and bytes in the whole
@@ -53,7 +53,7 @@ class Model:
     fmi: int = 0
 
 
-def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
+def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> FMUContents:
     """Arteries; starts : other start values than those of the network, by variable.
 
     Raises ValueError as :func:`given_arteries`, and for a network that needs more code than the solver's.
@@ -63,7 +63,7 @@ def arteries_model(network: Network, settings: Settings, starts: Starts | None =
     data = {"settings": asdict(settings), "network": to_dict(network)}
     resources = {**_data("network.json", data, others), "network.toml": dumps(network)}
     documents = document.documents(network, table, __version__)
-    return Model(network.name, "slaves.arteries_slave", "ArterialSlave", table, resources, documents)
+    return FMUContents(network.name, "slaves.arteries_slave", "ArterialSlave", table, resources, documents)
 
 
 def given_arteries(network: Network, settings: Settings, given: Starts) -> tuple[Network, Settings, Table, Starts]:
@@ -78,7 +78,7 @@ def given_arteries(network: Network, settings: Settings, given: Starts) -> tuple
     return network, settings, table, others
 
 
-def heart_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> Model:
+def heart_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> FMUContents:
     """A left heart. fmi : version of the standard of one that needs no Python, 0 of others.
 
     Raises ValueError for an unknown species.
@@ -88,7 +88,7 @@ def heart_model(species: str = "human", starts: Starts | None = None, fmi: int =
     return _lumped(of(species)[0], "heart", heart_slave.HeartSlave, heart_slave.table, title, uses, starts or {}, fmi)
 
 
-def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> Model:
+def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> FMUContents:
     """What closes the volume. fmi : as of hearts. Raises ValueError for an unknown species."""
     title = "The veins, the right heart and the lungs as one elastic reservoir."
     uses = lumped_document.BODY_USES
@@ -98,7 +98,7 @@ def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 
 def _lumped(
     part: Heart | Body, kind: str, slave: type[ComponentSlave], variables: Callable[..., Table], title: str,
     uses: tuple[str, ...], starts: Starts, fmi: int,
-) -> Model:  # fmt: skip
+) -> FMUContents:  # fmt: skip
     """A heart or a body with these start values. variables : the table of one. uses : of the page."""
     with_starts(variables(part), starts)  # refuses names and values
     part = part.with_values(starts)
@@ -106,7 +106,7 @@ def _lumped(
     pages = lumped_document.documents(part.name, title, part.reference, uses, table, fmi)
     resources = _data(slave.data_file, {kind: asdict(part)}, others)
     subject = slave.subject(json.loads(resources[slave.data_file]))
-    return Model(part.name, f"slaves.{kind}_slave", slave.__name__, table, resources, pages, subject, fmi)
+    return FMUContents(part.name, f"slaves.{kind}_slave", slave.__name__, table, resources, pages, subject, fmi)
 
 
 def of(species: str) -> tuple[Heart, Body]:

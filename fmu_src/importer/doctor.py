@@ -326,7 +326,7 @@ def _trial(path: Path, python: str, remedy: str) -> Finding:
         return Finding(what, PROBLEM, f"not done within {_PATIENCE:.0f} s", remedy)
     except (OSError, zipfile.BadZipFile, zlib.error, RuntimeError, ValueError) as error:
         return Finding(what, PROBLEM, f"could not be tried ({error})", "check the temporary folder, or set TMPDIR")
-    told = _told(done.stdout)
+    told = _json_lines(done.stdout)
     if done.returncode == 0 and {"done": "free"} in told:
         return Finding(what, OK, "loaded, initialized, stepped, read, freed")
     reached = [line["done"] for line in told if "done" in line]
@@ -336,7 +336,7 @@ def _trial(path: Path, python: str, remedy: str) -> Finding:
     return Finding(what, PROBLEM, f"failed after {reached[-1] if reached else 'the start'}: {ended}", remedy)
 
 
-def _told(output: bytes) -> list[dict[str, str]]:
+def _json_lines(output: bytes) -> list[dict[str, str]]:
     lines = []
     for line in output.decode("utf-8", "replace").splitlines():
         try:

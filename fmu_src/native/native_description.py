@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from solver.quantities.units import base_units, display_factor, display_units
 
-from ..variables.description import complete, type_definitions, type_name, unit_names
+from ..variables.model_description import complete, type_definitions, type_name, unit_names
 from ..variables.variable import Variable
 
 AUTHOR, LICENCE, COPYRIGHT = "arterial-fmu contributors", "MIT", "© 2026 arterial-fmu contributors"

@@ -14,7 +14,7 @@ from solver.network.files import dumps
 from solver.scheme.model import Settings
 
 from .. import __version__
-from ..contents.models import Model, given_arteries
+from ..contents.models import FMUContents, given_arteries
 from ..documents import document
 from ..slaves.arteries_slave import in_one_line
 from ..variables.variable import Variable
@@ -44,7 +44,7 @@ def files(
     return _complete(about, table, own_files, fmi) | libraries
 
 
-def arithmetic_files(model: Model, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:
+def arithmetic_files(model: FMUContents, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:
     """All files of a heart or a body by path. Raises ValueError as ``build_fmu.build_native``."""
     if model.subject is None:
         raise InputError(f"model {model.name}: is neither a heart nor a body; build arteries with build_native.")

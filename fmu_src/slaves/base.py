@@ -35,7 +35,7 @@ from pythonfmu.variables import Integer, Real, ScalarVariable
 from solver.errors import InputError
 from solver.lumped.component import Component
 
-from ..variables.description import complete
+from ..variables.model_description import complete
 from ..variables.variable import Variable
 from .refusal import sentence
 from .saving import INITIALIZING, INSTANTIATED, STEPPING, TERMINATED, SavingSlave

@@ -210,7 +210,7 @@ class Known(Sensor):
     def searched(self, channel: str) -> Mapping[str, Quantity]:
         return {}
 
-    def said(self, words: str) -> Mapping[str, str] | None:
+    def parse(self, words: str) -> Mapping[str, str] | None:
         """Its terms as texts, if ``words`` state them."""
         match = re.fullmatch(self.words, words, re.IGNORECASE)
         return match and dict(zip(self.terms, match.groups("1"), strict=True))

@@ -20,10 +20,20 @@ Biomech. Biomed. Engng 18 (2015) 1704; rest on tapered walls: O. Delestre, P.-Y.
 (2013) 177, here by pressure.
 """
 
-from .model import Model, build
+from .model import MusclModel, build
 from .sampling import reporter
 from .settings import MusclSettings
 from .start import periodic_state
 from .step import State, adopt, initial_state, step
 
-__all__ = ["Model", "MusclSettings", "State", "adopt", "build", "initial_state", "periodic_state", "reporter", "step"]
+__all__ = [
+    "MusclModel",
+    "MusclSettings",
+    "State",
+    "adopt",
+    "build",
+    "initial_state",
+    "periodic_state",
+    "reporter",
+    "step",
+]

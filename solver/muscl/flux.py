@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from ..laws.wall import Wall
-from .model import Model
+from .model import MusclModel
 from .slopes import SLOPES
 
 Array = np.ndarray
 
 
-def rates(model: Model, A: Array, Q: Array, Q_end: Array, P_end: Array) -> tuple[Array, Array]:
+def rates(model: MusclModel, A: Array, Q: Array, Q_end: Array, P_end: Array) -> tuple[Array, Array]:
     """∂A/∂t and ∂Q/∂t : (B, n_cells) without friction and viscosity.
 
     Q_end, P_end : (B, 2, n_segments) flow [m³/s] and elastic pressure [Pa] at the starts and ends of segments.
@@ -50,14 +50,14 @@ def momentum(wall: Wall, s: Array) -> Array:
     return wall.A0 / wall.rho * (s * s * wall.elastic.pressure(s, wall.K, wall.e) - work)
 
 
-def speeds(model: Model, wall: Wall, s: Array, U: Array) -> tuple[Array, Array]:
+def speeds(model: MusclModel, wall: Wall, s: Array, U: Array) -> tuple[Array, Array]:
     """αU and √(c² + α(α-1)U²) [m/s], whose sum and difference are the speeds of the waves."""
     alpha = model.coefficients.alpha if s.ndim == 2 else model.coefficients.alpha[..., None]
     squared = s / (2.0 * wall.rho) * wall.elastic.derivative(s, wall.K, wall.e)
     return alpha * U, np.sqrt(squared + alpha * (alpha - 1.0) * U * U)
 
 
-def _at_faces(model: Model, x: Array) -> Array:
+def _at_faces(model: MusclModel, x: Array) -> Array:
     """Values at the left and right face of every cell : (B, 2, n_cells), from those of the cells.
 
     The slope is the settings' mean of the differences to both neighbours, or the difference to the only neighbour at an
@@ -84,7 +84,7 @@ def _rusanov(flux: Array, value: Array, speed: Array) -> Array:
     return found
 
 
-def _put_ends(model: Model, flux: Array, at_ends: Array) -> None:
+def _put_ends(model: MusclModel, flux: Array, at_ends: Array) -> None:
     """Insert the fluxes : (B, 2, n_segments) at the starts and ends of segments into those of the faces."""
     flux[:, 0, model.mesh.first] = at_ends[:, 0]
     flux[:, 1, model.mesh.last] = at_ends[:, 1]

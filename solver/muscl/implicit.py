@@ -21,7 +21,7 @@ import numpy as np
 
 from ..laws.outlets import Load
 from .flux import pressure_elastic, speeds, stretch
-from .model import Model
+from .model import MusclModel
 
 Array = np.ndarray
 
@@ -50,7 +50,7 @@ class Nodes:
     H: Array
 
 
-def solve(model: Model, A: Array, Q: Array, known: Array, weight: float, nodes: Nodes) -> Solved:
+def solve(model: MusclModel, A: Array, Q: Array, known: Array, weight: float, nodes: Nodes) -> Solved:
     """The flow at the end of a step with the area A : (B, n_cells).
 
     known : (B, n_cells) [m³/s²] is ``weight`` [1/s] times the flow without viscosity and friction; Q : a guess.
@@ -88,7 +88,7 @@ def _extrapolated(x: Array) -> Array:
     return 1.5 * x[:, :, 0] - 0.5 * x[:, :, 1]
 
 
-def _tridiagonal(model: Model, A: Array, known: Array, weight: float, viscous: Array) -> Array:
+def _tridiagonal(model: MusclModel, A: Array, known: Array, weight: float, viscous: Array) -> Array:
     """The flows for the known terms, and for a unit flow at the left and at the right end : (3, B, n_cells).
 
     ∂Q/∂x at an end is (-8 Q_end + 9 Q_outer - Q_inner)/(3 dx), of second order; viscous : ν_s/(3 dx) there.
@@ -112,7 +112,7 @@ def _tridiagonal(model: Model, A: Array, known: Array, weight: float, viscous: A
     return np.ascontiguousarray(found.T).reshape(right.shape)
 
 
-def _meet(model: Model, H: Array, nodes: Nodes) -> tuple[Array, Array]:
+def _meet(model: MusclModel, H: Array, nodes: Nodes) -> tuple[Array, Array]:
     """Flows at the ends of the segments : (B, 2, n_segments), and pressures at the nodes : (B, n_nodes).
 
     H : (3, B, 2, n_segments) the pressure at an end as H[0] + H[1] Q_left + H[2] Q_right.

@@ -1,4 +1,4 @@
-"""The equations of one network on cells: from a network to a frozen :class:`Model`."""
+"""The equations of one network on cells: from a network to a frozen :class:`MusclModel`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..laws.wall import Wall
-from ..network.coefficients import Coefficients, Parameters, Term, changes, coefficients
+from ..network.coefficients import Coefficients, EffectValues, Parameters, changes, coefficients
 from ..network.description import Network
 from ..network.table_source import refuse
 from .grid import Grid, build_grid
@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class MusclModel:
     """A network, or a batch of B parameter sets of it, on cells. Made by :func:`build`.
 
     parameters : replacements of the network's own numbers. dx : (B, n_cells) [m]. wall : (B, n_cells) at the
@@ -45,21 +45,21 @@ class Model:
     A_rest: Array
 
 
-def build(network: Network, parameters: Parameters | None = None, settings: MusclSettings | None = None) -> Model:
+def build(network: Network, parameters: Parameters | None = None, settings: MusclSettings | None = None) -> MusclModel:
     """The model of a network with some parameters replaced by numbers or by arrays of B numbers.
 
     Raises ValueError for parameters that are not allowed, or for an effect that this scheme does not support.
     """
     settings = settings or MusclSettings()
     c = coefficients(network, parameters)
-    _refuse_what_is_lacking(network, c)
+    _refuse_unsupported(network, c)
     grid, n = build_grid(network, c.L.max(axis=0), settings.cell), len(network.segments)
     faces = _walls(c, np.stack([grid.segment] * 2), np.stack([grid.left, grid.right]))
     ends = _walls(c, np.stack([np.arange(n)] * 2), np.repeat([[0.0], [1.0]], n, axis=1))
     wall, outlets = c.wall_at(grid.segment, grid.middle), grid.topology.outlet_segment
     k = np.zeros((c.B, grid.topology.n_nodes))
     k[:, grid.topology.junctions] = c.k
-    model = Model(
+    model = MusclModel(
         network=network,
         settings=settings,
         parameters=dict(parameters or {}),
@@ -84,7 +84,7 @@ def _walls(c: Coefficients, segment: Array, x: Array) -> Wall:
     return c.wall_at(segment.ravel(), x.ravel()).shaped(x.shape)
 
 
-def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
+def _refuse_unsupported(network: Network, c: Coefficients) -> None:
     """Raise ValueError for effects on the viscous stress, leaks, and forces on the fluid."""
     refuse(network.sources, "scheme 'muscl'")
     wall, every = c.base, np.arange(len(network.segments))
@@ -96,10 +96,10 @@ def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
                 getattr(wall, name) != getattr(before, name) for name in ("nonlinear", "leaks", "remembers", "learns")
             )
         if lacking:
-            raise InputError(_lacking(network, term))
+            raise InputError(_unsupported(network, term))
 
 
-def _lacking(network: Network, term: Term) -> str:
+def _unsupported(network: Network, term: EffectValues) -> str:
     neutral = ", ".join(f"{key} = {value:g}" for key, value in term.effect.neutral.items() if key in term.values)
     return (
         f"network {network.name}: scheme 'muscl' does not support the effect {term.effect.name}; "
@@ -107,7 +107,7 @@ def _lacking(network: Network, term: Term) -> str:
     )
 
 
-def _refuse_unreachable_pressure(model: Model) -> None:
+def _refuse_unreachable_pressure(model: MusclModel) -> None:
     for _, cell in np.argwhere(~(model.A_rest > 0.0)):
         name = model.network.segments[model.mesh.segment[cell]].name
         raise InputError(

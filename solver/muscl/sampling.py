@@ -6,13 +6,13 @@ import numpy as np
 
 from ..scheme.outputs import Reporter
 from .flux import pressure_elastic
-from .model import Model
+from .model import MusclModel
 from .step import State
 
 Array = np.ndarray
 
 
-def reporter(model: Model) -> Reporter[State]:
+def reporter(model: MusclModel) -> Reporter[State]:
     """The outputs of :func:`solver.scheme.outputs.reporter`: elastic pressure, Q and ∂A/∂t = -∂Q/∂x at a site by
     cubics through the four nearest cells, P from the wall law; at outlets and inlet pressure and flow of the nodes."""
     network, grid = model.network, model.mesh

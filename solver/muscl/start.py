@@ -10,12 +10,12 @@ from ..periodic import start
 from ..scheme.model import build
 from .flux import pressure_elastic
 from .implicit import Solved
-from .model import Model
+from .model import MusclModel
 from .step import State
 
 
 def periodic_state(
-    model: Model, drive: Any, T: float, t: float = 0.0, dt: float | None = None, backend: str = "numpy",
+    model: MusclModel, drive: Any, T: float, t: float = 0.0, dt: float | None = None, backend: str = "numpy",
     tolerance: float = 0.0,
 ) -> State:  # fmt: skip
     """The state of :func:`solver.periodic.start.periodic_state`, with the same arguments and errors.

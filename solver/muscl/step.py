@@ -14,7 +14,7 @@ from ..scheme.failure import NonPhysicalState
 from ..scheme.sdirk import INFLOW_TIMES
 from .flux import rates, speeds
 from .implicit import Nodes, Solved, solve
-from .model import Model
+from .model import MusclModel
 
 Array = np.ndarray
 
@@ -83,7 +83,7 @@ def _some(arrays: Arrays, index: Array | slice) -> Arrays:
     return replace(arrays, **{field.name: getattr(arrays, field.name)[index] for field in fields(arrays)})
 
 
-def initial_state(model: Model, t: float = 0.0) -> State:
+def initial_state(model: MusclModel, t: float = 0.0) -> State:
     """Fluid at rest under the uniform pressure P_0."""
     c, grid = model.coefficients, model.mesh
     ends = np.zeros((c.B, *grid.nodes.shape))
@@ -92,7 +92,7 @@ def initial_state(model: Model, t: float = 0.0) -> State:
     return State(t, model.A_rest, Solved(0.0 * model.A_rest, ends, ends + c.P_0[..., None], H), P_C)
 
 
-def adopt(model: Model, state: State) -> State:
+def adopt(model: MusclModel, state: State) -> State:
     """A state on this grid under other parameters; that of one member can start a whole batch.
 
     Raises ValueError for a batch of another size.
@@ -103,7 +103,7 @@ def adopt(model: Model, state: State) -> State:
     return state.members(np.zeros(B, int) if members != B else slice(None))
 
 
-def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> State:
+def step(model: MusclModel, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> State:
     """Advance by dt [s].
 
     drive : (n_inlets, 4) or (n_inlets, 4, B), the inflow [m³/s], or the pressure [Pa] of a pressure-driven inlet,
@@ -123,7 +123,7 @@ def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | 
     return replace(state, t=start + dt)
 
 
-def _steps(model: Model, state: State, dt: float) -> int:
+def _steps(model: MusclModel, state: State, dt: float) -> int:
     """The number of equal steps with (|U| + c) dt/dx <= cfl."""
     carried, root = speeds(model, model.wall, np.sqrt(state.A / model.wall.A0), state.Q / state.A)
     n = math.ceil(dt * float(np.max((np.abs(carried) + root) / model.dx)) / model.settings.cfl)
@@ -132,7 +132,7 @@ def _steps(model: Model, state: State, dt: float) -> int:
     return max(n, 1)
 
 
-def _advance(model: Model, s: State, dt: float, drives: Array, venous: Array) -> State:
+def _advance(model: MusclModel, s: State, dt: float, drives: Array, venous: Array) -> State:
     """One step, with drives : (n_inlets, B) at its end: (3/2 y - 2 y_1 + 1/2 y_2)/dt = 2 f_1 - f_2 + g for equal ones,
     f the hyperbolic, g the implicit part.
 
@@ -156,7 +156,7 @@ def _advance(model: Model, s: State, dt: float, drives: Array, venous: Array) ->
     return State(s.t + dt, A, solved, behind + charge * outflow, now, dt)
 
 
-def _check(model: Model, state: State, t: float) -> None:
+def _check(model: MusclModel, state: State, t: float) -> None:
     """Raise NonPhysicalState unless A > 0, dP/dA > 0 and |U| < c in every cell."""
     carried, root = speeds(model, model.wall, np.sqrt(state.A / model.wall.A0), state.Q / state.A)
     for margin, reason, remedy in (

@@ -27,7 +27,7 @@ _ALONG = ("segment", "fluid")  # owners of what acts along segments
 
 
 @dataclass(frozen=True)
-class Term:
+class EffectValues:
     """An active effect, and its numbers (B, n): of n segments, outlets or junctions, or of the fluid."""
 
     effect: Effect
@@ -62,7 +62,7 @@ class Ends:
     kind: type[Outlet]
     index: Array
     given: Mapping[str, Array]
-    terms: tuple[Term, ...]
+    terms: tuple[EffectValues, ...]
 
     @cached_property
     def numbers(self) -> Mapping[str, Array]:
@@ -108,7 +108,7 @@ class Coefficients:
 
     L: Array
     base: Wall
-    terms: tuple[Term, ...]
+    terms: tuple[EffectValues, ...]
     rho: Array
     nu: Array
     k: Array
@@ -155,7 +155,7 @@ class Coefficients:
             self,
             L=one(self.L),
             base=self.base.picked(member[None], segment),
-            terms=tuple(Term(term.effect, {key: one(x) for key, x in term.values.items()}) for term in terms),
+            terms=tuple(EffectValues(term.effect, {key: one(x) for key, x in term.values.items()}) for term in terms),
             outlets=(),
             batched=False,
             rho=one(self.rho),
@@ -253,7 +253,7 @@ def walls_at(network: Network, parameters: Parameters | None, segment: Array, x:
     return _with_effects(_walls(numbers), [term for term in held if term is not None], segment, x)
 
 
-def _with_effects(base: Wall, terms: Sequence[Term], segment: Array, x: Array) -> Wall:
+def _with_effects(base: Wall, terms: Sequence[EffectValues], segment: Array, x: Array) -> Wall:
     """The walls ``base`` at points x/L of segments, with effects."""
     wall = base.at(segment)
     for term in terms:
@@ -296,14 +296,14 @@ class _Numbers:
                     return True
         return False
 
-    def term(self, effect: Effect) -> Term | None:
+    def term(self, effect: Effect) -> EffectValues | None:
         """The numbers of an effect, neutral if an owner does not have them; None if no owner has them, or if the effect
         has no neutral values."""
         owners = self.owners[effect.owner]
         held = effect.always or any(key in owner.terms for _, owner in owners for key in effect.terms)
         if not held or not effect.neutral:
             return None
-        return Term(effect, {key: self.of(owners, key, effect.neutral[key]) for key in effect.terms})
+        return EffectValues(effect, {key: self.of(owners, key, effect.neutral[key]) for key in effect.terms})
 
 
 def _number(owner: Any, key: str, otherwise: float | None) -> float | None:
@@ -342,7 +342,7 @@ def _walls(numbers: _Numbers) -> Wall:
     )
 
 
-def _outlets(numbers: _Numbers, terms: tuple[Term, ...]) -> tuple[Ends, ...]:
+def _outlets(numbers: _Numbers, terms: tuple[EffectValues, ...]) -> tuple[Ends, ...]:
     """The outlets by kind."""
     by_kind: dict[type[Outlet], list[int]] = {}
     for i, outlet in enumerate(numbers.network.outlets):

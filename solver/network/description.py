@@ -36,7 +36,7 @@ def _terms() -> Any:
     return field(default_factory=dict, hash=False)
 
 
-def _held(effect: type[Effect], key: str) -> Any:
+def _effect_field(effect: type[Effect], key: str) -> Any:
     """A field for a number of an effect that every owner of its kind has; the effect defines it."""
     return field(default=effect.neutral[key], metadata={"quantity": effect.terms[key]})
 
@@ -47,7 +47,7 @@ class Fluid:
 
     rho: float = quantity(1060.0, "kg/m^3", "blood density rho", 1.0, 1e5, nominal=1e3, tunable=False)
     nu: float = quantity(3.5e-6, "m^2/s", "kinematic viscosity nu", 0.0, 1.0, nominal=1e-6, tunable=False)
-    alpha: float = _held(effects.VelocityProfile, "alpha")
+    alpha: float = _effect_field(effects.VelocityProfile, "alpha")
     friction: float = quantity(22.0, "1", "friction factor C_f/(pi nu)", 0.0, 1e4, nominal=10.0, tunable=False)
     terms: Mapping[str, float] = _terms()
 
@@ -86,9 +86,9 @@ class Segment:
         refit=_BOTH,
         individual=0.08,
     )
-    phi0: float = _held(effects.WallViscosity, "phi0")
-    phiNL: float = _held(effects.NonlinearWallViscosity, "phiNL")
-    ENL: float = _held(effects.NonlinearElasticity, "ENL")
+    phi0: float = _effect_field(effects.WallViscosity, "phi0")
+    phiNL: float = _effect_field(effects.NonlinearWallViscosity, "phiNL")
+    ENL: float = _effect_field(effects.NonlinearElasticity, "ENL")
     terms: Mapping[str, float] = _terms()
 
     OWNER: ClassVar[str] = "segment"
@@ -104,7 +104,7 @@ class Junction:
 
     inflow: tuple[str, ...]
     outflow: tuple[str, ...]
-    k: float = _held(effects.JunctionLoss, "k")
+    k: float = _effect_field(effects.JunctionLoss, "k")
     terms: Mapping[str, float] = _terms()
 
     OWNER: ClassVar[str] = "junction"

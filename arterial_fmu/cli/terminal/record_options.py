@@ -30,7 +30,7 @@ def _look(ctx: typer.Context, wanted: bool) -> None:
     given: dict[str, Any] = ctx.params
     with sentences():
         path = given["record"] if "record" in given else read_cohort(given["cohort"])[0].record
-        how = Reading.asked(given["mapped"], given["decimal"], given.get("beside"))
+        how = Reading.from_options(given["mapped"], given["decimal"], given.get("beside"))
         looks = [preview(file, how) for file in (path, *how.beside)]
     if given["as_json"]:
         put(looks[0] if not how.beside else {"files": looks})
@@ -120,7 +120,7 @@ def reading(
     records: Sequence[Path], mapped: list[str] | None, decimal: str | None, beside: list[Path] | None
 ) -> Reading:
     """How to read these records. Raises InputError for a wrong option, or a file that cannot be opened."""
-    how = Reading.asked(mapped, decimal, beside)
+    how = Reading.from_options(mapped, decimal, beside)
     check_readable(*records, *how.beside)
     return how
 

@@ -25,7 +25,7 @@ from ...records.channels import spectral
 from ...records.channels.inflow import undoable
 from ...records.channels.noise import degrees_of_freedom
 from ...records.channels.wander import of_other_beats
-from ...records.thresholds import SAFE
+from ...records.limits import SAFE
 from ..extended_network import allowed
 from ..fit import Fit, Member, begun, taken_over
 from ..forward import Drive, Single

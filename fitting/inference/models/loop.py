@@ -23,7 +23,7 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from solver.errors import InputError
 from solver.loop import circulant
 
-from ...records import thresholds as limit
+from ...records import limits as limit
 from ...records.alignment.beats import Beats
 from ...records.channels import spectral
 from ...records.channels.inflow_variability import felt

@@ -15,7 +15,7 @@ from solver.quantities.units import INFLOW
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow import inflow
 from ...records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
-from ...records.thresholds import MAX_HARMONICS
+from ...records.limits import MAX_HARMONICS
 from ..fit import Member
 from ..prior import Calibrated, possible
 from ..runs import Runs

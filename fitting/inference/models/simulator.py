@@ -18,7 +18,7 @@ from ...records.alignment.beats import Beats
 from ...records.channels.inflow import Inflow, undoable
 from ...records.channels.inflow_variability import Felt, felt
 from ...records.channels.noise import response
-from ...records.thresholds import NEIGHBOURS
+from ...records.limits import NEIGHBOURS
 from ..runs import Runs
 
 Array = np.ndarray

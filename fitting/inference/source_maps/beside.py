@@ -45,7 +45,7 @@ def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
         return None
     normal = model.normal(point, 0.0)
     for _ in range(MOST + 2):
-        point = model.weighed(normal, point)
+        point = model.with_evidence(normal, point)
         move = model.best_move(normal, point)
         if move is None:
             break

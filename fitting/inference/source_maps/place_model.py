@@ -87,9 +87,9 @@ class PlaceModel:
         self.volume = problem.target.log_volume  # reference of ln det C
         self.sd0 = np.array([1.0 if p == 0.0 else p**-0.5 for p in precisions(self.unknowns)])
 
-    def weigh_at(self, x: Array) -> None:
+    def update_weights(self, x: Array) -> None:
         """Update the weights of the record to the response to inflow noise at the parameters x : (p,), which may be far
-        from the file's. The data stay: the correction for unequal beats is not recomputed."""
+        from the file's. The data stay: the correction for variable beats is not recomputed."""
         self.problem = self.problem.at(self.terms, self.unknowns, x)
 
     # --- simulation ---------------------------------------------------------------------------------------------------
@@ -185,7 +185,7 @@ class PlaceModel:
                 break
         return best + PRICE * sum(a.law is not None for a in active) + self.worth * len(active), active, widths
 
-    def weighed(self, normal: Normal, point: Point) -> Point:
+    def with_evidence(self, normal: Normal, point: Point) -> Point:
         """A point with its inferred amplitudes, widths and evidence."""
         score, active, widths = self.inferred(normal, point.active, point.widths, point.x)
         return replace(point, active=active, widths=widths, score=score)

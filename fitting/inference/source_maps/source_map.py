@@ -133,9 +133,9 @@ class _Search:
         """One step to the most probable θ and g, shortened if it raises χ² too much. fresh : with derivatives and
         weights at the present point."""
         if fresh:
-            self.model.weigh_at(point.x)
+            self.model.update_weights(point.x)
         normal = self.model.normal(point, error)
-        point = self.model.weighed(normal, point)
+        point = self.model.with_evidence(normal, point)
         x, g = self.model.most_probable(normal, point)
         enough = max(_WORSE * self.model.chi2(point.D, error), 3.0 * 2.0 * point.D.size)
         for _ in range(_BACK):
@@ -206,7 +206,7 @@ class _Search:
     def moved(self, point: Point, error: float) -> Point | None:
         """The point after the move with the largest gain of evidence; None if no move is worth its price."""
         normal = self.model.normal(point, error)
-        point = self.model.weighed(normal, point)
+        point = self.model.with_evidence(normal, point)
         best = self.model.best_move(normal, point)
         if best is None:
             return None
@@ -239,9 +239,9 @@ class _Search:
                  if a.law is None or point.g[:, own].any()]  # fmt: skip
         point = self.with_places(point, sized)
         point = self.model.answered(point) or point
-        self.model.weigh_at(point.x)
+        self.model.update_weights(point.x)
         normal = self.model.normal(point, 0.0)
-        point = self.model.weighed(normal, point)
+        point = self.model.with_evidence(normal, point)
         active = point.active
         columns, signals = self.model.columns_of(active), []
         sd = np.zeros_like(point.g, float)

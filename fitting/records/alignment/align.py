@@ -10,15 +10,15 @@ import numpy as np
 from solver.errors import InputError
 
 from ...parallel.threads import single_threaded
-from .. import thresholds as limit
+from .. import limits as limit
 from ..read.record import Array, Record
 from ..read.sensors import converter_step
 from .beats import Beats, require_phases
 from .equal_beats import Grid, check_steady, grid, strict_period, without_jitter
-from .period import Found, usual_period
+from .period import PeriodFound, usual_period
 from .spikes import without_spikes
 from .upstrokes import find_upstrokes, without_gaps
-from .variable_beats import UnequalBeats, unequal
+from .variable_beats import VariableBeats, cut_variable
 
 
 @single_threaded
@@ -40,7 +40,7 @@ def align(record: Record, period: float | None = None) -> Beats:
         require_phases((~np.isnan(x[cut.samples])).sum(axis=0), name, record.path)
     values: Mapping[str, Array] = {name: cut.of(x) for name, x in channels.items()}
     shifts, singly = np.zeros(len(cut.samples)), None
-    if isinstance(cut, UnequalBeats):
+    if isinstance(cut, VariableBeats):
         singly = replace(cut, channels={name: without_gaps(x) for name, x in channels.items()})
     else:
         values, shifts = without_jitter(values, T)
@@ -66,7 +66,7 @@ def _check(period: float, record: Record) -> None:
 
 def _cut(
     record: Record, period: float | None, steps: Mapping[str, float]
-) -> tuple[UnequalBeats | Grid, float, tuple[str, ...]]:
+) -> tuple[VariableBeats | Grid, float, tuple[str, ...]]:
     """How the record is cut, its period [s], and what is doubtful.
 
     Raises ValueError if the period cannot be told, or is not the given one or a whole part of it.
@@ -77,13 +77,13 @@ def _cut(
     except InputError:  # too irregular or too short to tell: then the word of the user counts
         if period is None:
             raise
-        usual, told = Found(period), False
+        usual, told = PeriodFound(period), False
     else:
         told = True
     if period is not None and abs(period / usual.other - 1.0) <= limit.NEAR:  # the record does not tell which
         usual = replace(usual, T=period)
     found = find_upstrokes(channels, usual.T / dt)
-    singly, T = None if found is None else unequal(channels, dt, found), usual.T
+    singly, T = None if found is None else cut_variable(channels, dt, found), usual.T
     if singly is not None:
         T = singly.T
     elif told:

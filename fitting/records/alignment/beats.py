@@ -12,10 +12,10 @@ import numpy as np
 from solver.errors import InputError
 from solver.quantities.units import of_signal
 
-from .. import thresholds as limit
+from .. import limits as limit
 from ..read.record import Array, require
 from .rounding import rounded_harmonics
-from .variable_beats import UnequalBeats, unlikeness
+from .variable_beats import VariableBeats, unlikeness
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class Beats:
 
     source, sha256, told : of the record. T : period [s]. shifts : (n_beats,) [s], how much later than the strict period
     each beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel.
-    steps : of the channels' converters, in SI. unequal : the record that beats of unequal length were cut from, each at
-    the end of diastole; without, phase 0 is the record's first sample. said : what is doubtful of the period.
+    steps : of the channels' converters, in SI. variable : the record that variable beats were cut from, each at the end
+    of diastole; without, phase 0 is the record's first sample. said : what is doubtful of the period.
     """
 
     source: str
@@ -35,7 +35,7 @@ class Beats:
     shifts: Array
     spikes: Mapping[str, int] = field(default_factory=dict)
     steps: Mapping[str, float] = field(default_factory=dict)
-    unequal: UnequalBeats | None = None
+    variable: VariableBeats | None = None
     told: Mapping[str, Any] = field(default_factory=dict)
     said: tuple[str, ...] = ()
 
@@ -81,7 +81,7 @@ class Beats:
                 f"the heart rate was not steady: a beat lasted up to {self.unsteadiness:.1%} of the period more or "
                 "less; intervals do not cover what that does to the shape of a beat."
             )
-        found += self.unequal.said if self.unequal else ()
+        found += self.variable.said if self.variable else ()
         for name, count in self.spikes.items():
             found.append(
                 f"spikes of {name} left out ({count} samples): more than {limit.FAR:g} robust standard deviations "
@@ -115,7 +115,7 @@ class Beats:
     def _odd_beats(self) -> list[str]:
         """A sentence for each beat that is unlike the others: an artefact, an ectopic beat, a flushed catheter."""
         found: dict[int, tuple[str, str]] = {}
-        w, at = self.unequal, np.maximum(np.arange(self.n_beats) * self.T + self.shifts, 0.0)
+        w, at = self.variable, np.maximum(np.arange(self.n_beats) * self.T + self.shifts, 0.0)
         begins = at if w is None else w.edges[w.serving] * w.dt  # [s] after the record's start
         for name, beats in self.values.items():
             measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
@@ -207,8 +207,8 @@ class Beats:
     def select(self, indices: Sequence[int] | Array) -> Beats:
         """Some of the beats, in that order, repetition allowed."""
         index = np.asarray(indices, dtype=int)
-        values, unequal = {n: v[index] for n, v in self.values.items()}, self.unequal and self.unequal.select(index)
-        return replace(self, values=values, shifts=self.shifts[index], unequal=unequal)
+        values, variable = {n: v[index] for n, v in self.values.items()}, self.variable and self.variable.select(index)
+        return replace(self, values=values, shifts=self.shifts[index], variable=variable)
 
     @cached_property
     def _covariances(self) -> dict[tuple[str, ...], Array]:

@@ -10,7 +10,7 @@ from scipy.special import fdtrc
 
 from solver.errors import InputError
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .harmonic_model import evaluate, harmonics
 from .upstrokes import without_gaps
 from .variable_beats import mean

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from .. import thresholds as limit
+from .. import limits as limit
 
 Array = np.ndarray
 

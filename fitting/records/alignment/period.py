@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.errors import InputError
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .upstrokes import find_upstrokes, usual_range, vertex, without_gaps
 
 Array = np.ndarray
@@ -26,7 +26,7 @@ _SAMPLES, _STRETCHES = 40, 80  # of a stretch; of a record
 
 
 @dataclass(frozen=True)
-class Found:
+class PeriodFound:
     """A period [s], and what makes it doubtful, in sentences.
 
     other : the period [s] if several beats are one or a beat is several, as they differ in turn; else NaN.
@@ -56,7 +56,7 @@ class _Later:
         return float(np.median(self.shift))
 
 
-def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
+def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> PeriodFound:
     """The period of all channels together to some thousandths, steady or not.
 
     Raises ValueError if nothing repeats, or not twice.
@@ -98,7 +98,7 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
                 f"the heart is irregular: beats about {each.lag * step:.3g} s apart come at intervals that do not "
                 f"repeat, as in atrial fibrillation; if one beat lasts {found.T:.3g} s, give that period."
             )
-            return Found(each.lag * step, found.T, (said,))
+            return PeriodFound(each.lag * step, found.T, (said,))
     passed = list(zip([each.lag for each in tried], scores, strict=True))
     return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
 
@@ -140,7 +140,7 @@ def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
     return list(_later(part, lag, (lag, *(each for each in candidates if 1.5 < each / lag < longest))))
 
 
-def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step: float) -> Found:
+def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step: float) -> PeriodFound:
     """The period that this lag [samples] is, or two to four of it, by whether what comes every lag differs in turn.
 
     If it differs in its timing, too, or much, it is a part of a beat. Else a part of a beat cannot be told from a heart
@@ -150,7 +150,7 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     differ = [(*_differ(one, each), each, round(each.lag / lag)) for each in more]
     differ = [each for each in differ if each[0] > (limit.IN_TURN if each[-1] <= limit.UPSTROKES else limit.MUCH)]
     if not differ:
-        return Found(T)
+        return PeriodFound(T)
     most = max(times for times, *_ in differ)
     times, which, sure, other, count = next(each for each in differ if each[0] >= most / limit.AS_MUCH)
     together, another_part = other.lag * step, one.alike[which] < limit.SAME * other.alike[which]
@@ -162,19 +162,19 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
             f"either a beat of {together:.3g} s has {count} upstrokes, or beats alternate. If these are beats, give "
             "their period."
         )
-        return Found(together, T, () if sure else (said,))
+        return PeriodFound(together, T, () if sure else (said,))
     far = {2: "second", 3: "third", 4: "fourth"}[count]
     said = (
         f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "
         f"from the {far} next in {names[which]}; either they alternate, or {count} upstrokes are one beat. If so, give "
         "its period."
     )
-    return Found(T, together, (said,))
+    return PeriodFound(T, together, (said,))
 
 
 def _passed_over(
-    found: Found, x: Array, passed: Sequence[tuple[float, float]], candidates: Array, step: float
-) -> Found:
+    found: PeriodFound, x: Array, passed: Sequence[tuple[float, float]], candidates: Array, step: float
+) -> PeriodFound:
     """With a note where the period is several of the lags [samples] that were tried before, or short for a heart.
 
     Two or three upstrokes may be a beat, if a channel shows that what comes every lag differs in turn. Four are none:
@@ -191,7 +191,7 @@ def _passed_over(
                 f"the period may be {lag * step:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; "
                 f"either rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
             )
-            return Found(found.T, lag * step, (said,))
+            return PeriodFound(found.T, lag * step, (said,))
     if found.T < limit.FASTEST_HEART:
         said = (
             f"the period of {found.T:.3g} s is that of {60.0 / found.T:.0f} beats a minute, which only hearts of "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 
 Array = np.ndarray
 

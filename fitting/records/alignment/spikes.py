@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .equal_beats import Grid
-from .variable_beats import UnequalBeats
+from .variable_beats import VariableBeats
 
 Array = np.ndarray
 
@@ -17,7 +17,7 @@ _LEAST = 1e-6  # of the range: rounding is no scatter
 
 
 def without_spikes(
-    channels: Mapping[str, Array], cut: UnequalBeats | Grid, steps: Mapping[str, float]
+    channels: Mapping[str, Array], cut: VariableBeats | Grid, steps: Mapping[str, float]
 ) -> tuple[dict[str, Array], dict[str, int]]:
     """Channels with gaps in place of their spikes, and the number of these where there are any.
 
@@ -36,7 +36,7 @@ def without_spikes(
     return cleaned, {name: len(at) for name, at in found.items() if len(at)}
 
 
-def _spikes(values: Array, cut: UnequalBeats | Grid, step: float) -> Array:
+def _spikes(values: Array, cut: VariableBeats | Grid, step: float) -> Array:
     """The samples that are spikes.
 
     The valve of one beat closes a sample later, and the next upstroke begins a sample earlier: what the usual beat

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 
 Array = np.ndarray
 

@@ -1,4 +1,4 @@
-"""Beats of unequal length: each cut where its upstroke begins, at the end of diastole, none of them stretched.
+"""Beats of variable length: each cut where its upstroke begins, at the end of diastole, none of them stretched.
 
 A heart that beats faster shortens diastole; systole keeps its length. So beats are laid upon one another from their
 start: the length is the mean interval, a longer beat loses its end, and a shorter one goes on from where it ends by the
@@ -13,15 +13,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .upstrokes import Upstrokes, lead, without_gaps
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class UnequalBeats:
-    """The record that unequal beats are cut from, and how.
+class VariableBeats:
+    """The record that variable beats are cut from, and how.
 
     channels : (n,) each, SI; dt [s]. edges : (m + 1,) samples, where the m beats of a stretch begin and the last one
     ends. steady : numbers of the beats that are alike. serving : of those that are used. said : what was left out.
@@ -66,7 +66,7 @@ class UnequalBeats:
         on = late[:, None] + slope * (beyond + 0.5 * (half + 1))
         return np.asarray(np.where(beyond >= 0, on, x[np.minimum(starts + at, len(x) - 1)])[self.serving])
 
-    def select(self, index: Array) -> UnequalBeats:
+    def select(self, index: Array) -> VariableBeats:
         """With some of the beats that serve."""
         return replace(self, serving=self.serving[index])
 
@@ -84,7 +84,7 @@ def unlikeness(beats: Array) -> Array:
     return np.sqrt(mean((off - mean(off)[:, None]) ** 2))
 
 
-def unequal(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> UnequalBeats | None:
+def cut_variable(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> VariableBeats | None:
     """The beats that begin with these upstrokes, if their intervals or pulses differ; else None."""
     x, usual = channels[found.channel], found.usual
     alike = _likeness(x, found.at[:-1][found.near], usual)
@@ -101,19 +101,19 @@ def unequal(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> Unequ
     return _cut_singly(channels, dt, edges[edges >= 0], usual)
 
 
-def _cut_singly(channels: Mapping[str, Array], dt: float, edges: Array, usual: float) -> UnequalBeats | None:
+def _cut_singly(channels: Mapping[str, Array], dt: float, edges: Array, usual: float) -> VariableBeats | None:
     """The longest stretch of steady beats that no more than MISSING odd ones in a row interrupt; None if not two."""
     near = np.flatnonzero(np.abs(np.diff(edges) - usual) <= limit.NEAR * usual + 1.0)
     if len(near) < 2:
         return None
-    odd = _odd(channels, UnequalBeats({}, dt, edges, near, near))
+    odd = _odd(channels, VariableBeats({}, dt, edges, near, near))
     alike = np.setdiff1d(near, odd)
     alike = max(np.split(alike, np.flatnonzero(np.diff(alike) > limit.MISSING + 1) + 1), key=len)
     if len(alike) < 2:
         return None
     first, last = int(alike[0]), int(alike[-1]) + 1
-    said = _said(edges, near, odd, alike, dt)
-    return UnequalBeats(channels, dt, edges[first : last + 1], alike - first, alike - first, said)
+    said = _exclusion_notes(edges, near, odd, alike, dt)
+    return VariableBeats(channels, dt, edges[first : last + 1], alike - first, alike - first, said)
 
 
 def _likeness(x: Array, at: Array, length: float) -> float:
@@ -125,7 +125,7 @@ def _likeness(x: Array, at: Array, length: float) -> float:
     return float(np.median(beats @ mean / np.maximum(size, np.finfo(float).tiny)))
 
 
-def _odd(channels: Mapping[str, Array], singly: UnequalBeats) -> Array:
+def _odd(channels: Mapping[str, Array], singly: VariableBeats) -> Array:
     """The beats that are unlike the others in a channel: ectopic ones, a flushed line, a lost contact."""
     far = np.zeros(len(singly.serving), bool)
     for x in channels.values():
@@ -135,7 +135,7 @@ def _odd(channels: Mapping[str, Array], singly: UnequalBeats) -> Array:
     return singly.serving[far]
 
 
-def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tuple[str, ...]:
+def _exclusion_notes(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tuple[str, ...]:
     """What was left out, in sentences."""
     times, lengths = edges * dt, np.diff(edges)
     first, last = int(alike[0]), int(alike[-1]) + 1

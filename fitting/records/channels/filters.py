@@ -19,7 +19,7 @@ def with_filters(network: Network, filters: Iterable[str]) -> Network:
     terms: dict[str, float] = {}
     for text in filters:
         channel, _, words = (part.strip() for part in text.partition("="))
-        found = [(e, said) for e in effects.ALL if isinstance(e, Known) and (said := e.said(words)) is not None]
+        found = [(e, parsed) for e in effects.ALL if isinstance(e, Known) and (parsed := e.parse(words)) is not None]
         if not found:
             raise InputError(
                 f'--filter "{text}": must be CHANNEL=lowpass FREQUENCY, such as "inlet.Q=lowpass 10 Hz", with order 2 '

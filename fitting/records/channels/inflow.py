@@ -17,7 +17,7 @@ from solver.laws.catalogue import filtered, zero_of
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
-from .. import thresholds as limit
+from .. import limits as limit
 from ..alignment.beats import Beats
 from .spectral import coefficients
 

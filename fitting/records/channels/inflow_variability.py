@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 from ..alignment.beats import Beats
 from .spectral import coefficients
 
@@ -45,9 +45,9 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
     transfer(T, n) : (n + 1, m) the response at the harmonics 0 … n of a period T [s]. harmonics : of a beat, beyond
     which nothing is looked at. memory : of the response, for what came before the record.
     """
-    if beats.unequal is None:
+    if beats.variable is None:
         return None
-    singly, N, mean = beats.unequal, beats.N, beats.mean(drive)
+    singly, N, mean = beats.variable, beats.N, beats.mean(drive)
     first, last = singly.edges[[0, -1]]
     q = singly.channels[drive][first:last]
     before = limit.BEATS_BEFORE * N

@@ -22,7 +22,7 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
-from .. import thresholds as limit
+from .. import limits as limit
 from ..alignment.beats import Beats
 from .inflow_variability import Felt
 from .spectral import coefficients
@@ -164,7 +164,7 @@ def following(beats: Beats, response: Array, felt: Felt | None, drive: str = INF
     return np.stack([scaled(change, H) for H in response.T])
 
 
-def seam_said(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[str, ...]:
+def seam_note(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[str, ...]:
     """A sentence on the channel whose mean beat is known worst beside its noise, where beats differ; none where that is
     less than a few times the noise."""
     if felt is None:

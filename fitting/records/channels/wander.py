@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 from ..alignment.beats import Beats
 
 Array = np.ndarray

@@ -10,7 +10,7 @@ import numpy as np
 
 from solver.quantities.units import of_signal
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .sensors import KINDS, UnusableRecord, converter_step
 from .table import Place
 

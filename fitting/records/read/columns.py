@@ -49,7 +49,7 @@ class Reading:
     shifts: Mapping[str, float | None] = field(default_factory=dict)
 
     @staticmethod
-    def asked(
+    def from_options(
         pairs: Iterable[str] | None, decimal: str | None, beside: Iterable[str | os.PathLike[str]] | None = None
     ) -> Reading:
         """Of the options ``--map TITLE=VARIABLE``, ``--decimal`` and ``--with FILE`` or ``FILE=SHIFT``. Raises

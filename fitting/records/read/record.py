@@ -23,7 +23,7 @@ from solver.errors import InputError
 from solver.network.files import write_whole
 from solver.quantities.units import of_signal
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .artefacts import without_codes, without_still
 from .columns import Chosen, Reading, choose
 from .kinds import read_table
@@ -233,7 +233,7 @@ def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
     low, high = max(p.time[0] for p in parts), min(p.time[-1] for p in parts)
     at = base.time[(base.time >= low - limit.LOST * base.dt) & (base.time <= high + limit.LOST * base.dt)]
     if len(at) < 2:
-        spans = ", ".join(f"{p.path} from {_told(p.time[0])} to {_told(p.time[-1])}" for p in parts)
+        spans = ", ".join(f"{p.path} from {_time_text(p.time[0])} to {_time_text(p.time[-1])}" for p in parts)
         raise InputError(
             f"{spans}: their times do not overlap; give files of one recording, stamped by one clock, or say what to "
             f'add to the times of one: --with "{parts[1].path}=SHIFT", as "0.3 s", or "start" if both start together.'
@@ -257,7 +257,7 @@ def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
     return at, channels, f"{said}, the rate of {' and '.join(base.channels)}{slowest}."
 
 
-def _told(seconds: float) -> str:
+def _time_text(seconds: float) -> str:
     """A time for people: since midnight or the start in seconds, and since 1970 as a date."""
     if seconds < _DATED:
         return f"{round(seconds, 3) + 0.0:.10g} s"

@@ -14,7 +14,7 @@ import numpy as np
 from solver.errors import InputError
 from solver.quantities.units import INFLOW, SIGNAL_UNITS, display_factor
 
-from .. import thresholds as limit
+from .. import limits as limit
 from . import table
 from .table import Place
 

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .. import thresholds as limit
+from .. import limits as limit
 from .sensors import UnusableRecord, refuse
 from .table import Place
 
@@ -132,8 +132,9 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     start = given[0] + (t - off - dt * number)[0]
     told = {"rate": {"value": 1.0 / (dt * factor), "unit": "Hz"}, "lost": lost, "resampled": moved}
     told |= {f"jitter_{name}": {"value": value, "unit": "s"} for name, value in (("rms", rms), ("max", worst))}
-    return Axis((start + dt * np.arange(n + lost)) * factor, given * factor, number, moved,
-                (*back, _told(place, 1.0 / (dt * factor), rms, worst, lost, n, moved)), {"sampling": told})  # fmt: skip
+    notes = (*back, _resampling_note(place, 1.0 / (dt * factor), rms, worst, lost, n, moved))
+    time = (start + dt * np.arange(n + lost)) * factor
+    return Axis(time, given * factor, number, moved, notes, {"sampling": told})
 
 
 def _check(given: Array, factor: float, title: str, place: Place) -> None:
@@ -259,7 +260,7 @@ def _shaken(printed: Array, most: float, place: Place) -> str:
     )
 
 
-def _told(place: Place, rate: float, rms: float, worst: float, lost: int, n: int, moved: bool) -> str:
+def _resampling_note(place: Place, rate: float, rms: float, worst: float, lost: int, n: int, moved: bool) -> str:
     done = "the channels were resampled once onto the line through the times" if moved else "no sample was moved"
     gaps = f"; of {n + lost} samples {lost} lost, which became gaps" if lost else ""
     jitter = f", jitter {1e3 * rms:.3g} ms rms and {1e3 * worst:.3g} ms at most" if moved else ""

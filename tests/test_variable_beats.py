@@ -17,7 +17,7 @@ from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats
 from fitting.records.alignment.rounding import rounded_harmonics, rounding
 from fitting.records.channels.inflow_variability import Felt
-from fitting.records.channels.noise import seam_said
+from fitting.records.channels.noise import seam_note
 from fitting.records.read.record import Record
 from fitting.records.read.sensors import converter_step
 from solver import InputError
@@ -129,7 +129,7 @@ def test_a_rate_that_settles(until: float) -> None:
     a sample, all after the change; that is said, and their length is taken if it is given."""
     made, begin = settling(until)
     beats = align(made)
-    assert beats.unequal is not None
+    assert beats.variable is not None
     assert beats.T == pytest.approx(0.69, abs=DT)
     assert beats.n_beats >= np.count_nonzero(begin > until + 2.0) - 2
     assert any("the longest stretch with a steady heart rate" in text for text in beats.warnings)
@@ -197,12 +197,12 @@ def test_a_seam_beyond_the_noise_is_said() -> None:
     beats = Beats("made", "", 0.8, {"A.P": P}, np.zeros(25))
     size = 2e3 * np.sqrt(0.5) * np.sqrt(2.0) * np.sin(2.0 * phase)
     for part, said in ((0.02, True), (0.002, False)):
-        found = seam_said(beats, ("A.P",), Felt(np.zeros((1, 25, 50)), part * size[None], np.zeros((1, 50))))
+        found = seam_note(beats, ("A.P",), Felt(np.zeros((1, 25, 50)), part * size[None], np.zeros((1, 50))))
         assert bool(found) == said
         if said:
             share, times = (float(x) for x in re.findall(r"[\d.]+(?= of its pulse| times)", found[0]))
             assert share == pytest.approx(0.006, rel=0.02) and times == pytest.approx(6.0, rel=0.15)
-    assert seam_said(beats, ("A.P",), None) == ()
+    assert seam_note(beats, ("A.P",), None) == ()
 
 
 def test_times_are_those_of_the_record() -> None:
@@ -264,7 +264,7 @@ def test_an_early_upstroke_is_no_spike(seed: int) -> None:
     phase = (time - begin[np.searchsorted(begin, time, side="right") - 1]) / 0.2
     Q = 1e-4 * (np.sin(np.pi * phase.clip(0.0, 1.0) ** 0.7) + 0.005 * rng.standard_normal(len(time)))
     beats = align(record(time, Q=Q))
-    assert beats.unequal is not None
+    assert beats.variable is not None
     assert beats.spikes == {}
     Q[2500] += 1e-4
     assert align(record(time, Q=Q)).spikes == {"AA.Q": 1}
@@ -284,7 +284,7 @@ def test_noise_of_a_wall_whose_radius_follows_more_than_its_pressure(seed: int) 
     assert np.abs(loop.noise[:, 0, 1] / (sd[:, 0] * sd[:, 1])).max() < 0.99
 
 
-def test_the_seam_of_unequal_beats_is_taken_out() -> None:
+def test_the_seam_of_variable_beats_is_taken_out() -> None:
     """Rate 3 %, stroke 10 %: the law on the mean loop, E ε + φ dε/dt, misses P by noise (χ² a number 1 ± 0.4)."""
     misfits = []
     for seed in range(12):
@@ -330,7 +330,7 @@ def test_the_own_period_of_varying_beats(seed: int) -> None:
     """The period that was found, given, and 4 % more or less: the beats and sentences that are found without it."""
     made = varying(seed)
     found = align(made)
-    assert found.unequal is not None
+    assert found.variable is not None
     for period in (found.T, 1.04 * found.T, 0.96 * found.T):
         given = align(made, period)
         assert same(given, found) and given.warnings == found.warnings
@@ -340,7 +340,7 @@ def test_the_own_period_of_equal_beats() -> None:
     """Given as it was found it changes nothing: beats are cut at one strict period, 4 % more is refused."""
     made = bench(0, 0.0, 0.0)[0]
     found = align(made)
-    assert found.unequal is None and same(align(made, found.T), found)
+    assert found.variable is None and same(align(made, found.T), found)
     with pytest.raises(ValueError, match=r"the record repeats every 0\.8\d* s; give that, or leave it out\.$"):
         align(made, 1.04 * found.T)
 
