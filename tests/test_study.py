@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,7 @@ from arterial_fmu.study.run import run
 from arterial_fmu.study.sensitivity import findings
 from arterial_fmu.study.store import Store
 from arterial_fmu.study.varied import parse_varied
+from build_fmu import build
 from fitting.parallel.threads import ENVIRONMENT
 from fitting.records.channels.spectral import interpolated
 from solver import Settings, load, repeating_beat
@@ -394,13 +394,13 @@ def test_elements_are_longer_where_walls_are_viscous(model: str, ranges: str, dt
 
 
 @pytest.mark.slow
-def test_an_fmu(tmp_path: Path, fast_fmu: Callable[..., Path]) -> None:
+def test_an_fmu(tmp_path: Path) -> None:
     """Six sets of a small network, by its FMU and by the solver with the same steps of 8 ms: means to 1e-4 (3e-5
     measured), ends of the beat to 1.5 % of its pulse (0.9 %: the kinks of the inflow between so long steps); a page."""
     from forked import NETWORK, SETTINGS
 
     write_network(NETWORK, tmp_path / "fork.toml")
-    fmu = fast_fmu(NETWORK, SETTINGS)
+    fmu = build(NETWORK, tmp_path, SETTINGS)
     asked = ["--vary", "A.E=0.9..1.1x", "--samples", "6", "--inflow", str(tmp_path / "fork.toml"), "--jobs", "2"]
     runner, app = CliRunner(), arterial_fmu.__main__.app
     for model, out, more in ((fmu, "fmu", []), (tmp_path / "fork.toml", "network", ["--dt", "8 ms"])):
