@@ -133,6 +133,7 @@ def test_an_effect_does_not_make_noise_of_beats_that_differ() -> None:
     assert np.all(after < 2.0 * before)
 
 
+@pytest.mark.slow
 def test_held_out_beats_are_compared_under_the_fitted_flow() -> None:
     """15 beats and 5 others whose strokes differ by 5 %, walls not yet fitted: the mean of the 5, as it would be under
     the mean flow of the 15, differs from theirs by 1.14 times the noise (rms over harmonics and channels), as recorded
