@@ -207,7 +207,10 @@ def _by_engine(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _As
 def _compare(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _Asked) -> None:
     """Compare a beat of few harmonics of the first member with NumPy's. Raises NoEngine if they differ."""
     few, one, model = slice(_FEW + 1), slice(1), engine.model
-    alone, part = model.members(np.arange(1)), asked._replace(K=min(asked.K, _FEW), progress=None, of_first=0.0)
+    alone, part = (
+        model.members(np.arange(1)),
+        asked._replace(K=min(asked.K, _FEW), progress=None, of_first=0.0, tolerance=1e-10),
+    )
     drive, forcing = drive[few, one], forcing.part(few, one)
     expected = _by_numpy(alone, drive, forcing, part, None)[0][0]
     ((beat, found),) = BalanceEngine(alone).beats(drive, part.T, part.tolerance, _CORRECTIONS, None, forcing)

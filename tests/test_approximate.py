@@ -77,7 +77,8 @@ def test_the_accuracy_of_a_first_model_is_in_its_weights() -> None:
     assert accuracy(problem.network) == ACCURACY and accuracy(load("sheep")) == 0.0
 
 
-@pytest.mark.parametrize("late", [0.02, pytest.param(-0.02, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0.02, -0.02])
 def test_a_late_flow_is_named(late: float) -> None:
     """One pressure cannot tell a late flow from an early pressure: the class holds both and nothing else. Size within 3
     ms, as the first model's tube takes up a part."""
@@ -118,12 +119,14 @@ def test_recordings_in_which_nothing_is_missing() -> None:
     assert (naming.verdict, naming.accuracy, naming.members) == ("none", ACCURACY, ())
 
 
+@pytest.mark.slow
 def test_what_no_law_has_is_unknown() -> None:
     """A tenth of the pulsation at one harmonic alone."""
     naming = named(0.0, 0.1)
     assert naming.verdict == "unknown" and not naming.base.explains and not naming.members
 
 
+@pytest.mark.slow
 def test_the_model_without_effect_is_that_of_a_calibration() -> None:
     """A real record that one tube does not explain, from bent walls: rms of both pressures within 0.3 mmHg of those of
     a calibration, whose priors differ; and the error that the residual shows, which the noise does not."""

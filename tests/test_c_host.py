@@ -126,6 +126,12 @@ def test_saved_state(c_host: CHost, fmu: Unpacked, tmp_path: Path) -> None:
     assert found[0] == found[1] == found[2] == tables(c_host, third)[0]
 
 
+@pytest.fixture(scope="module")
+def undisturbed(c_host: CHost, fmu: Unpacked) -> list[float]:
+    """What two steps give."""
+    return tables(c_host, Script(fmu).begin().steps(2).read())[0]
+
+
 @pytest.mark.parametrize(
     "damage",
     [
@@ -135,7 +141,9 @@ def test_saved_state(c_host: CHost, fmu: Unpacked, tmp_path: Path) -> None:
         pytest.param("empty", marks=pytest.mark.slow),
     ],
 )
-def test_a_state_that_is_none(c_host: CHost, fmu: Unpacked, other: Unpacked, tmp_path: Path, damage: str) -> None:
+def test_a_state_that_is_none(
+    c_host: CHost, fmu: Unpacked, other: Unpacked, undisturbed: list[float], tmp_path: Path, damage: str
+) -> None:
     """Bytes cut off, changed, missing, or of another FMU: refused with a sentence, and the instance is as it was."""
     blob, whole = tmp_path / "state.bin", tmp_path / "whole.bin"
     source = other if damage == "foreign" else fmu
@@ -143,7 +151,6 @@ def test_a_state_that_is_none(c_host: CHost, fmu: Unpacked, other: Unpacked, tmp
     content = bytearray(whole.read_bytes())
     content[len(content) // 2] ^= 1 if damage == "changed" else 0
     blob.write_bytes({"short": content[:-1], "empty": b""}.get(damage, content))
-    before = Script(fmu).begin().steps(2).read()
     after = Script(fmu).begin().steps(2).say("read", 3, blob).read()
     run = c_host.run([*after.commands, "free 0"])
     assert run.code == 0
@@ -151,4 +158,4 @@ def test_a_state_that_is_none(c_host: CHost, fmu: Unpacked, other: Unpacked, tmp
     assert [answer.log for answer in run.answers[:-3] + run.answers[-2:] if answer.log] == []
     (message,) = run[-3].log
     assert {"empty": "not a saved state", "foreign": "restore it there"}.get(damage, "incomplete or damaged") in message
-    assert run[-2].values == tables(c_host, before)[0]
+    assert run[-2].values == undisturbed

@@ -87,6 +87,7 @@ def test_both_kinds_give_the_same_check(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert reports[2].to_json() == reports[1].to_json()
 
 
+@pytest.mark.slow
 def test_a_slow_windkessel_starts_at_its_pressure(stored: Store) -> None:
     """A Windkessel of 1.2 s, which at rest needs 75 beats: at a corrected pressure at most 20 in runs of five, and the
     answer is pythonfmu's, which starts from a periodic beat, to 2e-4 of its pulse (1e-4 are left of either start)."""

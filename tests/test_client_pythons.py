@@ -51,12 +51,19 @@ def numpy_for(where: Interpreter, folder: Path) -> str:
     return os.fspath(folder)
 
 
+@pytest.fixture(scope="module")
+def here(c_host: CHost, fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+    """The run under this Python."""
+    folder = tmp_path_factory.mktemp("here")
+    return run_c(c_host, job(fmus["sheep"], folder), folder)
+
+
 @pytest.mark.parametrize("version", VERSIONS)
-def test_equal_answers(version: tuple[int, int], c_host: CHost, fmus: dict[str, Path], tmp_path: Path) -> None:
+def test_equal_answers(
+    version: tuple[int, int], here: np.ndarray, c_host: CHost, fmus: dict[str, Path], tmp_path: Path
+) -> None:
     """50 steps, every output: equal to the run under this Python; no bit differed with numpy 2.2 to 2.4."""
     where = installed(version)
     environment = c_host.environment(where, PYTHONPATH=numpy_for(where, tmp_path / "numpy"))
-    task = job(fmus["sheep"], tmp_path)
-    here = run_c(c_host, task, tmp_path / "here")
-    found = run_c(c_host, task, tmp_path / "there", environment)
+    found = run_c(c_host, job(fmus["sheep"], tmp_path), tmp_path / "there", environment)
     np.testing.assert_allclose(found, here, rtol=1e-13, atol=1e-20)

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from loops import Run, loop
+from fmus import Instance, Store
+from loops import NativeArteries, Run, loop
+from native_fmus import can_build
 from test_examples import run as run_example
 
-from solver import Network, Windkessel, load
+from build_fmu import build_native
+from fmu_src.cosimulation.arteries import CoSimulation
+from solver import Network, Settings, Windkessel, load
 from solver.lumped.heart_parts import Heart
 from solver.lumped.species import HUMAN_HEART, SHEEP_HEART
 from solver.quantities.units import MMHG
@@ -37,10 +43,30 @@ def human() -> Network:
     return load("human")
 
 
+Arteries = Callable[[Network, Settings], Any]
+
+
 @pytest.fixture(scope="module")
-def finest(human: Network) -> Run:
+def quick(stored: Store, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arteries]:
+    """Makes the arteries by their native FMU, which is told the step; by NumPy where no native FMU can be built."""
+    made: list[Instance] = []
+
+    def make(network: Network, settings: Settings) -> Any:
+        if not can_build():
+            return CoSimulation(network, settings)
+        fmu = stored(build_native, network, settings=replace(settings, dt=Settings().dt))
+        made.append(Instance(fmu, tmp_path_factory.mktemp("arteries"), logging=False))
+        return NativeArteries(made[-1], network)
+
+    yield make
+    for instance in made:
+        instance.slave.freeInstance()
+
+
+@pytest.fixture(scope="module")
+def finest(human: Network, quick: Arteries) -> Run:
     """The first beat in steps of 0.125 ms."""
-    return loop(human, 0.125 * MS, 0.9)
+    return loop(human, 0.125 * MS, 0.9, arteries=quick)
 
 
 def errors(found: Run, reference: Run, names: tuple[str, ...]) -> Array:
@@ -58,7 +84,7 @@ def errors(found: Run, reference: Run, names: tuple[str, ...]) -> Array:
     ("parallel", "most"), [(False, (2e-4, 4e-3)), (True, (5e-4, 1e-2))], ids=["sequential", "parallel"]
 )
 def test_against_one_eighth_of_a_millisecond(
-    human: Network, finest: Run, parallel: bool, most: tuple[float, float]
+    human: Network, quick: Arteries, finest: Run, parallel: bool, most: tuple[float, float]
 ) -> None:
     """The first beat at 1 and 5 ms against 0.125 ms: the largest error of a site, of its pulse.
 
@@ -66,20 +92,21 @@ def test_against_one_eighth_of_a_millisecond(
     an extrapolated flow, and 1.3e-4 and 3.0e-3 elsewhere.
     """
     for h, each in zip((MS, 5 * MS), most, strict=True):
-        off = errors(loop(human, h, 0.9, parallel=parallel), finest, SITES)
+        off = errors(loop(human, h, 0.9, parallel=parallel, arteries=quick), finest, SITES)
         assert off.max() < each
         assert off[2:].max() < min(each, 4e-3)
 
 
 @pytest.mark.slow
-def test_order(human: Network, finest: Run) -> None:
+def test_order(human: Network, quick: Arteries, finest: Run) -> None:
     """Order 2 of the flow from the heart in the communication step with Z, order 1 with flow and pressure exchanged.
 
     Measured from 2 to 0.5 ms: 1.99, 2.03, 2.07, and 0.99 to 1. (From 4 to 2 ms the flow's is 1.83.)
     """
     names = ("heart.aorta.Q", "heart.left_ventricle.V", "arteries.AB1.P")
     for port, low, high in ((True, 1.9, 2.15), (False, 0.9, 1.1)):
-        off = [errors(loop(human, h, 0.5, port=port, dt=MS / 4), finest, names) for h in (2 * MS, MS / 2)]
+        runs = [loop(human, h, 0.5, port=port, dt=MS / 4, arteries=quick) for h in (2 * MS, MS / 2)]
+        off = [errors(run, finest, names) for run in runs]
         orders = 0.5 * np.log2(off[0] / off[1])
         assert (orders > low).all() and (orders < high).all()
 
@@ -99,9 +126,9 @@ def test_order(human: Network, finest: Run) -> None:
         pytest.param(HUMAN_HEART, 5 * MS, id="human-5"),
     ],
 )
-def test_stable(human: Network, heart: Heart, h: float, parallel: bool) -> None:
+def test_stable(human: Network, quick: Arteries, heart: Heart, h: float, parallel: bool) -> None:
     """Ejection and closure with either master at every step, a stiff heart included: 50 to 160 mmHg, 0.9 L/s."""
-    found = loop(human, h, 0.45, heart=heart, parallel=parallel, element_length=0.2)
+    found = loop(human, h, 0.45, heart=heart, parallel=parallel, element_length=0.2, arteries=quick)
     assert found["heart.aorta.P"].min() > 50.0 * MMHG
     assert found["heart.left_ventricle.P"].max() < 160.0 * MMHG
     assert np.abs(found["heart.aorta.Q"]).max() < 0.9e-3
@@ -166,9 +193,9 @@ def short() -> Network:
 
 
 @pytest.mark.slow
-def test_sheep() -> None:
+def test_sheep(quick: Arteries) -> None:
     """The sheep heart on the network of the paper, whose ends only reflect: 88/16 mmHg, no volume is lost."""
-    found = loop(load("sheep"), 2 * MS, 2.0, dt=2 * MS, heart=SHEEP_HEART, element_length=0.2)
+    found = loop(load("sheep"), 2 * MS, 2.0, dt=2 * MS, heart=SHEEP_HEART, element_length=0.2, arteries=quick)
     assert np.ptp(found.total) < 1e-12 * np.ptp(found["heart.left_ventricle.V"])
     beat = found["arteries.inlet.P"][-250:] / MMHG
     assert beat.max() == pytest.approx(87.8, abs=0.5) and beat.min() == pytest.approx(15.7, abs=0.5)

@@ -305,8 +305,9 @@ def test_one_animal_and_the_linear_model(fitted: Cohort) -> None:
 @pytest.mark.slow
 def test_eleven_virtual_animals(tmp_path: Path) -> None:
     """The paper's eleven by seven: claims as the truth has them; means of Table 1 within their intervals, mostly. With
-    exact means: test_examples.py."""
-    found = fit_cohort(read_cohort(write_cohort(virtual_cohort(1), tmp_path / "drawn")))
+    exact means: test_examples.py. Without the nonlinear model, which no claim and no mean is of."""
+    models = [name for name in MODELS if name != "nonlinear"]
+    found = fit_cohort(read_cohort(write_cohort(virtual_cohort(1), tmp_path / "drawn")), models)
     assert {claim.name: claim.verdict for claim in found.claims()} == {
         "relaxation time": "supported",
         "unstressed radius": "supported",

@@ -181,6 +181,7 @@ def test_error_of_the_first_kind_at_the_margin(own: float) -> None:
     assert _share("refuted", mu, 100, 7, scatter) < 0.05
 
 
+@pytest.mark.slow
 def test_power() -> None:
     """Truly constant: always supported. One site at twice the ratio: always refuted. On the margin: 97 % neither."""
     assert _share("supported", np.zeros(7), 100, 8) == 1.0

@@ -380,6 +380,7 @@ def test_import_is_cheap() -> None:
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "discrepancy.workflow", "")
 
 
+@pytest.mark.slow
 def test_an_fmu_from_a_process_of_its_own(folder: Path, tmp_path: Path) -> None:
     """Byte for byte the FMU that is built here; what that process refuses is an error with its sentence."""
     fmu = build_fmu(folder / "bench.toml", tmp_path)

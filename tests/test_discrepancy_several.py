@@ -215,6 +215,7 @@ def test_the_state_that_separates() -> None:
     assert second_state(found) == ""
 
 
+@pytest.mark.slow
 def test_no_state_separates() -> None:
     """Relaxation and a catheter that is as slow: the least d' counts, and the sentence says that none is enough."""
     said = second_state(named(RELAXATION, 1)[1][0])

@@ -270,7 +270,8 @@ def test_report_and_figures_are_there(study: Study) -> None:
     assert "nonlinear elasticity" in (study.folder / "out" / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("stage", [pytest.param("report", marks=pytest.mark.slow), "moving"])
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", ["report", "moving"])
 def test_an_interrupt_while_files_are_written(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
@@ -461,6 +462,7 @@ def _never() -> Any:
     raise AssertionError("it is there")
 
 
+@pytest.mark.slow
 def test_a_naming_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
     """Two effects, one of a sensor: written and read back: every number and every term is the same."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", (f"{SITE}.P",), 1 / 15, 0.1))

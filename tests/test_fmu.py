@@ -130,6 +130,7 @@ def test_venous_pressure_and_tuning(instantiate: Callable[..., Instance]) -> Non
         assert value[1:] == pytest.approx(reporter(model)(state)[0, 1:].tolist(), rel=1e-9, abs=0.0)
 
 
+@pytest.mark.slow
 def test_plain_client(fmus: dict[str, Path], sheep: Network) -> None:
     """FMPy's simulate_fmu with default options reaches the stop time; its inflow is held: 1 % of the pulse (0.6 %)."""
     resting = fmpy.simulate_fmu(os.fspath(fmus["sheep"]))

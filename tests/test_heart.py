@@ -130,6 +130,7 @@ def test_mitral_valve_does_not_leak(h: float) -> None:
 # --- the step -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_against_an_independent_integration() -> None:
     """A heart with leaky valves on a Windkessel: two beats by Radau. Error of order 2 in the step: 9e-5 at 1 ms.
 

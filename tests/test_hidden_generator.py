@@ -264,7 +264,8 @@ def test_springpot_on_the_bench(sheep: Network) -> None:
 
 @pytest.mark.parametrize(("r", "e"), [(0.0, 0.0), (-1.0, 0.0), (0.4, 2.0)])
 def test_bench_against_an_ode_solver(sheep: Network, r: float, e: float) -> None:
-    """The monotone wall solved for dR/dt and integrated by Radau over five beats, <= 3e-7 of R's pulse (1.5e-7)."""
+    """The monotone wall solved for dR/dt and integrated by Radau over two beats, <= 3e-7 of R's pulse (1.5e-7): after
+    one beat of 0.5 s nothing is left of the start, φ0/E being 17 ms."""
     model = replace(anatomy(sheep), viscous_law="monotone")
     v = replace(model.vessel("AA"), r=r, e=e)
     c = arterial_pressure(np.random.default_rng(2), BEAT)
@@ -276,8 +277,8 @@ def test_bench_against_an_ode_solver(sheep: Network, r: float, e: float) -> None
         stress = (at_phase(c, np.array([t / T]))[0] - v.E * K_h * strain * (1.0 + e * strain)) * s[0] / K_h / v.phi0
         return np.array([np.log1p(2 * r * stress) / (2 * r) if r else stress])
 
-    times = 4 * T + BEAT.phase[::8] * T
-    run = solve_ivp(rate, (0.0, 5 * T), [R[0] / v.R0], "Radau", times, first_step=1e-5, rtol=1e-10, atol=1e-13)
+    times = T + BEAT.phase[::8] * T
+    run = solve_ivp(rate, (0.0, 2 * T), [R[0] / v.R0], "Radau", times, first_step=1e-5, rtol=1e-10, atol=1e-13)
     assert np.abs(run.y[0] * v.R0 - R[::8]).max() <= 3e-7 * np.ptp(R)
 
 

@@ -44,6 +44,7 @@ def test_a_batch_of_equal_members_is_the_single_run(sheep: Network) -> None:
     assert max(relative_error(name, batch.member(i)[name], one[name]) for i in range(3) for name in one) <= 1e-13
 
 
+@pytest.mark.slow
 def test_beats_until_they_repeat() -> None:
     """Periodic beats, and a start where the last run ended, which takes two."""
     network = tube(artery(phi0=1e4), Reflection("A", 0.3))

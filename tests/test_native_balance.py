@@ -203,6 +203,7 @@ def networks(draw: Any) -> tuple[Network, dict[str, Any]]:
     return network, {"S0.E": np.array([8e5, real(5e5, 2e6)])} if draw(st.booleans()) else {}
 
 
+@pytest.mark.slow
 @settings(max_examples=8, phases=[Phase.explicit, Phase.generate])
 @given(networks())
 def test_drawn_networks(drawn: tuple[Network, dict[str, Any]]) -> None:

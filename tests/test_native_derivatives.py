@@ -113,7 +113,7 @@ ELSE: Mapping[str, tuple[Callable[[], Network], float, tuple[Mapping[str, float]
 }  # fmt: skip
 
 
-LONG = ("unsteady", "elastic", "relaxation", "off the grid")
+LONG = ("unsteady", "elastic", "relaxation", "springpot", "leak", "off the grid")
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in ELSE])

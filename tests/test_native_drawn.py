@@ -39,6 +39,7 @@ def equal(drawn: Drawn, found: Any, expected: Any) -> bool:
     return bool(found[1] == expected[1] and same)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", IN_EQUATIONS, ids=lambda effect: effect.name)
 @settings(max_examples=3, **GENERATED)
 @given(st.data())

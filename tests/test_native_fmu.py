@@ -131,6 +131,7 @@ def test_another_mesh_is_refused(native: Path, tmp_path: Path) -> None:
             assert f"{name} = " in refusal({**given, "MD.L": 0.1, name: end * (1.0 + 1e-2 * outward)})
 
 
+@pytest.mark.slow
 def test_halved_steps(stored: Store, tmp_path: Path) -> None:
     """Steps that do not converge: both FMUs cut the same ones, and outputs stay equal (measured 3e-14)."""
     told, outputs = list[list[int]](), list[np.ndarray]()

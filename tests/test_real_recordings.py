@@ -37,7 +37,9 @@ def test_where_they_are_from() -> None:
         assert Q[:9600].mean() == pytest.approx(float(flows[path.name]), abs=0.5)
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", [FILES[0], *(pytest.param(path, marks=pytest.mark.slow) for path in FILES[1:])], ids=lambda path: path.stem
+)
 def test_they_open_and_have_a_first_model(path: Path) -> None:
     """75 beats a minute to 0.1 %; the model has the mean at the root to 0.1 % and its pulse to 7.2 %. The second
     pressure rings: in two files a side branch rings, too, and leaves 2.3 and 2.4 mmHg, in one the tube leaves 4.1."""

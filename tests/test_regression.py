@@ -54,6 +54,13 @@ def _coefficients(wall: VirtualWall, period: float) -> tuple[np.ndarray, np.ndar
     return p, c
 
 
+@cache
+def of_a_whole_record(seed: int, drift: float, bits: int | None) -> WallFit:
+    """AA at 40 dB by such a record."""
+    wall = table_wall("AA")
+    return fit(sampled(wall, 40.0, seed, drift=drift, bits=bits), "S", wall.h, TRUE_LAW)
+
+
 def worst(fitted: WallFit, wall: VirtualWall) -> float:
     """Largest relative error of the free parameters."""
     return max(abs(fitted.values[name] / getattr(wall, name) - 1.0) for name in fitted.model.free)
@@ -210,7 +217,7 @@ def test_coverage_of_whole_records(drift: float, bits: int | None, most: float) 
     level of 15 beats that wander together is known no better.
     """
     wall = table_wall("AA")
-    fits = [fit(sampled(wall, 40.0, seed, drift=drift, bits=bits), "S", wall.h, TRUE_LAW) for seed in range(3000, 3150)]
+    fits = [of_a_whole_record(seed, drift, bits) for seed in range(3000, 3150)]
     for name in fits[0].model.free:
         truth = getattr(wall, name)
         covered = np.mean([f.ci95(name)[0] <= truth <= f.ci95(name)[1] for f in fits])
@@ -221,7 +228,7 @@ def test_errors_of_whole_records() -> None:
     """30 of them with drift and quantisation: errors within four standard deviations; those of φ0 and φ_NL are as large
     as stated (root mean square 1 ± 0.13 for exact ones), of E and R0 smaller."""
     wall = table_wall("AA")
-    fits = [fit(sampled(wall, 40.0, seed, drift=0.02, bits=12), "S", wall.h, TRUE_LAW) for seed in range(3000, 3030)]
+    fits = [of_a_whole_record(seed, 0.02, 12) for seed in range(3000, 3030)]
     for name in fits[0].model.free:
         z = np.array([(f.values[name] - getattr(wall, name)) / f.sd(name) for f in fits])
         assert np.abs(z).max() < 4.0, name

@@ -77,6 +77,7 @@ def test_a_pair_is_compared_with_each_of_its_laws_alone(monkeypatch: pytest.Monk
     assert {narrow.label, late.label} <= {n.label for n in better.ranked} and better.best.label == narrow.label
 
 
+@pytest.mark.slow
 def test_a_law_of_another_place_is_compared_with_the_best() -> None:
     """A stenosis in C, 40 dB, of which only the reflection at the end of C was asked: the stenosis, of all laws of the
     catalogue, takes its place, K to 10 %, and the reflection is ruled out beside it. The same moves simulate no

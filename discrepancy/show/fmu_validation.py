@@ -1,8 +1,8 @@
 """Validation of a name by FMUs: free runs through fmpy, their gap to the record, and the test of the name.
 
 The FMU is driven by the most probable wave, the inflow or the pressure of a bench, inferred from the whole record and
-not only from its one noisy sensor. The gap is divided by the noise of the sensors: 1 is noise. No effect is named that
-does not shrink the gap to held-out beats. The FMU is the model that inference compared: one model has one gap.
+not only from its one noisy sensor. The gap is divided by the noise of sensors and drive: 1 is noise. No effect is named
+that does not shrink the gap to held-out beats. The FMU is the model that inference compared: one model has one gap.
 """
 
 from __future__ import annotations
@@ -141,7 +141,8 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         return _without(naming, "unknown", f"the model fits the record, but this cannot be judged: {failed}")
     if not naming.adds and naming.verdict != "unknown":
         return naming
-    if before.is_noise:
+    why = "" if after is None else _not_fallen_in(each)
+    if before.is_noise and (after is None or why or before.in_error is not None or naming.verdict == "partial"):
         found = f"{best} was found but not named" if after else "no effect was named"
         more = "no more than noise"
         if before.in_error is not None:
@@ -153,7 +154,6 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         return _without(naming, "unknown", f"{nearest}: {failed}")
     if after is None:
         return naming
-    why = not_fallen([r for r in each if r.fitted], len(each) > 1) or not_fallen([r for r in each if not r.fitted])
     if not why and naming.verdict == "partial" and after.total[1] > (1.0 - at.PART_CLOSED) * left:
         why = "most of it remains" + _closed_above(before, after)
     if why:
@@ -173,6 +173,11 @@ def _closed_above(before: Gap, after: Gap) -> str:
         if first > at.NO_GAP and last <= (1.0 - at.PART_CLOSED) * first:
             return f", but from harmonic {k} on it falls from {number(first)} to {number(last)} times the noise"
     return ""
+
+
+def _not_fallen_in(each: Sequence[Recorded]) -> str:
+    """The same of the fitted recordings, or of those held out whole."""
+    return not_fallen([r for r in each if r.fitted], len(each) > 1) or not_fallen([r for r in each if not r.fitted])
 
 
 def not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:

@@ -1,4 +1,8 @@
-"""The gap between a run and a record, in units of the noise: of the whole beat, and how far it falls."""
+"""The gap between a run and a record, in units of the noise: of the whole beat, and how far it falls.
+
+The unit is the covariance of the fits, without their errors of solver and model: the gap of a fit is its misfit, of
+fitted beats what it leaves and of held-out ones what it predicts.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,6 @@ from fitting.inference.fit import Array
 from fitting.records.alignment.beats import Beats
 from fitting.records.channels.amounts import changes, sizes
 from fitting.records.channels.noise import pulses
-from fitting.records.channels.wander import correlation_of_means, mean_wander
 from solver.quantities.legible import number
 
 from .. import thresholds as at
@@ -24,7 +27,8 @@ _OCTAVES = (2, 4, 8, 16)
 @dataclass(frozen=True)
 class Gap:
     """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI];
-    pulsation : the same without the means. In the total, the means count jointly, as breathing moves them together.
+    pulsation : the same without the means. The total is over all channels jointly, as breathing moves their means and
+    noise of the flow meter all of them together.
     above : that of all channels from harmonic 2, 4, 8 … on. in_error : the total in units of noise and stated error of
     the network together, if it has one."""
 
@@ -48,9 +52,9 @@ def gap(study: Study, X: Array) -> Gap:
     total, in_error, each, rms, pulsation, above = [], [], [], [], [], []
     for part in (study.fitted, study.held_out):
         D = X - study.problem.repeated(part, study.fitted, K)
-        units = _Units.of(study, part, K)
+        units = _Units(study.problem.noise(part, study.fitted)[: K + 1])
         total.append(units.rms(D))
-        in_error.append(_Units.of(study, part, K, stated).rms(D))
+        in_error.append(units.beside(stated).rms(D))
         w = _weights(K)
         whitened, power = w * np.abs(D) ** 2 / units.variance, w * np.abs(D) ** 2
         each.append(np.sqrt(whitened.sum(axis=0) / w.sum()))
@@ -75,32 +79,24 @@ def stated_error(study: Study) -> Array:
 
 @dataclass(frozen=True)
 class _Units:
-    """The noise of the mean of some beats, with or without an error of the model.
+    """covariance : (K+1, m, m) of the mean of some beats about a free run, with or without an error of the model."""
 
-    variance : (K+1, m) of each coefficient. means : covariance (m, m) of the means (k = 0), which breathing and drift
-    move together.
-    """
+    covariance: Array
 
-    variance: Array
-    means: Array
+    def beside(self, error: Array) -> _Units:
+        """With an error of the model of standard deviation (m,)."""
+        return _Units(self.covariance + np.diag(error**2))
 
-    @classmethod
-    def of(cls, study: Study, part: Beats, K: int, error: Array | float = 0.0) -> _Units:
-        """From the noise of the fitted beats. error : standard deviation (m,) of the model's."""
-        names = study.problem.signals
-        variance = study.problem.noise[: K + 1] * (study.fitted.n_beats / part.n_beats)
-        if part is not study.fitted:
-            variance[0] = np.maximum(variance[0], np.diag(mean_wander(part, study.fitted, names)))
-        variance = np.maximum(variance, 1e-300)
-        sd, moved = np.sqrt(variance[0]), correlation_of_means(study.held_out, study.fitted, names)
-        return cls(variance + error**2, sd[:, None] * moved * sd + np.diag(np.broadcast_to(error, len(names)) ** 2))
+    @property
+    def variance(self) -> Array:
+        """(K+1, m) of each coefficient."""
+        return np.einsum("kii->ki", self.covariance).real
 
     def weighted(self, D: Array) -> Array:
         """w C⁻¹ D of differences D : (K+1, m)."""
-        found = _weights(len(D) - 1) * D / self.variance
-        sd = np.sqrt(np.diag(self.means))
-        found[0] = np.linalg.solve(self.means / sd[:, None] / sd, D[0] / sd) / sd
-        return found
+        sd = np.sqrt(self.variance)
+        correlation = self.covariance / sd[:, :, None] / sd[:, None, :]
+        return _weights(len(D) - 1) * np.linalg.solve(correlation, (D / sd)[..., None])[..., 0] / sd
 
     def power(self, D: Array) -> Array:
         """(K+1,) contributions of harmonics to χ²."""
@@ -120,7 +116,7 @@ def fall(study: Study, before: Array, after: Array) -> tuple[float, float]:
     means, which drift, is C's. C : :class:`_Units` with the stated error of the network, which adds to that noise.
     """
     names, K, stated = study.problem.signals, len(before) - 1, stated_error(study)
-    units = _Units.of(study, study.held_out, K, stated)
+    units = _Units(study.problem.noise(study.held_out, study.fitted)[: K + 1]).beside(stated)
     y = study.problem.repeated(study.held_out, study.fitted, K)
     value = float((units.power(before - y) - units.power(after - y)).sum())
     slope = 2.0 * units.weighted(after - before)
@@ -132,7 +128,7 @@ def fall(study: Study, before: Array, after: Array) -> tuple[float, float]:
         scatter += float(((each - each.mean()) ** 2).sum())
         free += len(each) - 1
     own = float((0.5 * np.abs(slope[1:]) ** 2 @ stated**2).sum())  # of a complex coefficient, half in its real part
-    means = float((slope[0].conj() @ units.means @ slope[0]).real)
+    means = float((slope[0].conj() @ units.covariance[0] @ slope[0]).real)
     return value, math.sqrt(scatter / free / study.held_out.n_beats + own + means)
 
 
@@ -158,10 +154,10 @@ def change(before: Gap, after: Gap) -> str:
 
 def changed(before: Gap, after: Gap) -> str:
     """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"; of
-    the pulsation if means are most of a channel's and rise where the gap falls, in which means that wander count
-    little."""
-    rises = any(held_out(after.rms)[name] > x for name, x in held_out(before.rms).items())
-    without = rises and (_of_means(before) or _of_means(after))
+    the pulsation if means are most of a channel's and more than half is left of one, as means that wander count little
+    in the gap."""
+    stays = any(held_out(after.rms)[name] > 0.5 * x for name, x in held_out(before.rms).items())
+    without = stays and (_of_means(before) or _of_means(after))
     first, last = (held_out(each.pulsation if without else each.rms) for each in (before, after))
     rms = changes(first, last, held_out(before.channels))
     said = f"rms without the means: {rms}" if without else rms

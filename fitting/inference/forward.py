@@ -206,9 +206,9 @@ class Single(Forward, Protocol):
     def driven(self, wave: Array) -> Drive:
         """How a wave drives the FMU."""
 
-    @property
-    def noise(self) -> Array:
-        """(K+1, m) variance of the mean beats from sensor noise alone, the unit of gaps."""
+    def noise(self, beats: Beats, fitted: Beats) -> Array:
+        """(K+1, m, m) covariance of the mean of some beats about a free run, by the noise of sensors and drive alone:
+        the unit of gaps."""
 
     def covariance(self, beats: Beats) -> Array:
         """(n, m, m) covariance of the residual of a free run at harmonics 0 … n - 1, from all sources of noise."""

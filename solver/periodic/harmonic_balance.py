@@ -31,16 +31,7 @@ from ..quantities.units import SIGNAL_UNITS
 from ..scheme import terms
 from ..scheme.guards import NonPhysicalState, check
 from ..scheme.model import Model
-from ..scheme.stage import (
-    Condensed,
-    Operators,
-    Stage,
-    loads_of,
-    operators,
-    operators_about,
-    operators_repeated,
-    start,
-)
+from ..scheme.stage import Condensed, Operators, Stage, operators, operators_about, operators_repeated, start
 from ..scheme.step import State, initial_state
 from .mixing import EARLIER, SLOW, mixed
 from .waves import SAMPLES, Near, Waves, amplitudes, constant, samples, taus_of
@@ -225,15 +216,17 @@ def started(model: Model, rest: State, omega: Array, near: Near | None = None) -
     begun = Waves(omega, constant(rest.y, len(omega)), constant(rest.H, len(omega)))
     if near is None:
         return begun
-    layout, mesh, taus = model.layout, model.mesh, taus_of(omega)
+    layout, mesh = model.layout, model.mesh
+    tau: Any = np.reshape(taus_of(omega), (-1, 1, 1))
     A, Q, P_C = (layout.part(begun.y, name) for name in ("A", "Q", "P_C"))
     A_near, Q_near = (layout.part(near.waves.y, name) for name in ("A", "Q"))
     A[0] += A_near[0]
-    A[1:] = np.reshape(taus[1:], (-1, 1, 1, 1)) * (Q_near[1:] @ mesh.element.d_xi) * model.minus_J_inverse
+    A[1:] = tau[1:, ..., None] * (Q_near[1:] @ mesh.element.d_xi) * model.minus_J_inverse
     Q += Q_near
     if P_C.size:
-        ends = Q_near[:, :, mesh.outlet_element, -1]
-        P_C += [loads_of(model, tau).charge * flow for tau, flow in zip(taus, ends, strict=True)]
+        for ends in model.coefficients.outlets:
+            load = ends.load(model.outlet_wall.at(ends.index), tau)
+            P_C[..., ends.index] += load.charge * Q_near[:, :, mesh.outlet_element[ends.index], -1]
     return begun._replace(H=begun.H + near.waves.H)
 
 

@@ -110,8 +110,7 @@ def compiled(
     for first, *others in given.values():
         place.address |= {slot: place.of(first) for slot in others}
     written = [place.encoded(laid[phase]) for phase in range(phases)]
-    used = {slot for each in kept.values() for i in each for slot in (i.out, *(o.slot for o in i.operands))}
-    address = {name: place.of(slot) for name, (slot, *_) in given.items() if slot.phase or slot in used}
+    address = {name: place.of(slot) for name, (slot, *_) in given.items() if slot.phase or slot in needed}
     address |= {name: place.of(end.slot) + 4 * end.start for name, end in ends.items()}
     return Program(
         code=np.concatenate([np.array(code, np.int32) for code in written]),
@@ -162,7 +161,7 @@ def _runs(items: Sequence[Instruction | Block]) -> list[Block | list[Instruction
 
 
 def _uses(instructions: Iterable[Instruction]) -> Counter[Slot]:
-    return Counter(slot for i in instructions for slot in (i.out, *(o.slot for o in i.operands)))
+    return Counter([slot for i in instructions for slot in i.slots])
 
 
 def _width(each: Instruction, units: int) -> int:
@@ -224,7 +223,7 @@ class _Places:
         uses = _uses(i for _, each in runs for i in each)
         grouped = [(block, self._groups(each, uses)) for block, each in runs]
         order = [i for _, groups in grouped for group in groups for i in group.instructions]
-        last = {slot: i for i in order for slot in (i.out, *(o.slot for o in i.operands))}
+        last = {slot: i for i in order for slot in i.slots}
         uses, code = _uses(order), list[int]()
         for block, groups in grouped:
             within = self._straight(groups, last, uses)
@@ -252,7 +251,7 @@ class _Places:
                 else:
                     code += self._elementwise(each) if each.name in ELEMENTWISE else self._other(each)
                 # in order, so that the same network has the same program
-                for slot in dict.fromkeys((each.out, *(o.slot for o in each.operands))):
+                for slot in dict.fromkeys(each.slots):
                     if last[slot] is each and slot.phase != CONSTANT and slot not in self.lasting:
                         (room if slot in within else self.free[slot.size]).append(within.get(slot) or self.of(slot))
         return code
@@ -295,7 +294,7 @@ class _Places:
     def _grouped(self, each: Instruction, units: int, within: Mapping[Slot, int]) -> list[int]:
         """An operation of a group: 8 words. within : the blocks of slots that only the group uses; flags from 8 on say
         which of the result and the operands these are."""
-        slots = [each.out, *(o.slot for o in each.operands)]
+        slots = each.slots
         out, *places = [within.get(slot) or self.of(slot) for slot in slots]
         places = [place + 4 * o.start for place, o in zip(places, each.operands, strict=True)]
         flags, extra = sum(1 << i for i, o in enumerate(each.operands) if o.single), 0

@@ -70,6 +70,11 @@ class Instruction(NamedTuple):
     sizes: tuple[int, ...]
     places: Array | None = None
 
+    @property
+    def slots(self) -> list[Slot]:
+        """The slots that it writes and reads."""
+        return [self.out, *[o.slot for o in self.operands]]
+
 
 class Recorder:
     """Records operations by phase."""
@@ -116,13 +121,13 @@ class Recorder:
         self, name: str, operands: tuple[Operand, ...], shape: tuple[int, ...], size: int, index: Array | None = None
     ) -> Slot:
         """The slot of ``size`` numbers with the result of an operation."""
-        read = tuple((o.slot, o.slot.version, o.start, o.single) for o in operands)
+        read = tuple([(o, o.slot.version) for o in operands])
         key = (name, read, shape, None if index is None else index.tobytes())
-        if key not in self._known:
-            slot = Slot(size, max(0, *(o.slot.phase for o in operands)))
+        slot = self._known.get(key)
+        if slot is None:
+            slot = self._known[key] = Slot(size, max([0, *[o.slot.phase for o in operands]]))
             self.write(Instruction(name, slot, 0, operands, shape, index))
-            self._known[key] = slot
-        return self._known[key]
+        return slot
 
     def write(self, instruction: Instruction) -> None:
         phase = instruction.out.phase

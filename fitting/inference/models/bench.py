@@ -275,10 +275,15 @@ class Bench(Single):
         z_P, z_R = (zero_of(self.network, name) for name in self.signals)
         return Seen(wall, self.loop.T, (P * to_P, o_P + z_P), (R * to_R, o_R + z_R))
 
-    @property
-    def noise(self) -> Array:
-        error = np.stack([self.error, 0.0 * self.error], axis=1)
-        return (np.einsum("kii->ki", self.loop.noise).real - error**2)[: self.K + 1]
+    def noise(self, beats: Beats, fitted: Beats) -> Array:
+        own = self.loop.noise[: self.K + 1].copy()
+        own[:, 0, 0] -= np.broadcast_to(self.error**2, len(self.loop.noise))[: self.K + 1]
+        if beats is fitted:
+            return own
+        # other beats have other waves: the change that P and R share adds, of both means; half the noise of the fitted
+        # ones stays in the wave, which two channels determine
+        whole = fitted.covariance(self.signals)[: self.K + 1]
+        return of_other_beats(whole, np.zeros((len(own), 2)), beats, fitted, self.signals) + whole - 0.5 * own
 
     def covariance(self, beats: Beats) -> Array:
         """(N//2 + 1, 2, 2) of the sensors."""

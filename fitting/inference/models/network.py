@@ -26,7 +26,6 @@ from ...records.channels.noise import (
     inflow_noise,
     mean_beat,
     pulses,
-    sensor_noise,
     solver_error,
     steady_beats,
     under_drive_of,
@@ -159,11 +158,11 @@ class NetworkProblem(Single):
         if X is None:
             return self.measured_wave(beats)
         gain, offset = meter(fit.member, self.K + 1, self.simulator.T)
-        S = inflow_noise(beats, self.signals, self.response, self.felt)
         gain = gain * undone(self.network, INFLOW, self.simulator.drive)[: self.K + 1]
         full = np.fft.rfft(beats.mean(INFLOW), norm="forward")
-        weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
-        full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
+        weights = np.linalg.inv(self.target.covariance)
+        S = inflow_noise(beats, self.signals, self.response, weights, self.felt)
+        full[: self.K + 1] += S * np.einsum("ki,kij,kj->k", self.response.conj(), weights, self.target.X - X)
         full[0] -= offset
         full[: self.K + 1] /= gain
         return np.fft.irfft(full, beats.N, norm="forward")
@@ -189,9 +188,9 @@ class NetworkProblem(Single):
         """The inflow."""
         return Drive(INFLOW)
 
-    @property
-    def noise(self) -> Array:
-        return sensor_noise(self.beats, self.signals, self.response, self.felt)
+    def noise(self, beats: Beats, fitted: Beats) -> Array:
+        own = (self.exact or self.target).covariance - self.error[..., None] ** 2 * np.eye(len(self.signals))
+        return own if beats is fitted else of_other_beats(own, 0.0 * self.error, beats, fitted, self.signals)
 
     def covariance(self, beats: Beats) -> Array:
         """(K+1, m, m) of sensors, inflow, solver and network."""

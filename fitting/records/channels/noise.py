@@ -142,17 +142,17 @@ def steady_beats(
     return share, replace(beats, values={drive: beats.values[drive], **values})
 
 
-def sensor_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:
-    """Variance (n, m) of the mean beats' coefficients by the channels' own noise, and by what is not known of the seam;
-    response : (n, m)."""
-    S = np.einsum("kii->ki", steady_beats(beats, names, response, felt)[1].covariance(names)).real[: len(response)]
-    return S if felt is None else S + sum(np.abs(x) ** 2 for x in felt.coefficients(len(S))[1:])
+def inflow_noise(
+    beats: Beats, names: Sequence[str], response: Array, weights: Array, felt: Felt | None = None
+) -> Array:
+    """Variance S (n,) of the mean inflow's coefficients by the noise of its meter alone; response : H (n, m).
 
-
-def inflow_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:
-    """Variance (n,) of the mean inflow's coefficients by the noise of its meter alone; response : (n, m)."""
+    weights : C⁻¹ (n, m, m) of the channels, whose covariance contains no more than C: C - S H H† has no negative
+    eigenvalue if S H† C⁻¹ H <= 1. Beats that differ follow their flow to a few per cent only, which looks like noise.
+    """
     share = noise_share(beats, names, following(beats, response, felt), len(response))
-    return np.asarray(share * beats.covariance((INFLOW,))[: len(response), 0, 0].real)
+    most = np.einsum("ki,kij,kj->k", response.conj(), weights, response).real
+    return np.minimum(share * beats.covariance((INFLOW,))[: len(response), 0, 0].real, 1.0 / np.maximum(most, 1e-300))
 
 
 def following(beats: Beats, response: Array, felt: Felt | None, drive: str = INFLOW) -> Array:
