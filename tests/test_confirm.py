@@ -184,6 +184,15 @@ def test_nothing_is_missing_below_the_noise(verdict: str) -> None:
     assert found.reason is not None and "0.77 times the noise" in found.reason
 
 
+@pytest.mark.parametrize(("in_error", "verdict"), [(None, "effect"), ((0.9, 0.9), "none")])
+def test_a_fall_counts_in_a_gap_of_noise(in_error: tuple[float, float] | None, verdict: str) -> None:
+    """χ² falls by 75 ± 17 (d' of 15) in a gap of 0.99 of the noise: the name stands, but not in a stated error."""
+    before, after = (replace(Gap((left, left), {}), in_error=in_error) for left in (0.99, 0.95))
+    each = [Recorded("A", "A.csv", "", 20, 1.0, True, before.total, {}, fallen=75.0, sd=17.0, gap_after=after.total)]
+    found = fmu_validation.confirmed(named(), each, before, after)
+    assert found.verdict == verdict
+
+
 @pytest.mark.parametrize(("error", "verdict"), [(0.005, "none"), (0.002, "effect")])
 def test_nothing_is_named_within_the_stated_error(error: float, verdict: str) -> None:
     """A network that leaves 3.9 times the noise lacks nothing that held-out beats show if that is 0.78 times what noise

@@ -127,6 +127,8 @@ def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap 
     likewise over those held out whole. A partial effect must close most of the gap. A verdict ``none`` becomes unknown
     if the model explains the record only with implausible parameters. each : results per recording. before, after :
     over all fitted ones.
+    An effect whose χ² falls is named in a gap of noise, too, which is of all data; not where a stated error of the
+    network explains the gap, which is no noise and may take any form.
     """
     naming = _borne_out(naming, each, before, after)
     odd = implausible(naming.base.fit) if naming.verdict == "none" else {}
