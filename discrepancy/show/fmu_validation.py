@@ -124,11 +124,12 @@ def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap 
 
     The FMU with the effects must run. χ² of held-out beats must fall by more than chance over all recordings together
     and in each in which the effect has a d' of 12 (it then falls in 96 %), and rise by more than chance in none;
-    likewise over those held out whole. A partial effect must close most of the gap. A verdict ``none`` becomes unknown
-    if the model explains the record only with implausible parameters. each : results per recording. before, after :
-    over all fitted ones.
-    An effect whose χ² falls is named in a gap of noise, too, which is of all data; not where a stated error of the
-    network explains the gap, which is no noise and may take any form.
+    likewise over those held out whole. If the gap without the effects is only noise, the same test
+    names an effect, because χ² reveals it before the gap of all data does; but not a partial one, and none in a network
+    with a stated error, which may take any form. A partial effect must close most of the gap. A verdict ``none``
+    becomes unknown if the model explains the record only with implausible parameters.
+
+    each : results per recording. before, after : over all fitted ones.
     """
     naming = _borne_out(naming, each, before, after)
     odd = implausible(naming.base.fit) if naming.verdict == "none" else {}
@@ -178,7 +179,7 @@ def _closed_above(before: Gap, after: Gap) -> str:
 
 
 def _not_fallen_in(each: Sequence[Recorded]) -> str:
-    """The same of the fitted recordings, or of those held out whole."""
+    """The reason of :func:`not_fallen` among the fitted recordings, otherwise among those held out whole."""
     return not_fallen([r for r in each if r.fitted], len(each) > 1) or not_fallen([r for r in each if not r.fitted])
 
 

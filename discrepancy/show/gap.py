@@ -1,7 +1,7 @@
 """The gap between a run and a record, in units of the noise: of the whole beat, and how far it falls.
 
-The unit is the covariance of the fits, without their errors of solver and model: the gap of a fit is its misfit, of
-fitted beats what it leaves and of held-out ones what it predicts.
+The unit is the covariance of the fits, without the errors of solver and model. On fitted beats the gap is then the
+misfit of the fit, and on held-out beats the misfit that the fit predicts.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _OCTAVES = (2, 4, 8, 16)
 @dataclass(frozen=True)
 class Gap:
     """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI];
-    pulsation : the same without the means. The total is over all channels jointly, as breathing moves their means and
-    noise of the flow meter all of them together.
-    above : that of all channels from harmonic 2, 4, 8 … on. in_error : the total in units of noise and stated error of
-    the network together, if it has one."""
+    pulsation : the same without the means. The total whitens all channels jointly, because breathing moves their means
+    together, and noise of the flow meter moves all their harmonics together. above : RMS from harmonic 2, 4, 8 … on,
+    each channel over its own variance. in_error : the total in units of noise and stated error of the network together,
+    if it has one."""
 
     total: tuple[float, float]
     channels: Mapping[str, tuple[float, float]]
@@ -154,8 +154,8 @@ def change(before: Gap, after: Gap) -> str:
 
 def changed(before: Gap, after: Gap) -> str:
     """The same with its unit and, in brackets, the RMS of channels before and after: "Ao.P from 1.3 to 0.9 mmHg"; of
-    the pulsation if means are most of a channel's and more than half is left of one, as means that wander count little
-    in the gap."""
+    the pulsation if the means are most of a channel's RMS and a channel keeps more than half of its RMS, because means
+    that wander count little in the gap."""
     stays = any(held_out(after.rms)[name] > 0.5 * x for name, x in held_out(before.rms).items())
     without = stays and (_of_means(before) or _of_means(after))
     first, last = (held_out(each.pulsation if without else each.rms) for each in (before, after))

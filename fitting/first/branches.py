@@ -151,15 +151,15 @@ def branches(
         found += _side(found[0], lost)
     for site in sorted(upstream, key=lambda site: delays[site]):
         before = upstream[site]
-        parent = next((s.name for s in found if s.site == before), "")
+        parent = next((each.name for each in found if each.site == before), "")
         time = delays[site] - (delays[before] if before else trunk if found and found[0].site == "" else 0.0)
         time = max(time, beats.T / beats.N)
         found.append(Branch(site, parent, site, time, shares[site], measured=site in measured))
         children = [other for other in upstream if upstream[other] == site]
         if children:
             found += _side(found[-1], shares[site] - sum(shares[child] for child in children))
-    heads = {s.parent for s in found}
-    return [replace(s, end=s.name not in heads) for s in found]
+    heads = {each.parent for each in found}
+    return [replace(each, end=each.name not in heads) for each in found]
 
 
 def _side(of: Branch, lost: float) -> list[Branch]:

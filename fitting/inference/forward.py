@@ -207,8 +207,8 @@ class Single(Forward, Protocol):
         """How a wave drives the FMU."""
 
     def noise(self, beats: Beats, fitted: Beats) -> Array:
-        """(K+1, m, m) covariance of the mean of some beats about a free run, by the noise of sensors and drive alone:
-        the unit of gaps."""
+        """(K+1, m, m) covariance of the mean of some beats about a free run, without errors of solver and model: the
+        unit of gaps."""
 
     def covariance(self, beats: Beats) -> Array:
         """(n, m, m) covariance of the residual of a free run at harmonics 0 … n - 1, from all sources of noise."""

@@ -89,7 +89,7 @@ def heart_model(species: str = "human", starts: Starts | None = None, fmi: int =
 
 
 def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> FMUContents:
-    """What closes the volume. fmi : as of hearts. Raises ValueError for an unknown species."""
+    """The veins, the right heart and the lungs. fmi : as of hearts. Raises ValueError for an unknown species."""
     title = "The veins, the right heart and the lungs as one elastic reservoir."
     uses = lumped_document.BODY_USES
     return _lumped(of(species)[1], "body", body_slave.BodySlave, body_slave.table, title, uses, starts or {}, fmi)

@@ -85,7 +85,7 @@ def _walls(c: Coefficients, segment: Array, x: Array) -> Wall:
 
 
 def _refuse_unsupported(network: Network, c: Coefficients) -> None:
-    """Raise ValueError for effects on the viscous stress, leaks, and forces on the fluid."""
+    """Raise ValueError for sources, effects on the viscous stress, leaks, and forces on the fluid."""
     refuse(network.sources, "scheme 'muscl'")
     wall, every = c.base, np.arange(len(network.segments))
     for term in c.terms:

@@ -147,8 +147,9 @@ def inflow_noise(
 ) -> Array:
     """Variance S (n,) of the mean inflow's coefficients by the noise of its meter alone; response : H (n, m).
 
-    weights : C⁻¹ (n, m, m) of the channels, whose covariance contains no more than C: C - S H H† has no negative
-    eigenvalue if S H† C⁻¹ H <= 1. Beats that differ follow their flow to a few per cent only, which looks like noise.
+    weights : C⁻¹ (n, m, m), the inverse covariance of the channels. C contains S H H†, so that S is at most
+    1/(H† C⁻¹ H). Without this bound S may be too large: channels of beats that differ follow their flow to a few per
+    cent only, and the rest looks like noise of the meter.
     """
     share = noise_share(beats, names, following(beats, response, felt), len(response))
     most = np.einsum("ki,kij,kj->k", response.conj(), weights, response).real
