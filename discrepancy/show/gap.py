@@ -28,9 +28,8 @@ _OCTAVES = (2, 4, 8, 16)
 class Gap:
     """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI];
     pulsation : the same without the means. The total whitens all channels jointly, because breathing moves their means
-    together, and noise of the flow meter moves all their harmonics together. above : RMS from harmonic 2, 4, 8 … on,
-    each channel over its own variance. in_error : the total in units of noise and stated error of the network together,
-    if it has one."""
+    together, and noise of the flow meter moves all their harmonics together. above : the same from harmonic 2, 4, 8 …
+    on. in_error : the total in units of noise and stated error of the network together, if it has one."""
 
     total: tuple[float, float]
     channels: Mapping[str, tuple[float, float]]
@@ -60,7 +59,8 @@ def gap(study: Study, X: Array) -> Gap:
         each.append(np.sqrt(whitened.sum(axis=0) / w.sum()))
         rms.append(np.sqrt(power.sum(axis=0)))
         pulsation.append(np.sqrt(power[1:].sum(axis=0)))
-        above.append([float(np.sqrt((whitened[k:].sum(axis=0) / w[k:].sum()).mean())) for k in lowest])
+        of_harmonics = units.power(D)
+        above.append([math.sqrt(of_harmonics[k:].sum() / (len(names) * w[k:].sum())) for k in lowest])
     by_channel, of_beat, of_pulsation = (
         {name: (float(pair[0][i]), float(pair[1][i])) for i, name in enumerate(names)}
         for pair in (each, rms, pulsation)

@@ -31,8 +31,9 @@ RANGE = (0.05, 0.95)  # quantiles of a beat whose distance is its pulse: spikes 
 NO_PULSE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
 UNLIKE, USUAL = 0.35, 6.0  # of the pulse, and times as much as usual: a beat that differs by both is not used
 MISSING = 3  # such beats in a row that do not end a stretch
-ODD, VISIBLE = 5.0, 1e-3  # times as much as usual, and of the pulse: a beat that differs by both is named, and hum of
-# that is subtracted
+# times as much as usual, and of the pulse: a beat that differs by both is named. Hum of that part of the pulse is
+# subtracted
+ODD, VISIBLE = 5.0, 1e-3
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval, and about which samples are spikes
 FEWEST_SAMPLES = 8  # of a beat, and of a record
 
@@ -123,9 +124,10 @@ AROUND = 0.3  # [s] on either side that go with it: the line rings
 # --- hum of the mains ---
 MAINS, HUMS = (50.0, 60.0), 3  # [Hz], and its harmonics that are looked for
 MAINS_OFF = 0.01  # of its frequency, by EN 50160, within which it is for 99.5 % of a year
-HUM_FOLLOWED = 4.0  # [s] in which it may change: a Hann window takes 97 % of what is 0.05 Hz off, and of the beats what
-# is within 0.5 Hz of it, where by AS_MUCH they have less than half its amplitude. Of 1 600 simulated records with
-# noise of 0.2 to 4 mmHg and no hum, none had such a line
+# [s] in which hum may change. A Hann window of this length takes 97 % of hum that is 0.05 Hz off. It also takes what
+# the beats have within 0.5 Hz of the line, which AS_MUCH limits to half of its amplitude. None of 1 600 simulated records
+# with noise of 0.2 to 4 mmHg and without hum had such a line
+HUM_FOLLOWED = 4.0
 
 # --- what arteries of mammals have ---
 HIGHEST_MEAN = 300.0 * MMHG  # mmHg read as kPa make any mean above 40 mmHg exceed it

@@ -121,11 +121,11 @@ class Recorder:
         self, name: str, operands: tuple[Operand, ...], shape: tuple[int, ...], size: int, index: Array | None = None
     ) -> Slot:
         """The slot of ``size`` numbers with the result of an operation."""
-        read = tuple([(o, o.slot.version) for o in operands])
+        read = tuple((o, o.slot.version) for o in operands)
         key = (name, read, shape, None if index is None else index.tobytes())
         slot = self._known.get(key)
         if slot is None:
-            slot = self._known[key] = Slot(size, max([0, *[o.slot.phase for o in operands]]))
+            slot = self._known[key] = Slot(size, max((o.slot.phase for o in operands), default=0))
             self.write(Instruction(name, slot, 0, operands, shape, index))
         return slot
 

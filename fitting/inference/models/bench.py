@@ -233,7 +233,7 @@ class Bench(Single):
     def held_out(self, beats: Beats, fitted: Beats) -> Bench:
         other = bench(beats, self.network, self.site)
         error = np.stack([self.error, 0.0 * self.error], axis=1)
-        noise = of_other_beats(self.loop.noise, error, beats, fitted, self.signals)
+        noise = of_other_beats(self.loop.noise, beats, fitted, self.signals, error)
         return replace(other, loop=replace(other.loop, noise=noise), K=self.K)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
@@ -280,10 +280,10 @@ class Bench(Single):
         own[:, 0, 0] -= np.broadcast_to(self.error**2, len(self.loop.noise))[: self.K + 1]
         if beats is fitted:
             return own
-        # other beats have other waves: the change that P and R share adds, of both means; half the noise of the fitted
-        # ones stays in the wave, which two channels determine
-        whole = fitted.covariance(self.signals)[: self.K + 1]
-        return of_other_beats(whole, np.zeros((len(own), 2)), beats, fitted, self.signals) + whole - 0.5 * own
+        # Other beats have other waves: the change that P and R share is in the scatter of both means. Of the noise of
+        # the fitted ones, half stays in the inferred wave: two channels determine its one wave.
+        scatter = fitted.covariance(self.signals)[: self.K + 1]
+        return of_other_beats(scatter, beats, fitted, self.signals) + scatter - 0.5 * own
 
     def covariance(self, beats: Beats) -> Array:
         """(N//2 + 1, 2, 2) of the sensors."""

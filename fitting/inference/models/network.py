@@ -132,7 +132,7 @@ class NetworkProblem(Single):
         drive = inflow(beats, self.simulator.settings.dt, self.network)
         felt = varying(beats, self.network, self.signals, self.K, self.felt_at)
         own = (self.exact or self.target).covariance
-        covariance = of_other_beats(own, self.error, beats, fitted, self.signals)
+        covariance = of_other_beats(own, beats, fitted, self.signals, self.error)
         other = Target.of(self.signals, mean_beat(beats, self.signals, self.K, felt), covariance)
         found = replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
         return found if self.exact is None else replace(found, exact=None).widened(self.model_error)
@@ -190,7 +190,7 @@ class NetworkProblem(Single):
 
     def noise(self, beats: Beats, fitted: Beats) -> Array:
         own = (self.exact or self.target).covariance - self.error[..., None] ** 2 * np.eye(len(self.signals))
-        return own if beats is fitted else of_other_beats(own, 0.0 * self.error, beats, fitted, self.signals)
+        return own if beats is fitted else of_other_beats(own, beats, fitted, self.signals)
 
     def covariance(self, beats: Beats) -> Array:
         """(K+1, m, m) of sensors, inflow, solver and network."""

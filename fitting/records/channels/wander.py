@@ -65,7 +65,9 @@ def _levels(part: Beats, other: Beats, names: Sequence[str]) -> Array:
     return np.stack([of(name) for name in names], axis=1)
 
 
-def of_other_beats(covariance: Array, error: Array, beats: Beats, fitted: Beats, names: Sequence[str]) -> Array:
+def of_other_beats(
+    covariance: Array, beats: Beats, fitted: Beats, names: Sequence[str], error: Array | float = 0.0
+) -> Array:
     """The covariance (n, m, m) of other beats of the same record, from the noise of the fitted ones, scaled to their
     number.
 
@@ -73,7 +75,7 @@ def of_other_beats(covariance: Array, error: Array, beats: Beats, fitted: Beats,
     """
     times, at = fitted.n_beats / beats.n_beats, np.arange(len(names))
     found = covariance * times
-    found[:, at, at] -= (times - 1.0) * error**2
+    found[:, at, at] -= (times - 1.0) * np.square(error)
     wander = mean_wander(beats, fitted, names)
     more = np.sqrt(np.maximum(1.0 - np.diag(found[0]).real / np.maximum(np.diag(wander), 1e-300), 0.0))
     found[0] += more[:, None] * wander * more

@@ -155,7 +155,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         for other in found[:i]:
             if other.name == each.name:
                 both = "a name twice" if other.kind is each.kind else "R and D of one site"
-                this = _called(each.column, columns)
+                this = _option_name(each.column, columns)
                 why = f'{both}; keep one of the two columns, --map "{this}=" leaves this one out'
                 refuse(place, None, each.column.title, why)
     _check_clocks(times[0][0], found, columns, place)
@@ -201,7 +201,7 @@ def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
             elif not table.titled and not reading.names:
                 found.append((False, "a column without a title"))
             elif asked.get(id(column)):
-                option = f'--map "{_called(column, table.columns)}={asked[id(column)]}"'
+                option = f'--map "{_option_name(column, table.columns)}={asked[id(column)]}"'
                 found.append((False, f"say what it is, such as {option}"))
             else:
                 each = _chosen(column, target, titles, table.place)
@@ -298,7 +298,7 @@ def _unknown(column: Column, target: tuple[str, str]) -> bool:
     return target[0] != "time" and _kind(target[0]) is None and target[0] == name_and_unit(column.title)[0]
 
 
-def _called(column: Column, columns: Sequence[Column]) -> str:
+def _option_name(column: Column, columns: Sequence[Column]) -> str:
     """What an option calls a column: its title, or its number if others have that title, too."""
     if sum(each.title == column.title for each in columns) == 1:
         return column.title
@@ -309,17 +309,19 @@ def _check_names(unknown: Sequence[Column], columns: Sequence[Column], place: Pl
     """Raise InputError with the options for all of them, if several columns have titles that are no variables."""
     if len(unknown) < 2:
         return
-    maps = [f'--map "{_called(c, columns)}={target}"' for c, target in zip(unknown, proposed(unknown), strict=True)]
+    maps = [
+        f'--map "{_option_name(c, columns)}={target}"' for c, target in zip(unknown, proposed(unknown), strict=True)
+    ]
     titles = ", ".join(repr(column.title) for column in unknown)
     speeds = [(c.title, unit) for c in unknown if is_velocity(unit := name_and_unit(c.title)[1] or c.unit)]
-    speed = f"; {of_velocity(speeds[0][0], INFLOW, speeds[0][1])}" if speeds else ""
+    hints = f"; {of_velocity(speeds[0][0], INFLOW, speeds[0][1])}" if speeds else ""
     volts = [unit for c, m in zip(unknown, maps, strict=True)
              if is_voltage(unit := name_and_unit(c.title)[1] or c.unit) and not m.endswith('="')]  # fmt: skip
-    speed += f"; where the unit is {volts[0]}, {of_voltage(volts[0], KINDS['P'])}" if volts else ""
+    hints += f"; where the unit is {volts[0]}, {of_voltage(volts[0], KINDS['P'])}" if volts else ""
     raise InputError(
         f"{place}: {titles} are no channels; allowed are {CHANNELS}, with any name of a site, and inlet.Q, the flow "
         f"into the arteries; say which is which, such as {' '.join(maps)} (an empty name leaves a column out: "
-        f'--map "ECG="){speed}.'
+        f'--map "ECG="){hints}.'
     )
 
 

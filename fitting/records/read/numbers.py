@@ -97,15 +97,8 @@ def slowly(
     start = place.lines[0]
     numbers, where, at = array("d"), list[int](), [start - 1]
     faults: list[Fault | None] = [None] * len(titles)
-    samples, stand = list[str](), list[int]()
-    for line in _samples(lines, start, separator, len(titles), at):
-        samples.append(line)
-        stand.append(at[0])
-    columns = quickly("".join(samples).encode(), 0, len(titles), separator, mark)  # comments were all that stood by
-    if columns is not None and len(columns[0]) == len(stand):
-        return columns, stand, faults
-    del samples, stand, columns
-    at = [start - 1]
+    if found := _without_comments(lines, start, titles, separator, mark):
+        return *found, faults
     rows = csv.reader(_samples(lines, start, separator, len(titles), at), strict=True, delimiter=separator)
     try:
         for row in rows:
@@ -127,6 +120,18 @@ def slowly(
     if not numbers:
         raise InputError(f"{place}: line {start}: there are no samples below the header; add them.")
     return list(np.ascontiguousarray(np.array(numbers).reshape(-1, len(titles)).T)), where, faults
+
+
+def _without_comments(
+    lines: Sequence[str], start: int, titles: Sequence[str], separator: str, mark: str
+) -> tuple[list[Array], list[int]] | None:
+    """The columns and the line of each sample if nothing but comments stands among the samples; None otherwise."""
+    samples, where, at = list[str](), list[int](), [start - 1]
+    for line in _samples(lines, start, separator, len(titles), at):
+        samples.append(line)
+        where.append(at[0])
+    columns = quickly("".join(samples).encode(), 0, len(titles), separator, mark)
+    return (columns, where) if columns is not None and len(columns[0]) == len(where) else None
 
 
 _BEGINS = re.compile(r"\s*[\"'+\-.,;\t\d]|\s*(?:nan|inf)\b", re.IGNORECASE)  # of a line that may be a sample
