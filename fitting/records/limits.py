@@ -125,8 +125,8 @@ AROUND = 0.3  # [s] on either side that go with it: the line rings
 MAINS, HUMS = (50.0, 60.0), 3  # [Hz], and its harmonics that are looked for
 MAINS_OFF = 0.01  # of its frequency, by EN 50160, within which it is for 99.5 % of a year
 # [s] in which hum may change. A Hann window of this length takes 97 % of hum that is 0.05 Hz off. It also takes what
-# the beats have within 0.5 Hz of the line, which AS_MUCH limits to half of its amplitude. None of 1 600 simulated records
-# with noise of 0.2 to 4 mmHg and without hum had such a line
+# the beats have within 0.5 Hz of the line, which AS_MUCH limits to half of its amplitude. None of 1 600 simulated
+# records with noise of 0.2 to 4 mmHg and without hum had such a line
 HUM_FOLLOWED = 4.0
 
 # --- what arteries of mammals have ---

@@ -125,7 +125,7 @@ class Recorder:
         key = (name, read, shape, None if index is None else index.tobytes())
         slot = self._known.get(key)
         if slot is None:
-            slot = self._known[key] = Slot(size, max((o.slot.phase for o in operands), default=0))
+            slot = self._known[key] = Slot(size, max([0, *(o.slot.phase for o in operands)]))
             self.write(Instruction(name, slot, 0, operands, shape, index))
         return slot
 
