@@ -172,10 +172,10 @@ def test_a_gap_is_the_misfit_that_the_fit_predicts(varying: tuple[float, float],
     assert gap(replace(study, problem=problem), X).total == pytest.approx(expected, rel=0.03)
 
 
-@pytest.mark.parametrize("seed", [1, 3, 5])
-def test_other_beats_of_a_bench_are_no_gap(seed: int) -> None:
+@pytest.mark.parametrize(("seed", "left"), [(1, 0.99), (3, 0.69), (5, 1.11)])
+def test_other_beats_of_a_bench_are_no_gap(seed: int, left: float) -> None:
     """Nothing is hidden. The waves of five held-out beats are not those of fifteen fitted ones; the most probable waves
-    of these leave 0.7 to 1.1 of the noise of the others, in which P and R change together; without that, 8 to 21."""
+    of these leave about the noise of the others, in which P and R change together (measured; 8 to 21 without that)."""
     made = make(Case("bench", "AA", 40.0, varying=(0.03, 0.05)), (5, seed))
     study = prepare(Record("made", "", made.time, made.channels, {}), made.base)
     bench = study.problem
@@ -186,7 +186,7 @@ def test_other_beats_of_a_bench_are_no_gap(seed: int) -> None:
     seen = bench.seen(fit.member, fit.x[None])
     radius = bench.loop.R - np.linalg.solve(seen.slope(bench.loop.R), seen.true(bench.loop.R)[1][0] - P)
     X = np.stack([coefficients(P), coefficients(radius)], axis=1)[: bench.K + 1]
-    assert 0.6 < gap(study, X).total[1] < 1.2
+    assert gap(study, X).total[1] == pytest.approx(left, rel=0.05)
 
 
 @pytest.mark.slow
