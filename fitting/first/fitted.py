@@ -22,7 +22,7 @@ from scipy.optimize import least_squares
 from solver.linear import amplitudes
 from solver.network.description import Network
 
-from ..records import limits as limit
+from ..records import limits
 from . import shares
 from .branches import Branch
 from .data import Data, rms
@@ -92,10 +92,10 @@ def delayed(
 ) -> tuple[Fitted, Delay | None]:
     """The same with a delay of inlet.Q, if one is needed. plain : without it."""
     feet = late(data.beats, data.root)
-    if plain.rms > limit.LATE_MATTERS * data.size(data.root) and feet:
+    if plain.rms > limits.LATE_MATTERS * data.size(data.root) and feet:
         problem = _Problem(data, network, known, tubes, {})
         x = problem.search(feet, FEET * data.beats.T)
-        if (moved := problem.fitted(x)).rms < limit.LATE_CLOSES * plain.rms:
+        if (moved := problem.fitted(x)).rms < limits.LATE_CLOSES * plain.rms:
             return moved, Delay(float(x[-1]), feet, plain.rms, moved.rms)
     return plain, None
 

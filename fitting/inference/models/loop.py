@@ -23,7 +23,7 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from solver.errors import InputError
 from solver.loop import circulant
 
-from ...records import limits as limit
+from ...records import limits
 from ...records.alignment.beats import Beats
 from ...records.channels import spectral
 from ...records.channels.inflow_variability import felt
@@ -138,11 +138,11 @@ def _loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
     # a name without converter: the rounding error of the mean beat is no beat-to-beat variation
     both = replace(beats, values={P: beats.values[P], _FOLLOWING: moved}).covariance((P, _FOLLOWING))
     followed, could = both[:, 0, 1].real, both[:, 1, 1].real
-    coherent = followed**2 > limit.COHERENT * both[:, 0, 0].real * could
-    gaps = any(np.isnan(beats.values[name]).mean() > limit.HOLES for name in names)
+    coherent = followed**2 > limits.COHERENT * both[:, 0, 0].real * could
+    gaps = any(np.isnan(beats.values[name]).mean() > limits.HOLES for name in names)
     seam = np.zeros(beats.N) if seen is None else seen.seam[0]
-    known = np.abs(limit.SEAM_ERROR * coefficients(seam)) ** 2
-    if gaps or (seen is None and not coherent[1 : limit.LOW].any()):
+    known = np.abs(limits.SEAM_ERROR * coefficients(seam)) ** 2
+    if gaps or (seen is None and not coherent[1 : limits.LOW].any()):
         raw[:, 0, 0] += known
         return raw, spectral.resample(seam, N)
     share, steady = steady_beats(beats, (P,), A[:, None], seen, R)
@@ -163,7 +163,7 @@ def _law(beats: Beats, names: tuple[str, str], noise: Array) -> Array:
     """(_ORDER,) real a with P_k = Σ a_i (iω_k)^i R_k of the mean loop, by least squares."""
     P, R = (coefficients(beats.mean(name)) for name in names)
     sd = np.sqrt(np.maximum(np.einsum("kii->ki", noise).real, np.finfo(float).tiny))
-    told = (np.abs(R) > limit.LOOP_SHOWN * sd[:, 1]) & (np.abs(P) > limit.LOOP_SHOWN * sd[:, 0])
+    told = (np.abs(R) > limits.LOOP_SHOWN * sd[:, 1]) & (np.abs(P) > limits.LOOP_SHOWN * sd[:, 0])
     told[0] = False
     told[1 : _ORDER + 1] = True
     k = np.flatnonzero(told)

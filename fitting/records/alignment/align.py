@@ -10,7 +10,7 @@ import numpy as np
 from solver.errors import InputError
 
 from ...parallel.threads import single_threaded
-from .. import limits as limit
+from .. import limits
 from ..read.record import Array, Record
 from ..read.sensors import converter_step
 from .beats import Beats, require_phases
@@ -60,7 +60,7 @@ def _check(period: float, record: Record) -> None:
             f"{record.path}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
             "give a shorter one or record at least two whole beats."
         )
-    if period < limit.FEWEST_SAMPLES * record.dt:
+    if period < limits.FEWEST_SAMPLES * record.dt:
         grid(period, record.dt, len(record.time), record.path)
 
 
@@ -80,7 +80,7 @@ def _cut(
         usual, told = PeriodFound(period), False
     else:
         told = True
-    if period is not None and abs(period / usual.other - 1.0) <= limit.NEAR:  # the record does not tell which
+    if period is not None and abs(period / usual.other - 1.0) <= limits.NEAR:  # the record does not tell which
         usual = replace(usual, T=period)
     found = find_upstrokes(channels, usual.T / dt)
     singly, T = None if found is None else cut_variable(channels, dt, found), usual.T
@@ -94,7 +94,7 @@ def _cut(
     if period is not None:
         count = max(1, round(period / T))
         off = abs(period / T - count)
-        if off > limit.NEAR if singly is not None else off / count * n * dt / period > limit.VARIES:
+        if off > limits.NEAR if singly is not None else off / count * n * dt / period > limits.VARIES:
             raise InputError(
                 f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
             )

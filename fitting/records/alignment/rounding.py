@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .. import limits as limit
+from .. import limits
 
 Array = np.ndarray
 
@@ -59,7 +59,7 @@ def rounded_harmonics(beats: Array, step: float) -> Array:
         return np.zeros(N // 2 + 1)
     sigma = np.interp(left, _LEFT[::-1], _SIGMA[::-1])
     c = np.fft.rfft(np.nanmean(beats, axis=0) / step)
-    c[np.abs(c) < limit.STEP_SURE * N] = 0.0
+    c[np.abs(c) < limits.STEP_SURE * N] = 0.0
     Z = np.abs(np.fft.fft(np.exp(2j * np.pi * np.outer(_WAVES, np.fft.irfft(c, N)))) / N) ** 2
     share = np.exp(-4.0 * np.pi**2 * (sigma * _WAVES) ** 2) / _WAVES**2 / (4.0 * np.pi**2)
     V = step**2 * (share @ Z)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import limits as limit
+from .. import limits
 from ..alignment.beats import Beats
 from .spectral import coefficients
 
@@ -36,7 +36,7 @@ class Felt:
     def coefficients(self, n: int) -> tuple[Array, Array, Array]:
         """(n, m) of the seam, of what is not known of it as walls are not, and of what came before the record."""
         seam, doubt = (coefficients(x)[:, :n].T for x in (self.seam, self.doubt))
-        return seam, limit.SEAM_ERROR * seam, doubt
+        return seam, limits.SEAM_ERROR * seam, doubt
 
 
 def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: bool = True) -> Felt | None:
@@ -50,12 +50,12 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
     singly, N, mean = beats.variable, beats.N, beats.mean(drive)
     first, last = singly.edges[[0, -1]]
     q = singly.channels[drive][first:last]
-    before = limit.BEATS_BEFORE * N
+    before = limits.BEATS_BEFORE * N
     length = before + len(q)
     H = transfer(length * singly.dt, int(harmonics * length / N))
     larger = np.zeros(length)
     if memory:
-        unknown = np.tile(mean, limit.BEATS_UNKNOWN)
+        unknown = np.tile(mean, limits.BEATS_UNKNOWN)
         sizes = np.nanstd(beats.values[drive], axis=1)  # of the beats
         larger[before - len(unknown) : before] = unknown * float(np.nanstd(sizes) / np.nanmean(sizes))
 
@@ -63,7 +63,7 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
         """(m, n_beats, N) of (m, length)."""
         return np.stack([singly.of(np.concatenate([np.zeros(first), each[before:]])) for each in x])
 
-    followed = cut(_filtered(H, np.concatenate([np.tile(mean, limit.BEATS_BEFORE), q])))
+    followed = cut(_filtered(H, np.concatenate([np.tile(mean, limits.BEATS_BEFORE), q])))
     mean_followed = followed.mean(axis=1)
     seam = mean_followed - _filtered(transfer(beats.T, harmonics), mean)
     return Felt(followed - mean_followed[:, None], seam, cut(_filtered(H, larger)).mean(axis=1))

@@ -22,7 +22,7 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
-from .. import limits as limit
+from .. import limits
 from ..alignment.beats import Beats
 from .inflow_variability import Felt
 from .spectral import coefficients
@@ -30,7 +30,7 @@ from .spectral import coefficients
 Array = np.ndarray
 
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
-_POOLED = 2.0 * limit.NEIGHBOURS + 1.0
+_POOLED = 2.0 * limits.NEIGHBOURS + 1.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def degrees_of_freedom(n_beats: int, *, real: bool = False, at_ends: bool = Fals
     real : count the real and the imaginary part, which one channel's variance may; a covariance of channels is one of
     complex numbers. at_ends : where the spectrum begins and ends, there are neighbours on one side only.
     """
-    pooled = limit.NEIGHBOURS + 1.0 if at_ends else _POOLED
+    pooled = limits.NEIGHBOURS + 1.0 if at_ends else _POOLED
     return (2.0 if real else 1.0) * pooled * (n_beats - 1.0)
 
 
@@ -175,7 +175,7 @@ def seam_note(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[st
     error = np.sqrt(weight @ sum(np.abs(x) ** 2 for x in unknown))
     noise = np.sqrt(np.einsum("kii->ik", beats.covariance(names)).real @ weight)
     i = int(np.argmax(error / noise))
-    if error[i] < limit.SURE * noise[i]:
+    if error[i] < limits.SURE * noise[i]:
         return ()
     part, times = error[i] / pulses(beats, names)[i], error[i] / noise[i]
     return (
@@ -217,7 +217,7 @@ def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
     """The highest harmonic, at most ``most``, at which a channel is above its noise."""
     X = mean_beat(beats, names, most)
     variance = np.einsum("kii->ki", beats.covariance(names)).real + _hidden(beats, names) ** 2
-    above = np.flatnonzero((np.abs(X) ** 2 > limit.SURE**2 * variance[: most + 1]).any(axis=1))
+    above = np.flatnonzero((np.abs(X) ** 2 > limits.SURE**2 * variance[: most + 1]).any(axis=1))
     return max(1, int(above[-1]) if len(above) else 1)
 
 
@@ -328,7 +328,7 @@ def _aliased(mean: Array, variance: Array) -> Array:
     k = np.arange(N // 2 + 1)
     whole, own = (np.pi / N) ** 2 / np.sin(np.pi * np.maximum(k, 1) / N) ** 2, 1.0 / np.maximum(k, 1) ** 2.0
     folded = np.where(k == 0, np.pi**2 / 3.0 / N**2, whole - own)
-    tail = k >= max(1, int(limit.TAIL * (N / 2.0)))
+    tail = k >= max(1, int(limits.TAIL * (N / 2.0)))
     power = np.abs(coefficients(mean)) ** 2 - variance
     C2 = float(np.mean(power[tail] / whole[tail] ** 2))
     return np.sqrt(max(C2, 0.0)) * folded

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .. import limits as limit
+from .. import limits
 from ..alignment.beats import Beats
 
 Array = np.ndarray
@@ -43,7 +43,9 @@ def correlation_of_means(part: Beats, other: Beats, names: Sequence[str]) -> Arr
     r, lagged = level.T @ level, np.clip((level[1:] * level[:-1]).sum(axis=0), 0.0, 1.0)
     alike = lagged[:, None] * lagged
     n = len(level) * (1.0 - alike) / (1.0 + alike)
-    reach = np.divide(limit.FIVE_PERCENT, np.sqrt(np.maximum(n - 3.0, 0.0)), out=np.full_like(r, np.inf), where=n > 3.0)
+    reach = np.divide(
+        limits.FIVE_PERCENT, np.sqrt(np.maximum(n - 3.0, 0.0)), out=np.full_like(r, np.inf), where=n > 3.0
+    )
     least = np.tanh(np.maximum(np.arctanh(np.minimum(np.abs(r), 1.0 - _ALIKE)) - reach, 0.0)) * np.sign(r)
     np.fill_diagonal(least, 1.0)
     power, axes = np.linalg.eigh(least)

@@ -23,7 +23,7 @@ from solver.errors import InputError
 from solver.network.files import write_whole
 from solver.quantities.units import of_signal
 
-from .. import limits as limit
+from .. import limits
 from .artefacts import without_codes, without_hum, without_still
 from .columns import Chosen, Reading, choose
 from .kinds import read_table
@@ -173,7 +173,7 @@ def _every(values: Array) -> tuple[int, int] | None:
     """The first row with a value of its own and the step to the next, of a channel that is held or empty between; None
     where too few differ to tell."""
     new = 1 + np.flatnonzero(~np.isnan(values[1:]) & (values[1:] != values[:-1]))
-    if len(new) < limit.STEP_FEWEST:
+    if len(new) < limits.STEP_FEWEST:
         return None
     step = int(np.gcd.reduce(np.diff(new)))
     return (int(new[0]) % step, step) if len(new) > len(values) / step / 2 else (0, 1)
@@ -233,7 +233,7 @@ def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
     """
     base = max(parts, key=lambda p: round(p.dt / parts[0].dt, 4))
     low, high = max(p.time[0] for p in parts), min(p.time[-1] for p in parts)
-    at = base.time[(base.time >= low - limit.LOST * base.dt) & (base.time <= high + limit.LOST * base.dt)]
+    at = base.time[(base.time >= low - limits.LOST * base.dt) & (base.time <= high + limits.LOST * base.dt)]
     if len(at) < 2:
         spans = ", ".join(f"{p.path} from {_time_text(p.time[0])} to {_time_text(p.time[-1])}" for p in parts)
         raise InputError(
@@ -271,9 +271,9 @@ def _at(part: Record, values: Array, base: Record, at: Array) -> Array:
     place = (at - part.time[0]) / part.dt
     near = np.clip(np.rint(place).astype(int), 0, len(values) - 1)
     gaps, ratio = np.isnan(values), base.dt / part.dt
-    if ratio > 1.0 + limit.LOST:
+    if ratio > 1.0 + limits.LOST:
         values = _low_passed(np.interp(part.time, part.time[~gaps], values[~gaps]), ratio)
-    if np.abs(place - near).max() > limit.LOST:
+    if np.abs(place - near).max() > limits.LOST:
         there = ~np.isnan(values)
         return np.where(gaps[near], np.nan, between(part.time[there], values[there], at))
     return np.where(gaps[near], np.nan, values[near])
