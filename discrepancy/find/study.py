@@ -81,7 +81,7 @@ def prepare(
         if INFLOW in record.channels:
             whole = network_problem(fitted, network, channels(record, network), runs, prior, accuracy(network))
             problem: Single = whole
-            warnings += *seam_note(fitted, whole.signals, whole.felt), *_means_along(beats, network)
+            warnings += *seam_note(fitted, whole.signals, whole.variation), *_means_along(beats, network)
         else:
             site = bench_site(record, network)
             problem = bench(fitted, network, site)

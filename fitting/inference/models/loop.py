@@ -26,7 +26,7 @@ from solver.loop import circulant
 from ...records import limits
 from ...records.alignment.beats import Beats
 from ...records.channels import spectral
-from ...records.channels.inflow_variability import felt
+from ...records.channels.inflow_variability import beat_variation
 from ...records.channels.noise import following, steady_beats
 from ...records.channels.spectral import coefficients
 
@@ -133,7 +133,7 @@ def _loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
     a = _law(beats, names, raw)
     K = len(raw) - 1
     A = _series(a, beats.T, K)
-    seen = felt(beats, R, lambda T, n: _series(a, T, n)[:, None], K, memory=False)
+    seen = beat_variation(beats, R, lambda T, n: _series(a, T, n)[:, None], K, memory=False)
     moved = following(beats, A[:, None], seen, R)[0]
     # a name without converter: the rounding error of the mean beat is no beat-to-beat variation
     both = replace(beats, values={P: beats.values[P], _FOLLOWING: moved}).covariance((P, _FOLLOWING))

@@ -19,7 +19,7 @@ from solver.quantities.units import INFLOW
 
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow import flowed, inflow, undone
-from ...records.channels.inflow_variability import Felt
+from ...records.channels.inflow_variability import BeatVariation
 from ...records.channels.noise import (
     Target,
     degrees_of_freedom,
@@ -65,9 +65,9 @@ class NetworkProblem(Single):
     error : (K+1, m) standard deviation of the errors of solver and network. accuracy : of the network, its stated error
     at every harmonic as a fraction of a channel's pulsation. exact : target without model error, if there is any, and
     model_error : its covariance (K+1, m, m). More beats reduce neither. response : (K+1, m) of the channels to the
-    inflow. felt : that of the network without effects to beats that differ, with the parameters felt_at. deviations :
-    unknowns of individual arteries; empty for common walls. possible : those that may be used. step : finite difference
-    step of x.
+    inflow. variation : of the network without effects, to beats that differ, at the parameters variation_at.
+    deviations : unknowns of individual arteries; empty for common walls. possible : those that may be used. step :
+    finite difference step of x.
     """
 
     kind = "network"
@@ -78,8 +78,8 @@ class NetworkProblem(Single):
     target: Target
     error: Array
     response: Array
-    felt: Felt | None = None
-    felt_at: Mapping[str, float] = field(default_factory=dict)
+    variation: BeatVariation | None = None
+    variation_at: Mapping[str, float] = field(default_factory=dict)
     exact: Target | None = None
     model_error: Array | float = 0.0
     deviations: tuple[Unknown, ...] = ()
@@ -96,8 +96,8 @@ class NetworkProblem(Single):
     ) -> NetworkProblem:  # fmt: skip
         """The problem of a record weighted at a member. error : (K+1, m) standard deviation of the solver's."""
         error = np.hypot(error, accuracy * pulses(beats, simulator.names))
-        own, response, felt, at = weighted(beats, simulator, member, error)
-        return cls(beats, simulator, own, error, response, felt, at, possible=possible, step=step, accuracy=accuracy)
+        own, H, variation, at = weighted(beats, simulator, member, error)
+        return cls(beats, simulator, own, error, H, variation, at, possible=possible, step=step, accuracy=accuracy)
 
     @property
     def network(self) -> Network:  # type: ignore[override]
@@ -130,11 +130,12 @@ class NetworkProblem(Single):
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         drive = inflow(beats, self.simulator.settings.dt, self.network)
-        felt = varying(beats, self.network, self.signals, self.K, self.felt_at)
+        variation = varying(beats, self.network, self.signals, self.K, self.variation_at)
         own = (self.exact or self.target).covariance
         covariance = of_other_beats(own, beats, fitted, self.signals, self.error)
-        other = Target.of(self.signals, mean_beat(beats, self.signals, self.K, felt), covariance)
-        found = replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
+        other = Target.of(self.signals, mean_beat(beats, self.signals, self.K, variation), covariance)
+        found = replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other)
+        found = replace(found, variation=variation)
         return found if self.exact is None else replace(found, exact=None).widened(self.model_error)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
@@ -161,7 +162,7 @@ class NetworkProblem(Single):
         gain = gain * undone(self.network, INFLOW, self.simulator.drive)[: self.K + 1]
         full = np.fft.rfft(beats.mean(INFLOW), norm="forward")
         weights = np.linalg.inv(self.target.covariance)
-        S = inflow_noise(beats, self.signals, self.response, weights, self.felt)
+        S = inflow_noise(beats, self.signals, self.response, weights, self.variation)
         full[: self.K + 1] += S * np.einsum("ki,kij,kj->k", self.response.conj(), weights, self.target.X - X)
         full[0] -= offset
         full[: self.K + 1] /= gain
@@ -175,14 +176,14 @@ class NetworkProblem(Single):
         if beats is fitted:
             return self.target.X[: K + 1]
         X = self.held_out(beats, fitted).target.X
-        return under_drive_of(fitted, X, beats, self.signals, self.response, self.felt)[: K + 1]
+        return under_drive_of(fitted, X, beats, self.signals, self.response, self.variation)[: K + 1]
 
     def steady(self, beats: Beats, fitted: Beats) -> Beats:
-        share, steady = steady_beats(fitted, self.signals, self.response, self.felt)
+        share, steady = steady_beats(fitted, self.signals, self.response, self.variation)
         if beats is fitted:
             return steady
-        felt = varying(beats, self.network, self.signals, self.K, self.felt_at)
-        return steady_beats(beats, self.signals, self.response, felt, share=share)[1]
+        variation = varying(beats, self.network, self.signals, self.K, self.variation_at)
+        return steady_beats(beats, self.signals, self.response, variation, share=share)[1]
 
     def driven(self, wave: Array) -> Drive:
         """The inflow."""
@@ -380,8 +381,10 @@ class NetworkProblem(Single):
     def _weighted(self, member: Member, error: Array) -> Self:
         """The same problem with the solver's error (K+1, m), and the responses to the inflow's noise and to beats that
         differ, at a member."""
-        own, response, felt, at = weighted(self.beats, self.simulator, member, error, self.felt, self.felt_at)
-        return replace(self, target=own, exact=None, error=error, response=response, felt=felt, felt_at=at)
+        now = self.variation, self.variation_at
+        own, response, variation, at = weighted(self.beats, self.simulator, member, error, *now)
+        found = replace(self, target=own, exact=None, error=error, response=response)
+        return replace(found, variation=variation, variation_at=at)
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """New sensors and positions along a segment at the best of their starting points; one simulation each."""

@@ -16,7 +16,7 @@ from solver.quantities.units import INFLOW
 
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow import Inflow, undoable
-from ...records.channels.inflow_variability import Felt, felt
+from ...records.channels.inflow_variability import BeatVariation, beat_variation
 from ...records.channels.noise import response
 from ...records.limits import NEIGHBOURS
 from ..runs import Runs
@@ -178,10 +178,10 @@ def varying(
     names: Sequence[str],
     K: int,
     parameters: Mapping[str, float] | None = None,
-) -> Felt | None:
+) -> BeatVariation | None:
     """The linearised response to beat-to-beat variation of the inflow; None for beats cut at equal intervals."""
 
     def transfer(T: float, n: int) -> Array:
         return linear_response(network, names, T, n, parameters or {})[: n + 1]
 
-    return felt(beats, INFLOW, transfer, K + NEIGHBOURS)
+    return beat_variation(beats, INFLOW, transfer, K + NEIGHBOURS)

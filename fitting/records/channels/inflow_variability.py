@@ -1,4 +1,4 @@
-"""What channels feel of a drive whose beats differ: from beat to beat, and in the mean beat.
+"""Linear response of the channels to a drive whose beats differ: from beat to beat, and in the mean beat.
 
 The linear response h to the drive q of a whole record, cut into beats as the record was (C_b), is compared with the
 periodic response to the mean beat q̄:
@@ -25,25 +25,30 @@ Transfer = Callable[[float, int], Array]
 
 
 @dataclass(frozen=True)
-class Felt:
-    """change : (m, n_beats, N). seam : (m, N). doubt : (m, N) by which the seam changes if the beats before the record
-    were larger than the mean by a standard deviation of the others."""
+class BeatVariation:
+    """Response of the channels to the variation of the drive between beats.
+
+    change : (m, n_beats, N). seam : (m, N). doubt : (m, N) by which the seam changes if the beats before the record
+    were larger than the mean by a standard deviation of the others.
+    """
 
     change: Array
     seam: Array
     doubt: Array
 
     def coefficients(self, n: int) -> tuple[Array, Array, Array]:
-        """(n, m) of the seam, of what is not known of it as walls are not, and of what came before the record."""
+        """(n, m) of the seam, and of its errors by uncertain walls and by unknown earlier beats."""
         seam, doubt = (coefficients(x)[:, :n].T for x in (self.seam, self.doubt))
         return seam, limits.SEAM_ERROR * seam, doubt
 
 
-def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: bool = True) -> Felt | None:
-    """What channels with a linear response to the drive feel; None of beats that are cut at equal intervals.
+def beat_variation(
+    beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: bool = True
+) -> BeatVariation | None:
+    """The response of channels to beat-to-beat variation of the drive; None of beats cut at equal intervals.
 
-    transfer(T, n) : (n + 1, m) the response at the harmonics 0 … n of a period T [s]. harmonics : of a beat, beyond
-    which nothing is looked at. memory : of the response, for what came before the record.
+    transfer(T, n) : (n + 1, m) the linear response at the harmonics 0 … n of a period T [s]. harmonics : highest
+    harmonic of a beat. memory : whether the response may contain beats before the record.
     """
     if beats.variable is None:
         return None
@@ -66,7 +71,7 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
     followed = cut(_filtered(H, np.concatenate([np.tile(mean, limits.BEATS_BEFORE), q])))
     mean_followed = followed.mean(axis=1)
     seam = mean_followed - _filtered(transfer(beats.T, harmonics), mean)
-    return Felt(followed - mean_followed[:, None], seam, cut(_filtered(H, larger)).mean(axis=1))
+    return BeatVariation(followed - mean_followed[:, None], seam, cut(_filtered(H, larger)).mean(axis=1))
 
 
 def _filtered(H: Array, x: Array) -> Array:
