@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fitting.inference.fit import Fit
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.loop import Loop
@@ -50,7 +50,7 @@ _FORMAT = 3  # of the stages: another one makes those of an earlier program inva
 
 # classes that stages contain
 _KINDS = dataclasses(
-    Naming, Named, Fit, Term, Unknown, Run, Gap,
+    Naming, Named, Fit, PlacedEffect, Unknown, Run, Gap,
     SourceMap, Signal, Law, Rival, Place, Learnt, *sources.ALL,
     NetworkProblem, Bench, Several, Simulator, Forced, Settings, Inflow, Loop, Beats, VariableBeats, Target,
     BeatVariation,

@@ -17,7 +17,7 @@ import numpy as np
 
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit, Member
-from fitting.inference.hypothesis import Term, rewired
+from fitting.inference.hypothesis import PlacedEffect, rewired
 from fitting.inference.joint.joint_record import Several
 from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
@@ -91,9 +91,9 @@ class Recordings:
         return found
 
     @property
-    def terms(self) -> tuple[Term, ...]:
+    def terms(self) -> tuple[PlacedEffect, ...]:
         """Candidates for the channels of all recordings."""
-        found: dict[str, Term] = {}
+        found: dict[str, PlacedEffect] = {}
         for study in self.studies:
             found = {t.label: t for t in study.terms} | found
         return tuple(found.values())

@@ -27,7 +27,7 @@ from fitting.inference import hierarchy
 from fitting.inference.extended_network import estimates, extended
 from fitting.inference.fit import Array, Fit, misfit
 from fitting.inference.forward import Single
-from fitting.inference.hypothesis import Term, effect_of, searched
+from fitting.inference.hypothesis import PlacedEffect, effect_of, searched
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import OutOfTime, Runs
@@ -73,7 +73,7 @@ class Learnt:
     instead: tuple[str, ...] = ()
 
     @property
-    def term(self) -> Term:
+    def term(self) -> PlacedEffect:
         return self.fit.terms[-1]
 
 
@@ -167,10 +167,10 @@ class _Path:
     choice: float
     runs: Runs
 
-    def term(self, keys: Sequence[str]) -> Term:
+    def term(self, keys: Sequence[str]) -> PlacedEffect:
         """A law with some library terms, all of them size parameters."""
         own = self.effect.learned(self.problem.network, self.place, keys)
-        return Term(self.effect.name, self.place, (self.place,), tuple(searched(self.effect, c) for c in own))
+        return PlacedEffect(self.effect.name, self.place, (self.place,), tuple(searched(self.effect, c) for c in own))
 
     def price(self, keys: Sequence[str]) -> float:
         """-2 ln of the prior of a law: its first term is priced as a first effect, each further one as a second."""

@@ -11,7 +11,7 @@ from scipy.special import chdtrc
 from fitting.first.doubts import means_along
 from fitting.first.spread import accuracy
 from fitting.inference.forward import Single
-from fitting.inference.hypothesis import Term, candidates
+from fitting.inference.hypothesis import PlacedEffect, candidates
 from fitting.inference.models.bench import bench
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.prior import Calibrated
@@ -54,7 +54,7 @@ class Study:
     fitted: Beats
     held_out: Beats
     problem: Single
-    terms: tuple[Term, ...]
+    terms: tuple[PlacedEffect, ...]
     warnings: tuple[str, ...] = ()
 
     @property

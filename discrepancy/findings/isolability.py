@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fitting.inference.fit import Array, Fit, projected
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.unknown import Unknown, precision
 from solver.quantities.coordinate import SCALE
 
@@ -77,7 +77,7 @@ class Detectable:
     ratio: str = ""
 
 
-def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> Isolability:
+def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[PlacedEffect]) -> Isolability:
     """Isolability of every effect at its most visible place, against every other effect at its nearest place.
 
     Effects without a column at any place, as a change of outlet kind in a study, are not judged.
@@ -100,10 +100,10 @@ def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) 
     return Isolability(tuple(effects), separation, visibility, invisible, not_judged)
 
 
-def smallest(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, Detectable]:
+def smallest(base: Fit, columns: Mapping[str, Array], terms: Sequence[PlacedEffect]) -> dict[str, Detectable]:
     """The smallest detectable change of each effect, by its label at the place where that is smallest: d' = DETECTABLE,
     of either sign, within the allowed range; NaN if no allowed size would show at any place."""
-    found: dict[str, tuple[float, Term, Unknown]] = {}
+    found: dict[str, tuple[float, PlacedEffect, Unknown]] = {}
     for term in (t for t in terms if t.label in columns):
         left = projected(base.J, precision(base.prior, base.x), columns[term.label])
         i = _strongest(left)

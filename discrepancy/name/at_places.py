@@ -16,7 +16,7 @@ import numpy as np
 from fitting.inference.fit import Array, Fit, Member, sizes_of
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Trial
-from fitting.inference.hypothesis import Term, effect_of, joins, placed
+from fitting.inference.hypothesis import PlacedEffect, effect_of, joins, placed
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.runs import Runs
@@ -36,7 +36,7 @@ _ROUNDS = 3  # at most, of moves from the best hypothesis, while they find a bet
 _Key = tuple[str, str, float | None]  # of a place
 
 
-def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
+def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[PlacedEffect]) -> list[PlacedEffect]:
     """Candidate laws for the i-th place of the map: those of the place and its segment, and those of places that fit
     nearly as well beside the other places. Between two sites, only their laws distinguish a wall, a pressure drop, a
     leak and an outlet. A place must fit better than having no i-th place at all."""
@@ -47,7 +47,7 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
         new = [p for p in rival.places if p.key not in others]
         if rival.above < most and len(new) == 1 and others <= {p.key for p in rival.places}:
             near.append(new[0])
-    chosen = dict[tuple[str, int], Term]()
+    chosen = dict[tuple[str, int], PlacedEffect]()
     for place in near:
         for t in terms:
             if acts_at(t, place) or (place is mine and in_segment(t, place)):
@@ -56,12 +56,12 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
     return list(chosen.values())
 
 
-def in_segment(term: Term, place: Place) -> bool:
+def in_segment(term: PlacedEffect, place: Place) -> bool:
     """True if a law acts in the segment of a place, or at its end."""
     return place.kind != CHANNEL and not term.is_sensor and term.place == place.segment
 
 
-def acts_at(term: Term, place: Place) -> bool:
+def acts_at(term: PlacedEffect, place: Place) -> bool:
     """True if a law can be the cause of the source at a place."""
     if place.kind == NUMBER:
         return in_segment(term, place)
@@ -73,7 +73,7 @@ def base(problem: NetworkProblem, found: SourceMap) -> Base:
     return Base(Member((), problem.hypothesis(()), found.x), problem.target.whiten(found.J))
 
 
-def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[Fit]:
+def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[PlacedEffect]], runs: Runs) -> list[Fit]:
     """Single laws of any place, refitted without the free sources of the map: one law may explain all of them."""
     every = {key_of(t): t for some in laws for t in some}
     plain, walls = found.forced(problem, []), found.standing_out(())
@@ -81,7 +81,9 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Te
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
-def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
+def alone(
+    problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[PlacedEffect]], runs: Runs
+) -> list[list[Fit]]:
     """For every place, the laws that may explain the record beside the sources of the other places (their courses are
     those of the map), refitted; lowest cost first."""
     every = range(len(laws))
@@ -89,7 +91,7 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Ter
 
 
 def _beside(
-    problem: NetworkProblem, found: SourceMap, others: Sequence[int], laws: Sequence[Term], runs: Runs
+    problem: NetworkProblem, found: SourceMap, others: Sequence[int], laws: Sequence[PlacedEffect], runs: Runs
 ) -> list[Fit]:
     """The laws that may explain the record beside the sources of other places (their courses are those of the map),
     refitted; lowest cost first."""
@@ -134,7 +136,7 @@ def _own(fit: Fit) -> Array:
 
 
 def refitted(
-    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs,
+    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[PlacedEffect, Array]]], runs: Runs,
     explaining: bool = False,
 ) -> list[Fit]:  # fmt: skip
     """Fit hypotheses from the walls of the map and the starting sizes of their laws: first with a model error, as in
@@ -152,7 +154,9 @@ def refitted(
     return there(problem.relaxed(problem.restated(seen, wide), runs, rough=True))
 
 
-def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+def named_at(
+    problem: NetworkProblem, found: SourceMap, terms: tuple[PlacedEffect, ...], runs: Runs
+) -> Iterator[Compared]:
     """The comparison after every stage. found : the source map of the problem's record."""
     none = refitted(problem, found, [[]], runs) or there(problem.refit([()], runs=runs))
     if not none:
@@ -188,7 +192,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
 
 
 def _of_the_map(
-    problem: NetworkProblem, found: SourceMap, none: Sequence[Fit], terms: tuple[Term, ...], runs: Runs
+    problem: NetworkProblem, found: SourceMap, none: Sequence[Fit], terms: tuple[PlacedEffect, ...], runs: Runs
 ) -> Generator[Compared, None, tuple[Compared, set[_Key]]]:
     """The comparison after every stage with the laws that act at the places of the map. Returns the last one, and the
     places that rule out that laws of the catalogue explain the record.
@@ -284,7 +288,7 @@ def _leaves(result: Compared) -> bool:
 def _refined(result: Compared, runs: Runs) -> list[Fit]:
     """Refinements of the best laws: a law that acts everywhere gets one size per segment, and a localised law a free
     position and length."""
-    first, problem, hypotheses = result.best.fit, result.problem, list[tuple[Term, ...]]()
+    first, problem, hypotheses = result.best.fit, result.problem, list[tuple[PlacedEffect, ...]]()
     for i, t in enumerate(first.terms):
         for finer in _finer(problem, first, t):
             hypotheses.append((*first.terms[:i], finer, *first.terms[i + 1 :]))
@@ -293,7 +297,7 @@ def _refined(result: Compared, runs: Runs) -> list[Fit]:
     return there(problem.refit(hypotheses, first, runs)) if hypotheses else []
 
 
-def _finer(problem: Forward, fit: Fit, term: Term) -> list[Term]:
+def _finer(problem: Forward, fit: Fit, term: PlacedEffect) -> list[PlacedEffect]:
     """The refinements of a law of a fit."""
     found = (problem.refined(fit, term), placed(problem.network, term, sizes_of(fit, term)))
     return [finer for finer in found if finer is not None]
@@ -371,13 +375,13 @@ def _leading(result: Compared) -> Fit:
     return min(result.every, key=lambda n: n.score).fit
 
 
-def _rests(terms: tuple[Term, ...], left: bool, more: bool) -> list[tuple[Term, ...]]:
+def _rests(terms: tuple[PlacedEffect, ...], left: bool, more: bool) -> list[tuple[PlacedEffect, ...]]:
     """The laws kept by each move: none, each one of a pair, and all if another one may act beside them."""
     rests = [(), *((t,) for t in terms if len(terms) > 1)] if terms or left else []
     return [*rests, terms] if terms and more and len(terms) < at.MOST_EFFECTS else rests
 
 
-def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Runs) -> Base | None:
+def without(problem: NetworkProblem, fit: Fit, rest: tuple[PlacedEffect, ...], runs: Runs) -> Base | None:
     """The point of a fit reduced to the laws ``rest``. Parameters of an outlet that a removed law had replaced return
     to nominal. None if that point cannot be simulated."""
     unknowns, columns = problem.hypothesis(rest), fit.columns

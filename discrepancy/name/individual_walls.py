@@ -12,7 +12,7 @@ from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.hierarchy import Linear, with_widths
-from fitting.inference.hypothesis import Term, rewired
+from fitting.inference.hypothesis import PlacedEffect, rewired
 from fitting.inference.model_discrepancy import settled
 from fitting.inference.prior import CALIBRATION, calibrated
 from fitting.inference.runs import Runs
@@ -217,10 +217,14 @@ def subject_without(naming: Naming) -> Fit:
     return alone or naming.base.fit
 
 
-Instead = tuple[Term, int, Array]  # an effect, the index of the parameter that it replaces, and its starting point
+Instead = tuple[
+    PlacedEffect, int, Array
+]  # an effect, the index of the parameter that it replaces, and its starting point
 
 
-def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Array]) -> list[tuple[float, Instead]]:
+def _instead(
+    none: Fit, i: int, terms: Sequence[PlacedEffect], columns: Mapping[str, Array]
+) -> list[tuple[float, Instead]]:
     """Effects at the artery of unknown i, each fitted to its response (least squares) and sorted by the relative
     residual. Empty if the unknown has no influence."""
     found = []

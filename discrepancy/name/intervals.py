@@ -12,7 +12,7 @@ import numpy as np
 from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
-from fitting.inference.hypothesis import Term, effect_of, rewired
+from fitting.inference.hypothesis import PlacedEffect, effect_of, rewired
 from fitting.inference.intervals.profile import reaches
 from fitting.inference.intervals.selection import conditioned
 from fitting.inference.jackknife import jackknife
@@ -83,7 +83,7 @@ def _wide(fit: Fit, unknown: Unknown, half: float) -> bool:
     return not narrow or x - reach <= unknown.low or x + reach >= unknown.high
 
 
-def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[str, Estimate]:
+def stated(network: Network, naming: Naming, named: Named, term: PlacedEffect) -> dict[str, Estimate]:
     """Estimates with 95 % intervals, within their ranges, of a term of a hypothesis. The spread of the walls is that
     estimated from the record.
 
@@ -105,7 +105,7 @@ def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[s
     return {key: e.within(known[key].low, known[key].high) if key in known else e for key, e in found.items()}
 
 
-def _wider(naming: Naming, fit: Fit, term: Term) -> float:
+def _wider(naming: Naming, fit: Fit, term: PlacedEffect) -> float:
     """The factor by which model discrepancy widens an interval beyond its covariance.
 
     It is the scatter of the estimate when one site, or on a bench one harmonic, is left out (jackknife), at least 1.

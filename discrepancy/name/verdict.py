@@ -13,7 +13,7 @@ import numpy as np
 
 from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.model_discrepancy import Beside, settled
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.source_maps.source_map import SourceMap
@@ -48,7 +48,7 @@ class Naming:
     ranked: tuple[Named, ...]
     members: tuple[Named, ...]
     columns: Mapping[str, Array]
-    terms: tuple[Term, ...]
+    terms: tuple[PlacedEffect, ...]
     confidence: float
     reason: str | None = None
     complete: bool = True
@@ -82,7 +82,11 @@ class Naming:
 
 
 def decided(
-    found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True, approximate: Sequence[Named] = ()
+    found: Compared,
+    terms: Sequence[PlacedEffect],
+    beside: Freed,
+    complete: bool = True,
+    approximate: Sequence[Named] = (),
 ) -> Naming:
     """The verdict on all that were compared. beside : returns a hypothesis with model discrepancy. approximate :
     hypotheses with a model error of the channels (:mod:`discrepancy.name.approximate`)."""
@@ -96,7 +100,7 @@ def decided(
     return replace(made, confidence=min(made.confidence, most), complete=complete)
 
 
-def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximate: Sequence[Named]) -> Naming:
+def _decided(found: Compared, terms: tuple[PlacedEffect, ...], beside: Freed, approximate: Sequence[Named]) -> Naming:
     problem, none = found.problem, found.none
     exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
     held = ((n, beside(n)) for n in _discrepancy_candidates(found, exact))

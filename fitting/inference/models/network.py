@@ -35,7 +35,7 @@ from ..extended_network import allowed
 from ..fit import Fit, Member, begun, sizes_of, taken_over
 from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, continued, promised, search
-from ..hypothesis import EVERY, Term, about_common, refined, rewired
+from ..hypothesis import EVERY, PlacedEffect, about_common, refined, rewired
 from ..jackknife import Rest, leave_one_site_out, without_each_site
 from ..model_discrepancy import sizes
 from ..prior import of_animal
@@ -125,7 +125,7 @@ class NetworkProblem(Single):
         order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
         return order, np.tile(np.arange(m), 2 * K + 1)
 
-    def refined(self, fit: Fit, term: Term) -> Term | None:
+    def refined(self, fit: Fit, term: PlacedEffect) -> PlacedEffect | None:
         return (about_common if self.deviations else refined)(self.network, term, sizes_of(fit, term))
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
@@ -199,7 +199,7 @@ class NetworkProblem(Single):
 
     # --- hypotheses ---------------------------------------------------------------------------------------------------
 
-    def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
+    def hypothesis(self, terms: Sequence[PlacedEffect]) -> tuple[Unknown, ...]:
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
         # parameters of a rewired outlet are unknowns of its term, not of a nuisance of all outlets
         nuisance = [u for u in of_animal(rewired(self.network, terms), self.deviations) if not set(u.variables) <= mine]
@@ -251,7 +251,7 @@ class NetworkProblem(Single):
             found.append(None if whole is None else (whole[..., 0], (whole[..., 1:] - whole[..., :1]) / step))
         return found
 
-    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
+    def columns(self, at: Fit, terms: Sequence[PlacedEffect], runs: Runs | None = None) -> dict[str, Array]:
         terms, trials = [t for t in terms if not t.rewires], list[Trial]()
         for term in terms:
             x = np.concatenate([at.x, absent(term.unknowns)])
@@ -262,7 +262,7 @@ class NetworkProblem(Single):
 
     # --- search -------------------------------------------------------------------------------------------------------
 
-    def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
+    def refit(self, hypotheses: Sequence[tuple[PlacedEffect, ...]], start: Fit | None = None, runs: Runs | None = None,
               columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
         """The most probable unknowns of every hypothesis, all fitted together in batches.
 
@@ -277,7 +277,9 @@ class NetworkProblem(Single):
         found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
         return [None if f is None else allowed(self.network, f) for f in found]
 
-    def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs) -> Search:
+    def _begin(
+        self, terms: tuple[PlacedEffect, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs
+    ) -> Search:
         unknowns = self.hypothesis(terms)
         there = taken_over(terms, unknowns, start)
         begun = self._started(there, start, runs)
@@ -374,7 +376,7 @@ class NetworkProblem(Single):
         """(m,) RMS residual of each channel over the RMS of its pulsation. z : (n,) whitened."""
         return self.rms(z) / pulses(self.beats, self.signals)
 
-    def at(self, terms: Sequence[Term], unknowns: tuple[Unknown, ...], x: Array) -> NetworkProblem:
+    def at(self, terms: Sequence[PlacedEffect], unknowns: tuple[Unknown, ...], x: Array) -> NetworkProblem:
         """The same problem weighted for these parameters."""
         return self._weighted(Member(tuple(terms), unknowns, x), self.error)
 

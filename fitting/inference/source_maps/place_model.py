@@ -22,7 +22,7 @@ from ...records.channels.noise import pulses
 from ..fit import Member
 from ..gauss_newton import Trial
 from ..hierarchy import APART, Linear, beforehand
-from ..hypothesis import Term, rewired
+from ..hypothesis import PlacedEffect, rewired
 from ..models.network import NetworkProblem
 from ..models.simulator import Forced, filters
 from ..places import Place, places
@@ -69,7 +69,7 @@ class PlaceModel:
     that narrows some; by default those of the problem."""
 
     def __init__(
-        self, problem: NetworkProblem, runs: Runs, terms: Sequence[Term] = (), unknowns: Sequence[Unknown] = ()
+        self, problem: NetworkProblem, runs: Runs, terms: Sequence[PlacedEffect] = (), unknowns: Sequence[Unknown] = ()
     ) -> None:
         self.problem, self.runs, self.terms = problem, runs, tuple(terms)
         self.unknowns = tuple(unknowns) or problem.hypothesis(self.terms)
