@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..laws import effects
-from ..laws.effect import Effect
+from ..laws.effect import Effect, number_of
 from ..laws.outlets import Condition, Load, Outlet, steady
 from ..laws.wall import Wall
 from ..laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
@@ -282,7 +282,7 @@ class _Numbers:
         values = np.empty_like(self.like, float, shape=(self.size, len(owners)))
         for i, (prefix, owner) in enumerate(owners):
             name = f"{prefix}.{key}"
-            values[:, i] = self.parameters[name] if name in self.parameters else _number(owner, key, otherwise)
+            values[:, i] = self.parameters[name] if name in self.parameters else number_of(owner, key, otherwise)
         return values
 
     def acts(self, effect: Effect) -> bool:
@@ -291,7 +291,7 @@ class _Numbers:
         for key, neutral in effect.neutral.items():
             for prefix, owner in self.owners[effect.owner] if key not in how else ():
                 name = f"{prefix}.{key}"
-                value = self.parameters[name] if name in self.parameters else _number(owner, key, neutral)
+                value = self.parameters[name] if name in self.parameters else number_of(owner, key, neutral)
                 if np.any(value != neutral):
                     return True
         return False
@@ -304,20 +304,6 @@ class _Numbers:
         if not held or not effect.neutral:
             return None
         return EffectValues(effect, {key: self.of(owners, key, effect.neutral[key]) for key in effect.terms})
-
-
-def _number(owner: Any, key: str, otherwise: float | None) -> float | None:
-    """The value of an owner's key, a term or a field."""
-    held: Mapping[str, float] = getattr(owner, "terms", {})
-    if key in held:
-        return held[key]
-    kind: Any = type(owner)
-    return float(getattr(owner, key)) if key in _fields(kind) else otherwise
-
-
-@lru_cache(maxsize=64)
-def _fields(kind: type) -> frozenset[str]:
-    return frozenset(quantities(kind))
 
 
 def _walls(numbers: _Numbers) -> Wall:
