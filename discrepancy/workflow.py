@@ -107,7 +107,7 @@ def discover(
     interrupted study continues where it stopped.
     Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
     readable record that cannot be used gives the verdict "unusable", which does not overwrite the study of a usable
-    record; without a model it is refused.
+    record; without a model it is rejected.
     """
     started = time.perf_counter()
     asked = Asked(

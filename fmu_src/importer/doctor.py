@@ -100,7 +100,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         return findings  # the rest concerns FMUs of this project
     findings += [*_drive(archive), *_binaries(archive)]
     if archive.execution_tool:
-        remedy = "for importers that refuse it (PyFMI), build with --no-execution-tool"
+        remedy = "for importers that reject it (PyFMI), build with --no-execution-tool"
         findings.append(Finding("execution tool", NOTE, "the FMU requires Python on the host", remedy))
     try:
         where = interpreter(python)

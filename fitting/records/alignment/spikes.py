@@ -46,7 +46,7 @@ def _spikes(values: Array, cut: VariableBeats | Grid, step: float) -> Array:
     none, beats = np.array([], int), np.where(cut.within, values[samples], np.nan)
     gaps = np.isnan(beats)
     if len(beats) < limits.FEWEST_BEATS or gaps.all(axis=0).any() or gaps.all(axis=1).any():
-        return none  # refused later, or nothing to compare with
+        return none  # rejected later, or nothing to compare with
     median = np.nanmedian if gaps.any() else np.median
     usual = median(beats, axis=0)
     off = beats - usual

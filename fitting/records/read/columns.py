@@ -91,7 +91,7 @@ class Reading:
         for title, variable in self.names.items():
             of = [title.removeprefix(f"{file}:") for file in files]
             there = [i for i, own in enumerate(of) if own != title] or range(len(tables))
-            there = [i for i in there if _columns(tables[i].columns, of[i])] or [there[0]]  # which refuses it
+            there = [i for i in there if _columns(tables[i].columns, of[i])] or [there[0]]  # which rejects it
             for i in there:
                 found[i][of[i]] = variable
         return [replace(self, names=names) for names in found]

@@ -1,6 +1,6 @@
 """How a text file is laid out: what separates its fields, its decimal mark, and where header and samples begin.
 
-All of it is decided by the first lines; what later contradicts is refused where it stands. What may be read in two ways
+All of it is decided by the first lines; what later contradicts is rejected where it stands. What may be read in two ways
 is asked.
 """
 

@@ -2,7 +2,7 @@
 
 ``tables`` reads the file, ``columns`` says which column is which variable: a time, and ``<site>.<P|Q|R|D> [unit]`` in
 the FMU's names; an empty cell or NaN is a gap. A diameter D is halved and becomes R. Channels that no fit can use
-(dead, clipped, out of range) are refused here.
+(dead, clipped, out of range) are rejected here.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ refuse = partial(table.refuse, error=UnusableRecord)  # a sample, or a column
 
 
 def check_numbers(values: Array, title: str, place: Place) -> None:
-    """Refuses infinite values and a channel of gaps only."""
+    """Rejects infinite values and a channel of gaps only."""
     low, high = _extremes(values)
     if np.isinf(low) or np.isinf(high):
         why = "the value is infinite; leave the field empty for a gap"
@@ -133,7 +133,7 @@ def _kind(name: str) -> Kind:
 
 
 def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], place: Place) -> None:
-    """Refuses values that no artery has: the unit is wrong, or P and R of a site are swapped."""
+    """Rejects values that no artery has: the unit is wrong, or P and R of a site are swapped."""
     for name, values in channels.items():
         site, _, letter = name.rpartition(".")
         kind = KINDS[letter]
