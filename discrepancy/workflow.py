@@ -240,10 +240,10 @@ class _Work:
         self.progress(0.92, "comparing the candidates with the held-out beats")
         shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
         outcome = with_law(summary(self.record, self.model, self.study, naming, shown), law)
-        said = (*outcome.warnings, *judged.warnings)
+        warnings = (*outcome.warnings, *judged.warnings)
         ran = {"FMUs run": " and ".join(dict.fromkeys(read_fmu(each).tool for each in (given, fmu)))}
         origin = {**outcome.provenance, **ran}
-        return replace(outcome, recordings=judged.recordings, warnings=said, provenance=origin), shown.archive
+        return replace(outcome, recordings=judged.recordings, warnings=warnings, provenance=origin), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 

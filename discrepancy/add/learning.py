@@ -199,13 +199,13 @@ class _Path:
 
     def _promising(self, best: Fit, keys: Sequence[str]) -> list[str]:
         """The remaining terms whose columns promise the most evidence."""
-        left = [key for key in self.effect.library if key not in keys]
-        whole = self.term(left)
+        unused = [key for key in self.effect.library if key not in keys]
+        whole = self.term(unused)
         columns = self.problem.columns(best, [whole], self.runs).get(whole.label)
         if columns is None:
-            return left
+            return unused
         promised = []
-        for key, unknown, column in zip(left, whole.unknowns, columns.T, strict=True):
+        for key, unknown, column in zip(unused, whole.unknowns, columns.T, strict=True):
             J, x = np.column_stack([best.J, column]), np.append(best.x, 0.0)
             linear = hierarchy.Linear.of_columns(best.z, J, x, (*best.unknowns, unknown), best.log_volume)
             promised.append((linear.inferred().score, key))
@@ -232,7 +232,7 @@ def stands(
     if alike is not None and not alike.difference <= at.AGREE:
         return None
     explains = misfit(found.fit, own.problem.dof_of_noise) < at.MISFIT
-    if (left := gap_that_falls(own, before, after, explains)) is None:
+    if (remaining_gap := gap_that_falls(own, before, after, explains)) is None:
         return None
     elsewhere = tuple(unseen(found))
     if not_fallen(elsewhere):
@@ -246,7 +246,7 @@ def stands(
         seen=found.seen,
         beside=tuple(t.label for t in found.fit.terms[:-1]),
         instead=found.instead,
-        before=left,
+        before=remaining_gap,
         after=after.gap.total,
         record=(record.path, record.sha256),
         network=network,

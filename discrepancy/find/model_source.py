@@ -62,8 +62,8 @@ def first_of(
             "remove it."
         ) from None
     write_whole(path, found.text)
-    said = (
+    note = (
         f"no model was given: {path} was made from the record, with values of a typical human aorta where the record "
         "says nothing; arterial-fmu first shows how each number was found, and makes models of other species."
     )
-    return path, [said, *found.notes]
+    return path, [note, *found.notes]

@@ -185,10 +185,10 @@ def _fitted(problem: Networks, fit: Fit, terms: Sequence[PlacedEffect], runs: Ru
         return Approximate(ended.fit)
     wide = granted(problem, ended.errors)
     weighted: Forward = wide
-    (seen,) = weighted.restated([ended.fit], problem)
-    seen = replace(seen, log_volume=log_volume(wide) - log_volume(problem))
+    (restated,) = weighted.restated([ended.fit], problem)
+    restated = replace(restated, log_volume=log_volume(wide) - log_volume(problem))
     cost = PART * len({*ended.errors.tolist()} - {0.0})  # equal ones are one
-    return Approximate(ended.fit, with_errors(exact, Beside(seen, covariances(wide), cost)))
+    return Approximate(ended.fit, with_errors(exact, Beside(restated, covariances(wide), cost)))
 
 
 def _at_these_points(found: Compared, each: Sequence[Approximate]) -> Compared:

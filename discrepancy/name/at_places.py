@@ -149,9 +149,9 @@ def refitted(
     wide = problem.granted(at.AFAR)
     begin = base(wide, found)
     members = [begin.with_laws(problem, laws) for laws in hypotheses]
-    seen = there(wide.searched_from(members, runs, begin.columns))
-    seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
-    return there(problem.relaxed(problem.restated(seen, wide), runs, rough=True))
+    fits = there(wide.searched_from(members, runs, begin.columns))
+    fits = [f for f in fits if not explaining or is_noise(f.chi2, len(f.z))]
+    return there(problem.relaxed(problem.restated(fits, wide), runs, rough=True))
 
 
 def named_at(
@@ -170,23 +170,23 @@ def named_at(
         yield (result := _also_promising(result, columns, runs))
     tried, known = set[str](), Responses()
     for turn in range(_ROUNDS):
-        best, left = result.best.key, _leaves(result)
-        if left and result.best.fit.terms:
+        best, unexplained = result.best.key, _leaves(result)
+        if unexplained and result.best.fit.terms:
             result = result.at_minimum(runs)
             yield (result := result.joined_by(_refined(result, runs)).polished(runs))
         first = result.none if result.none.explains else result.best
         if turn == 0 and _has_absorbed(first):
             yield (result := _from_plausible_walls(result, first.fit, found, runs))
-            best, left = result.best.key, _leaves(result)
+            best, unexplained = result.best.key, _leaves(result)
         if lawless and not result.best.explains and lawless & _needed(result):
             break
         # if one place accounts for all that acts, a law that explains only a part of it is the wrong one
-        more = left and not (found.explains and len(found.places) == 1 and not result.best.explains)
-        rests = _rests(_leading(result).terms, left, more)
-        yield (result := with_moves(result, runs, left, more, tried, known))
+        more = unexplained and not (found.explains and len(found.places) == 1 and not result.best.explains)
+        rests = _rests(_leading(result).terms, unexplained, more)
+        yield (result := with_moves(result, runs, unexplained, more, tried, known))
         if result.best.key == best:
             break
-        if not left:  # from there on, beside the same laws, the same others promise the same
+        if not unexplained:  # from there on, beside the same laws, the same others promise the same
             tried |= {names_of(rest) for rest in rests}
     yield result.at_minimum(runs)
 
@@ -310,21 +310,21 @@ def _finer(problem: Forward, fit: Fit, term: PlacedEffect) -> list[PlacedEffect]
 
 
 def with_moves(
-    result: Compared, runs: Runs, left: bool = False, more: bool = False, tried: Collection[str] = (),
+    result: Compared, runs: Runs, unexplained: bool = False, more: bool = False, tried: Collection[str] = (),
     known: Responses | None = None,
 ) -> Compared:  # fmt: skip
     """Refit the laws that promise to explain the record instead of one law of the best hypothesis or all of them, and
     those whose search ended far above its predicted cost.
 
-    left : the best leaves something; searches then start with a model error, and the moves end as soon as another
-    hypothesis explains the record; the next round starts from it. more : another law may act beside it. tried : laws
-    beside which others were tried before. known : responses to laws in earlier moves; those of these are added.
+    unexplained : the best hypothesis leaves a misfit; searches then start with a model error, and the moves end as soon
+    as another hypothesis explains the record; the next round starts from it. more : another law may act beside it.
+    tried : laws beside which others were tried before. known : responses to laws in earlier moves; new ones are added.
     """
     best, first = _leading(result), result.best.key
     weights = result.problem
     assert isinstance(weights, NetworkProblem)
     problem, known = with_signals(weights, []), {} if known is None else known  # without free sources
-    for rest in _rests(best.terms, left, more):
+    for rest in _rests(best.terms, unexplained, more):
         if names_of(rest) in tried:
             continue
         if result.problem is not weights:  # fits of one comparison have the same weights
@@ -336,35 +336,35 @@ def with_moves(
         if base is None:
             continue
         most = best.cost - at.SECOND if rest == best.terms else result.none.fit.cost
-        chosen = _promising_beside(problem, result, best, base, most, left, runs, known)
+        chosen = _promising_beside(problem, result, best, base, most, unexplained, runs, known)
         if rest and names_of(rest) not in {n.key for n in result.every}:  # a pair must be better than each law alone
             chosen.append(base.member)
-        if chosen and left:
+        if chosen and unexplained:
             wide = problem.granted(at.AFAR)
             columns = base.rewhitened(wide, problem).columns
-            seen = problem.restated(there(wide.searched_from(chosen, runs, columns)), wide)
-            result = result.joined_by(problem.relaxed(seen, runs, rough=True)).polished(runs)
+            moved = problem.restated(there(wide.searched_from(chosen, runs, columns)), wide)
+            result = result.joined_by(problem.relaxed(moved, runs, rough=True)).polished(runs)
         elif chosen:
             result = result.joined_by(problem.searched_from(chosen, runs, best.columns, best.cost)).polished(runs)
-        if left and result.best.key != first and result.best.explains:
+        if unexplained and result.best.key != first and result.best.explains:
             break
     return result
 
 
 def _promising_beside(
-    problem: NetworkProblem, result: Compared, best: Fit, base: Base, most: float, left: bool, runs: Runs,
+    problem: NetworkProblem, result: Compared, best: Fit, base: Base, most: float, unexplained: bool, runs: Runs,
     responses: Responses,
 ) -> list[Member]:  # fmt: skip
     """The starts of laws beside those of ``base`` that promise a cost below ``most``, and one below that known of
     them."""
-    rest, labels = base.member.terms, {t.label for t in base.member.terms}
+    others, labels = base.member.terms, {t.label for t in base.member.terms}
     known, members = {n.key: n.fit.cost for n in result.ranked}, dict[tuple[str, bool], Member]()
-    plain = [t for t in result.sought if t.label not in labels and joins(t, rest)]
+    plain = [t for t in result.sought if t.label not in labels and joins(t, others)]
     # a part of another segment may do what a part of one does
-    anywhere = left or any(t.moves_along for t in best.terms)
+    anywhere = unexplained or any(t.moves_along for t in best.terms)
     laws = [each for t in plain for each in along(problem, t)] if anywhere else plain
     for begun in nearest(problem, base, laws, runs, most, responses):
-        key = names_of((*rest, begun.term))
+        key = names_of((*others, begun.term))
         if begun.left < known.get(key, np.inf) - at.RULED_OUT:
             members.setdefault((key, begun.term.moves_along), base.promised(problem, begun))
     return list(members.values())
@@ -375,18 +375,18 @@ def _leading(result: Compared) -> Fit:
     return min(result.every, key=lambda n: n.score).fit
 
 
-def _rests(terms: tuple[PlacedEffect, ...], left: bool, more: bool) -> list[tuple[PlacedEffect, ...]]:
+def _rests(terms: tuple[PlacedEffect, ...], unexplained: bool, more: bool) -> list[tuple[PlacedEffect, ...]]:
     """The laws kept by each move: none, each one of a pair, and all if another one may act beside them."""
-    rests = [(), *((t,) for t in terms if len(terms) > 1)] if terms or left else []
+    rests = [(), *((t,) for t in terms if len(terms) > 1)] if terms or unexplained else []
     return [*rests, terms] if terms and more and len(terms) < at.MOST_EFFECTS else rests
 
 
-def without(problem: NetworkProblem, fit: Fit, rest: tuple[PlacedEffect, ...], runs: Runs) -> Base | None:
-    """The point of a fit reduced to the laws ``rest``. Parameters of an outlet that a removed law had replaced return
+def without(problem: NetworkProblem, fit: Fit, remaining: tuple[PlacedEffect, ...], runs: Runs) -> Base | None:
+    """The point of a fit reduced to the remaining laws. Parameters of an outlet that a removed law had replaced return
     to nominal. None if that point cannot be simulated."""
-    unknowns, columns = problem.hypothesis(rest), fit.columns
+    unknowns, columns = problem.hypothesis(remaining), fit.columns
     x = dict(zip((u.name for u in fit.unknowns), fit.x, strict=True))
-    member = Member(rest, unknowns, np.array([x.get(u.name, 0.0) for u in unknowns]))
+    member = Member(remaining, unknowns, np.array([x.get(u.name, 0.0) for u in unknowns]))
     missing = np.flatnonzero([u.name not in columns for u in unknowns])
     if len(missing):
         (point,) = problem.points([Trial(member, missing, None, np.zeros(len(unknowns)))], runs)

@@ -50,7 +50,7 @@ def profiled(naming: Naming, runs: Runs) -> Naming:
 def _at_minimum(naming: Naming, runs: Runs) -> Naming:
     """The best fit polished: refitted from the file's walls if its own are implausible, then with fresh derivatives
     until the cost falls no more."""
-    problem, (best, *rest) = naming.problem, naming.ranked
+    problem, (best, *others) = naming.problem, naming.ranked
     fit = best.fit
     if fit.odd:
         fit = _lower(fit, problem.refit([fit.terms], None, runs))
@@ -62,7 +62,7 @@ def _at_minimum(naming: Naming, runs: Runs) -> Naming:
         return naming
     found = best.moved_to(fit, problem.dof_of_noise)
     members = tuple(found if m is best else m for m in naming.members)
-    return replace(naming, ranked=(found, *rest), members=members)
+    return replace(naming, ranked=(found, *others), members=members)
 
 
 def _lower(fit: Fit, others: Sequence[Fit | None]) -> Fit:
@@ -118,6 +118,6 @@ def _wider(naming: Naming, fit: Fit, term: PlacedEffect) -> float:
     return float(max(1.0, *(jackknife(fit, parts)[mine] / sd)))
 
 
-def _scaled(told: Estimate, factor: float) -> Estimate:
-    low, high = (told.value + factor * (end - told.value) for end in told.ci95)
-    return replace(told, ci95=(low, high))
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    low, high = (estimate.value + factor * (end - estimate.value) for end in estimate.ci95)
+    return replace(estimate, ci95=(low, high))

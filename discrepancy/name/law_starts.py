@@ -134,8 +134,8 @@ def _simulated(
     """``known`` with the responses to laws at some sizes; those without a beat have none."""
     members = [base.with_laws(problem, []), *(base.with_laws(problem, [each]) for each in trials)]
     near = [i if any(t.rewires for t in member.terms) else 0 for i, member in enumerate(members)]
-    none, *shown = problem.observe(members, runs, near) if trials else [None]
-    for (t, x), X in zip(trials, shown, strict=True):
+    none, *observed = problem.observe(members, runs, near) if trials else [None]
+    for (t, x), X in zip(trials, observed, strict=True):
         if none is not None and X is not None:
             known.setdefault(key_of(t), []).append((x, X - none))
     return known
@@ -176,8 +176,8 @@ def _promised(base: Base, z0: Array, z: Array, term: PlacedEffect, x: Array) -> 
     size = x[lead] + step[-1]
     size = math.copysign(np.clip(abs(size), *(abs(x[lead]) * np.array([1.0 / _FARTHER, _FARTHER]))), size)
     begin = np.where(sizes, x * (size / x[lead] if x[lead] else 1.0), x)
-    left = z + base.J @ step[:-1] + column * step[-1]
-    return Begun(term, begin, x, step[:-1], float(left @ left) + penalty(prior[:-1], now + step[:-1]))
+    residual = z + base.J @ step[:-1] + column * step[-1]
+    return Begun(term, begin, x, step[:-1], float(residual @ residual) + penalty(prior[:-1], now + step[:-1]))
 
 
 def _sizes(term: PlacedEffect, size: float) -> list[Array]:

@@ -281,18 +281,18 @@ def exact(
     sharp = problem.sharpened(fits[order[0][1]], runs)
     fits = sharp.restated(fits, problem)
     found = {i: settled(f) for i, f in enumerate(fits)}
-    left = set(found)
+    pending = set(found)
     again = [i for score, i in order if score < order[0][0] + at.NEAR]
     # every name is compared with the model without effect, so this is refitted first
     again.sort(key=lambda i: len(fits[i].terms) > 0)
     while again := again[: at.FEW]:  # until no hypothesis that was not refitted scores better than the refitted ones
-        left -= set(again)
+        pending -= set(again)
         for i, fit in zip(again, sharp.refine([fits[i] for i in again], runs), strict=True):
             if fit is not None:
                 found[i] = fit
             elif fits[i].terms:
                 del found[i]
         score = {i: weighed(sharp, f, terms).score for i, f in found.items()}
-        lowest = min((score[i] for i in found if i not in left), default=np.inf)
-        again = sorted((i for i in left if score[i] < lowest), key=score.__getitem__)
+        lowest = min((score[i] for i in found if i not in pending), default=np.inf)
+        again = sorted((i for i in pending if score[i] < lowest), key=score.__getitem__)
     return Compared.of(sharp, list(found.values()), sharp.rewhitened(columns, problem), terms)

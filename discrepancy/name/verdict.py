@@ -103,8 +103,8 @@ def decided(
 def _decided(found: Compared, terms: tuple[PlacedEffect, ...], beside: Freed, approximate: Sequence[Named]) -> Naming:
     problem, none = found.problem, found.none
     exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
-    held = ((n, beside(n)) for n in _discrepancy_candidates(found, exact))
-    loose = [with_errors(n, errors) for n, errors in held if errors is not None]
+    widened = ((n, beside(n)) for n in _discrepancy_candidates(found, exact))
+    loose = [with_errors(n, errors) for n, errors in widened if errors is not None]
     ways = ranked([*exact, *(n for n in loose if not _by_a_law(n, exact)), *_with_shown(approximate)])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
     if none.explains:
@@ -124,8 +124,8 @@ def _decided(found: Compared, terms: tuple[PlacedEffect, ...], beside: Freed, ap
     if best.errors is not None:
         return _partial(replace(unknown, confidence=confidence), found, ways, approximate)
     same = tuple(n for n in ways if n.errors is None and n.fit.terms)
-    rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
-    order = apart([*same, *rest])
+    others = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
+    order = apart([*same, *others])
     members = _class(order[: len(same)])
     return replace(
         unknown,
@@ -228,11 +228,11 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named], approximat
     assert best.errors is not None
     wide = problem.widened(best.errors)
     own = set[str]() if best.places else {n.key for n in approximate}
-    held = [none, exact, *(n for n in found.ranked if n is not exact)]
-    fits = wide.restated([n.fit for n in held], problem)
+    compared = [none, exact, *(n for n in found.ranked if n is not exact)]
+    fits = wide.restated([n.fit for n in compared], problem)
     # hypotheses fitted with their own error keep their point: the error of the best one is too small for them
-    fits = [f if n.key in own else settled(f) for n, f in zip(held, fits, strict=True)]
-    none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(held, fits, strict=True))
+    fits = [f if n.key in own else settled(f) for n, f in zip(compared, fits, strict=True)]
+    none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(compared, fits, strict=True))
     loose = [n for n in ways if n.errors is not None]
     chance = {n.key: sum(m.probability for m in loose if m.key == n.key) for n in loose}
     above = {n.key: n.score - best.score for n in reversed(loose)}  # each with its own errors

@@ -155,9 +155,9 @@ def _table(
     """Isolability by some of the problem's channels and by the inflow, all with possible sensor faults."""
     keep = np.array([problem.signals.index(name) for name in dict.fromkeys(chosen)])
     part = subset(problem.target, keep)
-    seen = [t for t in terms if not t.is_sensor or t.place in (*chosen, INFLOW)]
+    observable = [t for t in terms if not t.is_sensor or t.place in (*chosen, INFLOW)]
     fit = replace(base, z=part(base.z[:, None])[:, 0], J=part(base.J))
-    return isolability(fit, {t.label: part(columns[t.label]) for t in seen if t.label in columns}, seen)
+    return isolability(fit, {t.label: part(columns[t.label]) for t in observable if t.label in columns}, observable)
 
 
 def _separable(table: Isolability, effects: Sequence[str]) -> int:

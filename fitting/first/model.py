@@ -113,17 +113,17 @@ def first_model(
 
     def with_compliance(C: FirstEstimate, tubes: Sequence[Section]) -> _Parts:
         walls = made(tubes, c.value, area, usual)
-        stored, most, said = sum(wall.section.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
+        stored, most, notes_here = sum(wall.section.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
-            said.append(
+            notes_here.append(
                 f"by the times of the waves, tubes would store {stored / C.value:.0%} of the compliance; they are made "
                 f"shorter and store {_MOST:.0%}."
             )
             shorter = [replace(tube, time=tube.time * most / stored) for tube in tubes]
             walls = made(shorter, c.value, area, usual)
-        rest = C.value - min(stored, most)
-        ends = {wall.section.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.section.end}
-        return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, said)
+        peripheral = C.value - min(stored, most)
+        ends = {wall.section.name: windkessel(wall, walls, R.value, peripheral) for wall in walls if wall.section.end}
+        return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, notes_here)
 
     def of_layout(tubes: Sequence[Section], before: Fitted | None = None) -> _Layout | None:
         models = [with_compliance(C, tubes).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
@@ -190,9 +190,9 @@ class _Parts:
             self.source, self.found, self.tubes, self.windkessels, self.notes, self.factor, self.late
         )
         network = loads(file, f"first model of {beats.source}")
-        shown = _shown(beats, network)
-        notes = *self.notes, *filter(None, map(means_apart, shown)), *network_doubts(network)
-        return self, FirstModel(network, file, self.found, shown, notes)
+        comparison = _shown(beats, network)
+        notes = *self.notes, *filter(None, map(means_apart, comparison)), *network_doubts(network)
+        return self, FirstModel(network, file, self.found, comparison, notes)
 
 
 def _speed_and_area(

@@ -92,9 +92,9 @@ def with_side_branch(tubes: Sequence[Section], root: str) -> list[Section]:
     half = 0.5 * last.time
     trunk = replace(last, name=start, site="", time=half, end=False)
     side = Section(f"{start}_side", start, "", half, 0.5 * (last.share - claimed))
-    rest = replace(last, name=end, parent=start, time=half, share=last.share - side.share)
+    downstream = replace(last, name=end, parent=start, time=half, share=last.share - side.share)
     at = tubes.index(last)
-    return shared([*tubes[:at], trunk, rest, side, *tubes[at + 1 :]])
+    return shared([*tubes[:at], trunk, downstream, side, *tubes[at + 1 :]])
 
 
 def shared(tubes: Sequence[Section]) -> list[Section]:
@@ -111,10 +111,10 @@ def carried(tubes: Sequence[Section], odds: Mapping[str, Array]) -> dict[str, Ar
     for each in tubes:
         siblings = [other for other in tubes if other.parent == each.parent]
         whole = found[each.parent]
-        left = np.maximum(whole - sum(other.share for other in siblings if other.measured), _SIDE * whole)
+        unmeasured = np.maximum(whole - sum(other.share for other in siblings if other.measured), _SIDE * whole)
         weights = {o.name: o.share * odds.get(o.name, np.ones(())) for o in siblings if not o.measured}
         found[each.name] = np.asarray(
-            each.share if each.measured else left * weights[each.name] / sum(weights.values())
+            each.share if each.measured else unmeasured * weights[each.name] / sum(weights.values())
         )
     return found
 
@@ -175,10 +175,10 @@ def _shares(beats: Beats, upstream: Mapping[str, str], area: float) -> dict[str,
     while waiting:
         before = next(upstream[site] for site in waiting if upstream[site] in found)
         here = [site for site in waiting if upstream[site] == before]
-        told = {s: np.pi * float(beats.mean(f"{s}.R").mean()) ** 2 / area for s in here if f"{s}.R" in beats.values}
-        told |= {s: float(beats.mean(f"{s}.Q").mean() / whole) for s in here if f"{s}.Q" in beats.values}
-        left, others = found[before] - sum(told.values()), len(here) - len(told)
-        mine = {s: told.get(s, max(left, _SIDE * found[before]) / max(others, 1)) for s in here}
+        measured = {s: np.pi * float(beats.mean(f"{s}.R").mean()) ** 2 / area for s in here if f"{s}.R" in beats.values}
+        measured |= {s: float(beats.mean(f"{s}.Q").mean() / whole) for s in here if f"{s}.Q" in beats.values}
+        unmeasured, others = found[before] - sum(measured.values()), len(here) - len(measured)
+        mine = {s: measured.get(s, max(unmeasured, _SIDE * found[before]) / max(others, 1)) for s in here}
         total = sum(mine.values())
         if min(mine.values()) <= 0.0:
             raise InputError(

@@ -121,8 +121,8 @@ def candidates(
     for effect in effects.ALL:
         if effect.owner != "channel" and (site is None or effect.search.local):
             where = effect.where(network)
-            one = len(effect.places) > 1 and len(where) == 2  # "all" is one place only, which then has its own name
-            places = [place for place in where if site in (None, place) and not (one and place == ALL_PLACES)]
+            single = len(effect.places) > 1 and len(where) == 2  # "all" is one place only, which then has its own name
+            places = [place for place in where if site in (None, place) and not (single and place == ALL_PLACES)]
             found += [placed_effect(network, effect, place) for place in places]
     found += [term for channel in channels for term in sensor_effects(network, channel, site is not None)]
     terms = (term for term in found if term is not None)

@@ -91,26 +91,26 @@ def _pulse(values: Array) -> float:
 
 def _fault(kind: str, values: Array, artery: Artery) -> str:
     """Why values (n,) [SI] are no artery's, in the unit that people read; "" if they may be."""
-    unit, shown = of_signal(kind)
+    unit, factor = of_signal(kind)
     low, middle, high = np.nanpercentile(values, limits.LEVELS)
     pulse = high - low
     if kind == "P":
         if abs(middle) > limits.HIGHEST_MEAN:
-            return f"its mean is {shown * middle:.4g} {unit}, and no artery's is beyond 300 {unit}"
+            return f"its mean is {factor * middle:.4g} {unit}, and no artery's is beyond 300 {unit}"
         if not limits.PULSE[0] <= pulse <= limits.PULSE[1]:
-            return f"its pulse is {shown * pulse:.3g} {unit}, and that of arteries from 2 to 200 {unit}"
+            return f"its pulse is {factor * pulse:.3g} {unit}, and that of arteries from 2 to 200 {unit}"
         if 0.0 < middle < limits.LOW_MEAN and pulse < limits.SYSTEMIC * middle:
-            return f"its mean is {shown * middle:.3g} {unit}, and its pulse but {pulse / middle:.2g} of that"
+            return f"its mean is {factor * middle:.3g} {unit}, and its pulse but {pulse / middle:.2g} of that"
         if artery.pulse is not None and not 1.0 / limits.STEEP < pulse / artery.pulse < limits.STEEP:
             return f"it rises {pulse / artery.pulse:.3g} times as steeply with the radius as in the model"
     if kind == "R":
         if not limits.RADIUS[0] <= middle <= limits.RADIUS[1]:
-            return f"its mean is {shown * middle:.4g} {unit}, and arteries have from 0.05 to 40 {unit}"
+            return f"its mean is {factor * middle:.4g} {unit}, and arteries have from 0.05 to 40 {unit}"
         if artery.R0 is not None and not 1.0 / limits.TO_R0 < middle / artery.R0 < limits.TO_R0:
-            return f"its mean is {shown * middle:.4g} {unit}, and R0 is {shown * artery.R0:.4g} {unit}"
+            return f"its mean is {factor * middle:.4g} {unit}, and R0 is {factor * artery.R0:.4g} {unit}"
         if artery.h is not None and not limits.WALL[0] <= artery.h / middle <= limits.WALL[1]:
             return (
-                f"its mean is {shown * middle:.4g} {unit} and h is {shown * artery.h:.3g} {unit}, which is "
+                f"its mean is {factor * middle:.4g} {unit} and h is {factor * artery.h:.3g} {unit}, which is "
                 f"{artery.h / middle:.2g} of it, where arteries have from {limits.WALL[0]:g} to {limits.WALL[1]:g}"
             )
     if kind == "Q" and artery.R0 is not None:

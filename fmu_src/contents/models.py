@@ -129,8 +129,8 @@ def _check_code(network: Network) -> None:
     used += [(f"{outlet.segment}.outlet", outlet, "solver/laws/outlets.py") for outlet in network.outlets]
     used += [("network.elastic_law", ELASTIC_LAWS[network.elastic_law], "solver/laws/wall_laws.py")]
     used += [("network.viscous_law", VISCOUS_LAWS[network.viscous_law], "solver/laws/wall_laws.py")]
-    for name, thing, home in used:
-        kind = type(thing)
+    for name, value, home in used:
+        kind = type(value)
         if kind.__module__.partition(".")[0] != "solver":
             raise InputError(
                 f"{name}: its class {kind.__name__} is in {kind.__module__}, and an FMU carries only the code of the "

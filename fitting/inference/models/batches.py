@@ -54,12 +54,12 @@ def simulated(
         return X
 
     found = runs.workers.share(batches, _elsewhere, counted, lambda batch: _batch(*batch[:3], runs))
-    shown: list[list[Array | None]] = [[None] * len(members) for _, members in sets]
+    spectra: list[list[Array | None]] = [[None] * len(members) for _, members in sets]
     for (s, part), own in zip(parts, found, strict=True):
         simulator, members = sets[s]
         for i, X in zip(part, own, strict=False):  # a batch may have more members: see _batch_of
-            shown[s][i] = None if X is None else sense(members[i], simulator.names, X, simulator.T)
-    return shown
+            spectra[s][i] = None if X is None else sense(members[i], simulator.names, X, simulator.T)
+    return spectra
 
 
 def _cut(there: list[int], jobs: int) -> list[list[int]]:

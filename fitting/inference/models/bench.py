@@ -255,8 +255,8 @@ class Bench(Single):
         state = _settled(self, fit.member)
         if state is None:
             return self.loop.P
-        seen = self.seen(fit.member, fit.x[None])
-        return seen.true(state.memory.radius(state.memory.z))[1][0]
+        observed = self.seen(fit.member, fit.x[None])
+        return observed.true(state.memory.radius(state.memory.z))[1][0]
 
     def driven(self, wave: Array) -> Drive:
         """The pressure at the artery's end, which is the site's."""
@@ -360,16 +360,16 @@ def _linearised(problem: Bench, member: Member, r: Array, by: Array | None = Non
     steps, n = finite_steps(member.unknowns, member.x, _STEP), 2 * problem.K + 1
     F, memory = fourier(len(r)), None
     with np.errstate(all="ignore"):
-        seen = problem.seen(member, np.concatenate([member.x[None], (member.x + np.diag(steps))[by]]))
-        G = seen.pressure(r)
+        observed = problem.seen(member, np.concatenate([member.x[None], (member.x + np.diag(steps))[by]]))
+        G = observed.pressure(r)
         columns = (G[1:] - G[0]).T / steps[by]
         try:
             # L in the order of the harmonics: an entry of z depends only on harmonics up to its own
             if radius:
-                memory = linearise(problem.loop, r, G[0], seen.slope(r), columns, F)
+                memory = linearise(problem.loop, r, G[0], observed.slope(r), columns, F)
                 z, columns, L = memory.z[:n], memory.columns[:n], memory.L
             else:
-                z, columns, L = leading(problem.loop, r, G[0], seen.slope(r), columns, F[:n])
+                z, columns, L = leading(problem.loop, r, G[0], observed.slope(r), columns, F[:n])
         except NoFit:
             return None
     return Point(z, -columns, 2.0 * float(np.log(np.diag(L)[:n]).sum()), memory)

@@ -286,8 +286,8 @@ class NetworkProblem(Single):
         old = set() if start is None else {t.label for t in start.terms}
         new = [t for t in terms if t.label not in old]
         simpler = start is not None and old <= {t.label for t in terms}  # else its residual is of a larger hypothesis
-        told = all(t.label in columns and not (t.rewires or t.moves_along) for t in new)
-        if start is None or not (simpler and told and np.array_equal(begun.x, there.x)):
+        predicted = all(t.label in columns and not (t.rewires or t.moves_along) for t in new)
+        if start is None or not (simpler and predicted and np.array_equal(begun.x, there.x)):
             return Search(begun, _RULES)
         own = dict(start.columns)
         for t in new:

@@ -163,13 +163,13 @@ def linear_response(network: Network, names: Sequence[str], T: float, K: int, pa
     """The linearised response (K + 1 + neighbours, m) to the inflow, with the filters of both. If the linear solver
     lacks a wall term, the response of walls without terms."""
     K += NEIGHBOURS
-    shown = filters(network, names, T, K) / undoable(network, INFLOW, 2.0 * np.pi / T * np.arange(K + 1))[:, None]
+    filtered = filters(network, names, T, K) / undoable(network, INFLOW, 2.0 * np.pi / T * np.arange(K + 1))[:, None]
     try:
-        return shown * response(network, names, T, K, parameters)
+        return filtered * response(network, names, T, K, parameters)
     except InputError:
         plain = replace(network, segments=tuple(replace(s, terms={}) for s in network.segments))
         known = {n: v for n, v in parameters.items() if n in plain.parameters()}
-        return shown * response(plain, names, T, K, known)
+        return filtered * response(plain, names, T, K, known)
 
 
 def varying(

@@ -34,7 +34,7 @@ def align(record: Record, period: float | None = None) -> Beats:
     if period is not None:
         _check(period, record)
     steps = {name: step for name, x in record.channels.items() if (step := converter_step(x)) > 0.0}
-    cut, T, said = _cut(record, period, steps)
+    cut, T, notes = _cut(record, period, steps)
     channels, spikes = without_spikes(record.channels, cut, steps)
     for name, x in channels.items():
         require_phases((~np.isnan(x[cut.samples])).sum(axis=0), name, record.path)
@@ -44,8 +44,8 @@ def align(record: Record, period: float | None = None) -> Beats:
         singly = replace(cut, channels={name: without_gaps(x) for name, x in channels.items()})
     else:
         values, shifts = without_jitter(values, T)
-    said = (*record.said, *said)
-    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, singly, record.told, said)
+    notes = (*record.said, *notes)
+    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, singly, record.told, notes)
     check_steady(beats.unsteadiness, T, record.path)
     return beats
 
@@ -77,20 +77,20 @@ def _cut(
     except InputError:  # too irregular or too short to tell: then the word of the user counts
         if period is None:
             raise
-        usual, told = PeriodFound(period), False
+        usual, stated = PeriodFound(period), False
     else:
-        told = True
+        stated = True
     if period is not None and abs(period / usual.other - 1.0) <= limits.NEAR:  # the record does not tell which
         usual = replace(usual, T=period)
     found = find_upstrokes(channels, usual.T / dt)
     singly, T = None if found is None else cut_variable(channels, dt, found), usual.T
     if singly is not None:
         T = singly.T
-    elif told:
+    elif stated:
         T = T if found is None else dt * found.line[0]
         ordinary, _ = without_spikes(channels, grid(T, dt, n, source), steps)
         T = strict_period(ordinary, dt, T, source)
-    said = usual.said
+    notes = usual.said
     if period is not None:
         count = max(1, round(period / T))
         off = abs(period / T - count)
@@ -98,11 +98,11 @@ def _cut(
             raise InputError(
                 f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
             )
-        said = ()
+        notes = ()
         if singly is None:
             T = float(period)
         elif count > 1:
-            said = (
+            notes = (
                 f"the given period of {period:.4g} s holds {count} beats; they vary, so that each was cut by itself.",
             )
-    return singly or grid(T, dt, n, source), T, said
+    return singly or grid(T, dt, n, source), T, notes

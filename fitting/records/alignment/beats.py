@@ -104,9 +104,9 @@ class Beats:
             line = np.polyfit(there, level, 1)
             change = float(line[0] * (self.n_beats - 1))
             if abs(change) > limits.NEAR * max(abs(float(usual.mean())), float(usual.std())):
-                unit, shown = of_signal(name)
+                unit, factor = of_signal(name)
                 found.append(
-                    f"the mean of {name} goes from {shown * line[1]:.3g} to {shown * (line[1] + change):.3g} {unit} "
+                    f"the mean of {name} goes from {factor * line[1]:.3g} to {factor * (line[1] + change):.3g} {unit} "
                     "over the beats used: the mean beat is of no single state, or a zero drifts; cut the file to a "
                     "steady part."
                 )
@@ -123,12 +123,12 @@ class Beats:
             usual, pulse = float(np.median(size)), float(np.ptp(self.mean(name)))
             for i in np.flatnonzero(size > max(limits.ODD * usual, limits.VISIBLE * pulse)):
                 b = int(measured[i])
-                said = (
+                sentences = (
                     f"beat {b + 1} ({begins[b]:.4g} s after the record's start) is unlike the others in {name}: "
                     f"it deviates by {size[i] / pulse:.1%} of the pulse, they by {usual / pulse:.2g} of it; "
                     "if it is an artefact, leave its samples empty."
                 )
-                found.setdefault(b, (name, said))
+                found.setdefault(b, (name, sentences))
         if len(found) <= limits.NAMED:
             return [found[b][1] for b in sorted(found)]
         names = ", ".join(dict.fromkeys(found[b][0] for b in sorted(found)))

@@ -150,11 +150,11 @@ def _timing(beats: Iterable[Array], N: int) -> tuple[Array, float, Array]:
             return np.zeros(n_beats), 0.0, mean
         change = (turned @ (template.conj() / S)[..., None]).real.sum(axis=0)[:, 0] / information
         change -= change.mean()
-        left = turned - change[:, None] * tau[:, None]
-        left -= (left @ (line.conj() / S)[..., None]).real / size[:, None] * line
+        residual = turned - change[:, None] * tau[:, None]
+        residual -= (residual @ (line.conj() / S)[..., None]).real / size[:, None] * line
         # the share of each harmonic's two numbers that shift and line have taken away
         taken = (np.abs(line) ** 2 / size + np.abs(template) ** 2 / information) / (2.0 * S)
-        S = _pooled((np.abs(left) ** 2).sum(axis=1)) / (_pooled(1.0 - taken) * (n_beats - 1))
+        S = _pooled((np.abs(residual) ** 2).sum(axis=1)) / (_pooled(1.0 - taken) * (n_beats - 1))
         turns = turns + change
         if np.abs(change).max() ** 2 * information < 1e-6:
             break

@@ -100,11 +100,11 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Perio
     found = _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
     for each in tried:
         if _irregular(x[votes], each.lag, found.T / step):
-            said = (
+            note = (
                 f"the heart is irregular: beats about {each.lag * step:.3g} s apart come at intervals that do not "
                 f"repeat, as in atrial fibrillation; if one beat lasts {found.T:.3g} s, give that period."
             )
-            return PeriodFound(each.lag * step, found.T, (said,))
+            return PeriodFound(each.lag * step, found.T, (note,))
     passed = list(zip([each.lag for each in tried], scores, strict=True))
     return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
 
@@ -125,8 +125,8 @@ def repeats(values: Array, dt: float, T: float) -> tuple[float, float]:
 
 def _whole(x: Array, lag: float, candidates: Array) -> bool:
     """Whether stretches as long as the lag go on alike, too: two thirds of a beat of three upstrokes do not."""
-    one, *more = _around(x, lag, candidates)
-    return all((one.alike >= limits.HALF * each.alike).all() for each in more)
+    first, *more = _around(x, lag, candidates)
+    return all((first.alike >= limits.HALF * each.alike).all() for each in more)
 
 
 def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
@@ -152,30 +152,30 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     If it differs in its timing, too, or much, it is a part of a beat. Else a part of a beat cannot be told from a heart
     that alternates: a whole beat is assumed, and that is said.
     """
-    T, (one, *more) = lag * step, _around(x, lag, candidates)
-    differ = [(*_differ(one, each), each, round(each.lag / lag)) for each in more]
+    T, (first, *more) = lag * step, _around(x, lag, candidates)
+    differ = [(*_differ(first, each), each, round(each.lag / lag)) for each in more]
     differ = [each for each in differ if each[0] > (limits.IN_TURN if each[-1] <= limits.UPSTROKES else limits.MUCH)]
     if not differ:
         return PeriodFound(T)
     most = max(times for times, *_ in differ)
     times, which, sure, other, count = next(each for each in differ if each[0] >= most / limits.AS_MUCH)
-    together, another_part = other.lag * step, one.alike[which] < limits.SAME * other.alike[which]
-    next_one, as_many = (_change(one, beats) for beats in (1, count))
+    together, another_part = other.lag * step, first.alike[which] < limits.SAME * other.alike[which]
+    next_one, as_many = (_change(first, beats) for beats in (1, count))
     timely = next_one <= max(limits.NEAR * lag, limits.UNTIMELY * as_many)
     if count <= limits.UPSTROKES and (another_part or not timely):
-        said = (
+        note = (
             f"the period may be {T:.3g} s: what comes every {T:.3g} s differs in turn, but too few times to be sure; "
             f"either a beat of {together:.3g} s has {count} upstrokes, or beats alternate. If these are beats, give "
             "their period."
         )
-        return PeriodFound(together, T, () if sure else (said,))
+        return PeriodFound(together, T, () if sure else (note,))
     far = {2: "second", 3: "third", 4: "fourth"}[count]
-    said = (
+    note = (
         f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "
         f"from the {far} next in {names[which]}; either they alternate, or {count} upstrokes are one beat. If so, give "
         "its period."
     )
-    return PeriodFound(T, together, (said,))
+    return PeriodFound(T, together, (note,))
 
 
 def _passed_over(
@@ -190,20 +190,20 @@ def _passed_over(
         count = round(found.T / (lag * step))
         if count < 2 or abs(found.T / (lag * step) - count) > limits.ELASTIC:
             continue
-        one, *more = _around(x, lag, candidates)
-        alike = any(round(each.lag / lag) == count and _differ(one, each)[0] < limits.IN_TURN for each in more)
+        first, *more = _around(x, lag, candidates)
+        alike = any(round(each.lag / lag) == count and _differ(first, each)[0] < limits.IN_TURN for each in more)
         if score >= limits.HALF if count > limits.UPSTROKES else alike:
-            said = (
+            note = (
                 f"the period may be {lag * step:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; "
                 f"either rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
             )
-            return PeriodFound(found.T, lag * step, (said,))
+            return PeriodFound(found.T, lag * step, (note,))
     if found.T < limits.FASTEST_HEART:
-        said = (
+        note = (
             f"the period of {found.T:.3g} s is that of {60.0 / found.T:.0f} beats a minute, which only hearts of "
             "rodents reach; if it is a part of a beat, give the period."
         )
-        return replace(found, said=(said,))
+        return replace(found, said=(note,))
     return found
 
 
@@ -235,11 +235,11 @@ def _change(one: _Later, beats: int) -> float:
     return float(_weighted_median(change, power)[0]) if change.size else 0.0
 
 
-def _differ(one: _Later, other: _Later) -> tuple[float, int, bool]:
+def _differ(first: _Later, other: _Later) -> tuple[float, int, bool]:
     """How many times as much stretches differ from the next as from the other, at most, in which channel, and whether
     for certain; 0 where that is no more often so than by chance. Of stretches, which overlap by half, half count."""
-    n = min(one.unlike.shape[1], other.unlike.shape[1])
-    a, b = one.unlike[:, :n], other.unlike[:, :n]
+    n = min(first.unlike.shape[1], other.unlike.shape[1])
+    a, b = first.unlike[:, :n], other.unlike[:, :n]
     often = (2.0 * (a > b).mean(axis=1) - 1.0) * np.sqrt(n / 2.0)
     times = np.median(a, axis=1) / np.maximum(np.median(b, axis=1), _FINEST)
     times = np.where(often >= min(limits.FIVE_PERCENT, 0.99 * np.sqrt(n / 2.0)), times, 0.0)

@@ -112,8 +112,8 @@ def _cut_singly(channels: Mapping[str, Array], dt: float, edges: Array, usual: f
     if len(alike) < 2:
         return None
     first, last = int(alike[0]), int(alike[-1]) + 1
-    said = _exclusion_notes(edges, near, odd, alike, dt)
-    return VariableBeats(channels, dt, edges[first : last + 1], alike - first, alike - first, said)
+    notes = _exclusion_notes(edges, near, odd, alike, dt)
+    return VariableBeats(channels, dt, edges[first : last + 1], alike - first, alike - first, notes)
 
 
 def _likeness(x: Array, at: Array, length: float) -> float:
@@ -139,9 +139,9 @@ def _exclusion_notes(edges: Array, near: Array, odd: Array, alike: Array, dt: fl
     """What was left out, in sentences."""
     times, lengths = edges * dt, np.diff(edges)
     first, last = int(alike[0]), int(alike[-1]) + 1
-    used, said = lengths[alike], []
+    used, notes = lengths[alike], []
     if np.abs(used - used.mean()).max() > limits.UNSTEADY * used.mean():
-        said.append(
+        notes.append(
             f"the heart rate was not steady: beats lasted {used.min() * dt:.3g} to {used.max() * dt:.3g} s; each "
             "was cut at the end of diastole."
         )
@@ -153,13 +153,13 @@ def _exclusion_notes(edges: Array, near: Array, odd: Array, alike: Array, dt: fl
         if len(which):
             begin = ", ".join(f"{times[i]:.4g}" for i in which[: limits.NAMED])
             begin += ", …" if len(which) > limits.NAMED else ""
-            said.append(f"{_count(len(which))} left out, {why}; at {begin} s after the record's start.")
+            notes.append(f"{_count(len(which))} left out, {why}; at {begin} s after the record's start.")
     if outside := len(lengths) - (last - first):
-        said.append(
+        notes.append(
             f"used from {times[first]:.4g} to {times[last]:.4g} s after the record's start, the longest stretch with a "
             f"steady heart rate; {_count(outside)} before and after it left out."
         )
-    return tuple(said)
+    return tuple(notes)
 
 
 def _count(n: int) -> str:

@@ -98,14 +98,14 @@ def undoable(network: Network, channel: str, omega: Array) -> Array:
     return np.asarray(H / np.minimum(1.0, np.abs(H) / limits.UNDONE))
 
 
-def undone(network: Network, channel: str, shown: Inflow) -> Array:
+def undone(network: Network, channel: str, drive: Inflow) -> Array:
     """The filter that is divided by : (n,), :func:`undoable` or 1.
 
     What is shown is signal above 3 standard deviations of the mean of beats. Of beats that differ these are wide, and
     all harmonics that the filter leaves a tenth of are taken for signal, too.
     """
-    H = undoable(network, channel, shown.omega)
-    return np.asarray(np.where(shown.shown | (np.abs(H) >= limits.SAFE), H, 1.0))
+    H = undoable(network, channel, drive.omega)
+    return np.asarray(np.where(drive.shown | (np.abs(H) >= limits.SAFE), H, 1.0))
 
 
 def flowed(beats: Beats, network: Network, channel: str = INFLOW) -> Array:

@@ -109,8 +109,8 @@ def target(
     K = len(solver_error) - 1
     share, steady = steady_beats(beats, names, response, variation)
     H = response[: K + 1]
-    one = np.broadcast_to(np.eye(len(names)), (K + 1, len(names), len(names)))
-    gain = np.concatenate([one, -(share[: K + 1, None] * H)[..., None]], axis=2)
+    identity = np.broadcast_to(np.eye(len(names)), (K + 1, len(names), len(names)))
+    gain = np.concatenate([identity, -(share[: K + 1, None] * H)[..., None]], axis=2)
     covariance = gain @ _scatter(steady, (*names, INFLOW))[: K + 1] @ np.conj(np.swapaxes(gain, 1, 2))
     # what sampling hides of the inflow is common to all channels, as its noise is
     hidden = _hidden(beats, (*names, INFLOW))[: K + 1]

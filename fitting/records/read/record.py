@@ -116,18 +116,18 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
     if len(records) == 1:
         return records[0]
     records = [records[0], *(_shifted(each, records[0], reading) for each in records[1:])]
-    time, channels, said = together(records)
+    time, channels, note = together(records)
     beside = {r.path: r.sha256 for r in records if r.path != records[0].path}
-    told = {**reading.told, **({"with": beside} if beside else {})}
+    details = {**reading.told, **({"with": beside} if beside else {})}
     sampling = {r.path: r.told["sampling"] for r in records if "sampling" in r.told}
     return replace(
         records[0],
         time=time,
         channels=channels,
         resting={name: value for r in records for name, value in r.resting.items()},
-        told=told | ({"sampling": sampling} if sampling else {}),
+        told=details | ({"sampling": sampling} if sampling else {}),
         scales={name: scale for r in records for name, scale in r.scales.items()},
-        said=(*(text for r in records for text in r.said), said),
+        said=(*(text for r in records for text in r.said), note),
     )
 
 
@@ -146,7 +146,7 @@ def _of_one_file(table: Table, reading: Reading, sha256: str) -> list[Record]:
     """The records in one file, one for each of the rates that its channels were sampled at."""
     clock, chosen = choose(table, reading)
     place = table.place
-    block, said = longest_block(clock.column.values, clock.factor, place)
+    block, notes = longest_block(clock.column.values, clock.factor, place)
     del table
     every = [_every(each.column.values[block]) for each in chosen]
     usual = min((rows for rows in every if rows is not None), key=lambda rows: rows[1], default=(0, 1))
@@ -158,14 +158,14 @@ def _of_one_file(table: Table, reading: Reading, sha256: str) -> list[Record]:
         mine = groups.pop((first, step))
         if step > 1:
             names = " and ".join(each.name for each in mine)
-            said = (
-                *said,
+            notes = (
+                *notes,
                 f"{names} of {place}: one row in {step} has a value of its own, which is held or empty between; "
                 "only these were read.",
             )
         used = replace(place, rows=range(block.start + first, block.stop, step))
-        found.append(_one(clock, mine, used, reading, sha256, said))
-        said = ()
+        found.append(_one(clock, mine, used, reading, sha256, notes))
+        notes = ()
     return found
 
 
@@ -180,7 +180,7 @@ def _every(values: Array) -> tuple[int, int] | None:
 
 
 def _one(
-    clock: Chosen, chosen: list[Chosen], place: Place, reading: Reading, sha256: str, said: tuple[str, ...]
+    clock: Chosen, chosen: list[Chosen], place: Place, reading: Reading, sha256: str, notes: tuple[str, ...]
 ) -> Record:
     """The record of channels of one file that have one rate."""
     assert isinstance(place.rows, range)
@@ -195,30 +195,30 @@ def _one(
         with np.errstate(over="ignore"):
             channels[each.name] = each.column.values[used] * each.factor
         check_numbers(channels[each.name], each.column.title, place)
-    said += axis.said
+    notes += axis.said
     for name in channels:
         channels[name], codes = without_codes(channels[name], name, scales[name])
         channels[name], still = without_still(channels[name], name, axis.dt, place)
-        said += codes + still
+        notes += codes + still
     check_ranges(channels, titles, place)
     for name, title in titles.items():
         constant = constant_value(channels[name])
         if constant is None:
             channels[name], clipped = without_plateaus(channels[name], name, title, place, axis.dt)
-            said += clipped
+            notes += clipped
         elif may_rest(name) and len(channels) > 1:
             del channels[name]
             resting[name] = constant
         else:
-            unit, shown = of_signal(name)
+            unit, factor = of_signal(name)
             raise UnusableRecord(
-                f"{place}: column {title!r}: the channel is constant ({shown * constant:.6g} {unit}), it does not "
+                f"{place}: column {title!r}: the channel is constant ({factor * constant:.6g} {unit}), it does not "
                 f'pulsate; check the sensor, or leave it out: --map "{title}=".'
             )
     for name in channels:
         channels[name], hum = without_hum(axis.of(channels[name]), name, axis.dt)
-        said += hum
-    return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, said)
+        notes += hum
+    return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, notes)
 
 
 def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
@@ -254,9 +254,9 @@ def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
         f"{' and '.join(p.channels)} of {p.path} at {1.0 / p.dt:.6g} Hz from {p.time[0] - parts[0].time[0]:+.6f} s"
         for p in parts
     )
-    said = f"{rates}: aligned by their times over {at[-1] - at[0]:.6g} s that all have, at {1.0 / base.dt:.6g} Hz"
+    note = f"{rates}: aligned by their times over {at[-1] - at[0]:.6g} s that all have, at {1.0 / base.dt:.6g} Hz"
     slowest = "" if base is parts[0] else ", the slowest"
-    return at, channels, f"{said}, the rate of {' and '.join(base.channels)}{slowest}."
+    return at, channels, f"{note}, the rate of {' and '.join(base.channels)}{slowest}."
 
 
 def _time_text(seconds: float) -> str:

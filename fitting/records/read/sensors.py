@@ -75,7 +75,7 @@ def without_plateaus(values: Array, name: str, title: str, place: Place, dt: flo
 
     Raises UnusableRecord where that is in most stretches of the longest beat.
     """
-    kind, said = KINDS[name.rpartition(".")[2]], list[str]()
+    kind, notes = KINDS[name.rpartition(".")[2]], list[str]()
     long, margin = max(1, round(limits.LONGEST / dt)), round(limits.AROUND / dt)
     while found := _plateaus(values, kind.noun):
         starts, stops, word, top = found
@@ -89,8 +89,8 @@ def without_plateaus(values: Array, name: str, title: str, place: Place, dt: flo
         values = values.copy()
         for start, stop in zip(starts, stops, strict=True):
             values[max(0, start - margin) : stop + margin] = np.nan
-        said.append(f"{name} was saturated for a while, {at}: these samples were taken for gaps.")
-    return values, tuple(said)
+        notes.append(f"{name} was saturated for a while, {at}: these samples were taken for gaps.")
+    return values, tuple(notes)
 
 
 def _plateaus(values: Array, noun: str) -> tuple[Array, Array, str, float] | None:

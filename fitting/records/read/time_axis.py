@@ -52,8 +52,8 @@ class Axis:
         if self.moved:
             there, at = ~np.isnan(values), self.time[self.number]
             half = 0.5 * (self.time[1] - self.time[0])  # as far beyond the first and the last
-            shown = there & (at > self.stamps[0] - half) & (at < self.stamps[-1] + half)
-            values = np.where(shown, between(self.stamps[there], values[there], at), np.nan)
+            covered = there & (at > self.stamps[0] - half) & (at < self.stamps[-1] + half)
+            values = np.where(covered, between(self.stamps[there], values[there], at), np.nan)
         found = np.full(len(self.time), np.nan)
         found[self.number] = values
         return found
@@ -119,8 +119,8 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     coarse = q >= 0.5 * dt and (repeated or np.mean(step >= limits.WIDE_STEP * usual) > limits.LOST)
     most = _REPEATED * q if repeated and coarse else q
     if dt > 0.0 and worst <= (most if coarse or step.max() < limits.WIDE_STEP * dt else min(q, 0.25 * dt)):
-        said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
-        return Axis((given[0] + t - off) * factor, given * factor, said=(*back, *said))
+        coarse_note = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
+        return Axis((given[0] + t - off) * factor, given * factor, said=(*back, *coarse_note))
     if step.min() <= 0.0:
         _refuse_back(printed, title, place)
     number = _numbered(t, q, shaken)
@@ -130,11 +130,11 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     worst, rms = float(np.abs(off).max()) * factor, float(np.sqrt(np.mean(off**2))) * factor
     moved = worst > max(q if q < 0.5 * dt else 0.25 * dt, shaken) * factor
     start = given[0] + (t - off - dt * number)[0]
-    told = {"rate": {"value": 1.0 / (dt * factor), "unit": "Hz"}, "lost": lost, "resampled": moved}
-    told |= {f"jitter_{name}": {"value": value, "unit": "s"} for name, value in (("rms", rms), ("max", worst))}
+    sampling = {"rate": {"value": 1.0 / (dt * factor), "unit": "Hz"}, "lost": lost, "resampled": moved}
+    sampling |= {f"jitter_{name}": {"value": value, "unit": "s"} for name, value in (("rms", rms), ("max", worst))}
     notes = (*back, _resampling_note(place, 1.0 / (dt * factor), rms, worst, lost, n, moved))
     time = (start + dt * np.arange(n + lost)) * factor
-    return Axis(time, given * factor, number, moved, notes, {"sampling": told})
+    return Axis(time, given * factor, number, moved, notes, {"sampling": sampling})
 
 
 def _check(given: Array, factor: float, title: str, place: Place) -> None:
