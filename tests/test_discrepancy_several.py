@@ -389,7 +389,7 @@ def test_rms_beside_a_gap_of_all_is_not_of_one() -> None:
     each = [one("A", 1.0, 1.0), one("B", 1.0, 1.0), one("C", 1.0, 1.0, False)]
     outcome: Any = SimpleNamespace(gap_before=(9.0, 5.0), gap_after=None, channels=(channel,), provenance={})
     outcome.recordings = each[::2]
-    assert "held-out beats; rms 2.3 mmHg of CA.P" in gap_text(outcome)
+    assert "held-out beats; rms with the means: 2.3 mmHg of CA.P" in gap_text(outcome)
     outcome.recordings = each
     assert "rms 2.3" not in gap_text(outcome)
 

@@ -57,8 +57,8 @@ def recordings_table(outcome: Outcome) -> Table:
 
 
 def gap_text(outcome: Outcome) -> str:
-    """The gap to the record, before and after, and the RMS of the channels over the held-out beats, in their units. The
-    table of several recordings has these RMS."""
+    """The gap to the record, before and after, and the RMS of the channels over the held-out beats with their means, in
+    their units. With several recordings, a table has these RMS instead."""
     if outcome.gap_before is None:
         return ""
     before, after = gap_pair(outcome.gap_before), gap_pair(outcome.gap_after)
@@ -67,7 +67,7 @@ def gap_text(outcome: Outcome) -> str:
     loud = {c.name: c.gap_before[1] for c in outcome.channels}
     rms = ""
     if first and sum(each.fitted for each in outcome.recordings) < 2:
-        rms = f"; rms {changes(first, last, loud) if set(last) == set(first) else sizes(first, loud)}"
+        rms = f"; rms with the means: {changes(first, last, loud) if set(last) == set(first) else sizes(first, loud)}"
     return (
         f"gap (1 = noise): {fitted} on the fitted beats, {held_out} on the held-out beats{rms}\n  {gap_unit(outcome)}"
     )
