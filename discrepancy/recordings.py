@@ -17,7 +17,7 @@ import numpy as np
 
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit, Member
-from fitting.inference.hypothesis import Term, rewired
+from fitting.inference.hypothesis import PlacedEffect, rewired
 from fitting.inference.joint.joint_record import Several
 from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
@@ -91,9 +91,9 @@ class Recordings:
         return found
 
     @property
-    def terms(self) -> tuple[Term, ...]:
+    def terms(self) -> tuple[PlacedEffect, ...]:
         """Candidates for the channels of all recordings."""
-        found: dict[str, Term] = {}
+        found: dict[str, PlacedEffect] = {}
         for study in self.studies:
             found = {t.label: t for t in study.terms} | found
         return tuple(found.values())
@@ -182,8 +182,8 @@ class Recordings:
         found = self._through(i, record, study, without, best, before, after, given)
         if best is None or not (whole and fitted) or found[2] is None:
             return found
-        seen = whitened_response(naming.best.fit, best.terms)[whole.rows[i]]
-        return replace(found[0], d=float(np.linalg.norm(seen))), *found[1:]
+        response = whitened_response(naming.best.fit, best.terms)[whole.rows[i]]
+        return replace(found[0], d=float(np.linalg.norm(response))), *found[1:]
 
     def unseen_by(
         self, base: Fit, law: Fit, there: Callable[[Study], Study], before: FreeRun, after: FreeRun
@@ -243,10 +243,10 @@ class Recordings:
         except RunFailed as error:
             return replace(recorded, failed=f"its FMU does not run with this record: {error}"), first, None
         fallen, sd = fall(study, first.X, last.X)
-        seen = whitened_response(best, best.terms)
+        response = whitened_response(best, best.terms)
         recorded = replace(
             recorded, gap_after=last.gap.total, rms_after=held_out(last.gap.rms), fallen=fallen, sd=sd,
-            d=float(np.linalg.norm(seen)),
+            d=float(np.linalg.norm(response)),
         )  # fmt: skip
         return recorded, first, last
 
@@ -277,13 +277,13 @@ def recordings_of(
     for other in records[1:]:
         _check_alike(record, other)
     made = [alike(other) for other in records[1:n]]
-    held, warnings = [], [f"{s.fitted.source}: {text}" for s in made for text in s.warnings]
+    held_out, warnings = [], [f"{s.fitted.source}: {text}" for s in made for text in s.warnings]
     for other in records[n:]:
         try:
-            held.append((other, alike(other)))
+            held_out.append((other, alike(other)))
         except InputError as error:
             warnings.append(not_judged(other.path, error))
-    found = Recordings(tuple(records[:n]), (study, *made), tuple(held), asked.varies, tuple(warnings))
+    found = Recordings(tuple(records[:n]), (study, *made), tuple(held_out), asked.varies, tuple(warnings))
     if not found.alone:
         _ = found.whole  # raises the error now
     return found
@@ -323,10 +323,17 @@ def joined(gaps: Sequence[Gap]) -> Gap:
     def by_key(each: Sequence[Mapping[Key, tuple[float, float]]]) -> dict[Key, tuple[float, float]]:
         return {n: mean([own[n] for own in each if n in own]) for n in dict.fromkeys(n for own in each for n in own)}
 
-    rest = (by_key([g.channels for g in gaps]), by_key([g.rms for g in gaps]), by_key([g.pulsation for g in gaps]))
+    by_channel = (
+        by_key([g.channels for g in gaps]),
+        by_key([g.rms for g in gaps]),
+        by_key([g.pulsation for g in gaps]),
+    )
     in_error = [g.in_error for g in gaps if g.in_error is not None]  # of all, or none: they have one network
     return Gap(
-        mean([g.total for g in gaps]), *rest, by_key([g.above for g in gaps]), mean(in_error) if in_error else None
+        mean([g.total for g in gaps]),
+        *by_channel,
+        by_key([g.above for g in gaps]),
+        mean(in_error) if in_error else None,
     )
 
 
@@ -358,13 +365,13 @@ def _refitted(whole: Several, study: Study, fit: Fit) -> Fit:
     present = {v for u in unknowns for v in u.variables}
     more = tuple(u for u in whole.added if not set(u.variables) & present)
     effects = [u for t in fit.terms for u in t.unknowns]
-    held = (
+    kept = (
         u if whole.differs(u) and u not in effects else replace(u, low=float(value), high=float(value))
         for u, value in zip(unknowns, x, strict=True)
     )
-    member = Member(fit.terms, (*held, *more), np.append(x, np.zeros(len(more))))
-    one = Several((study.problem,), (f"{study.fitted.source} alone",))
-    (found,) = one.searched_from([member], Runs())
+    member = Member(fit.terms, (*kept, *more), np.append(x, np.zeros(len(more))))
+    single = Several((study.problem,), (f"{study.fitted.source} alone",))
+    (found,) = single.searched_from([member], Runs())
     if found is None:
         raise InputError("the model cannot be simulated with it")
     return found

@@ -109,7 +109,7 @@ def discover(
     interrupted study continues where it stopped.
     Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
     readable record that cannot be used gives the verdict "unusable", which does not overwrite the study of a usable
-    record; without a model it is refused.
+    record; without a model it is rejected.
     """
     started = time.perf_counter()
     asked = Asked(
@@ -247,10 +247,10 @@ class _Work:
         self.progress(0.92, "comparing the candidates with the held-out beats")
         shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
         outcome = with_law(summary(self.record, self.model, self.study, naming, shown), law)
-        said = (*outcome.warnings, *judged.warnings)
+        warnings = (*outcome.warnings, *judged.warnings)
         ran = {"FMUs run": " and ".join(dict.fromkeys(read_fmu(each).tool for each in (given, fmu)))}
         origin = {**outcome.provenance, **ran}
-        return replace(outcome, recordings=judged.recordings, warnings=said, provenance=origin), shown.archive
+        return replace(outcome, recordings=judged.recordings, warnings=warnings, provenance=origin), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 

@@ -23,7 +23,7 @@ from discrepancy.show import fmu_validation
 from discrepancy.show.fmu_validation import Run, _closed_above, agreement, compared
 from discrepancy.show.gap import Gap, change, changed, fall, left
 from fitting.inference.fit import Fit
-from fitting.inference.hypothesis import sensor_terms
+from fitting.inference.hypothesis import sensor_effects
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import absent
@@ -350,7 +350,7 @@ def test_the_inflow_drives_inference_as_it_drives_the_fmu(effect: str | None) ->
     s = study()
     fit = NOTHING
     if effect:
-        (t,) = (t for t in sensor_terms(NETWORK, "inlet.Q") if t.effect == effect)
+        (t,) = (t for t in sensor_effects(NETWORK, "inlet.Q") if t.effect == effect)
         unknowns = s.problem.hypothesis((t,))
         x = absent(unknowns)
         x[-len(t.unknowns) :] = 0.7

@@ -20,10 +20,10 @@ from typer.testing import CliRunner
 from arterial_fmu.cli.discover import app as discrepancy_app
 from arterial_fmu.cli.fit import app
 from discrepancy.find.model_source import first_of
-from fitting.first.branches import Branch, branched
 from fitting.first.estimates import delay
 from fitting.first.model import FirstModel, first_model
 from fitting.first.options import FirstOptions
+from fitting.first.sections import Section, with_side_branch
 from fitting.first.shares import forks, ratios
 from fitting.first.species import NAMES, by_stroke, typical
 from fitting.first.spread import spread
@@ -287,37 +287,37 @@ def test_a_network_by_another_generator() -> None:
 def test_side_branches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Human, a carotid pressure: with a branch 0.33 and 0.56 mmHg rms are left, a quarter of what one path leaves."""
     sides = human(("AsA.P", "LC.P"))
-    branched = first_model(sides, paths=("AsA,LC",))
+    forked = first_model(sides, paths=("AsA,LC",))
     monkeypatch.setattr("fitting.first.model._BRANCHES", 0)
     path = first_model(sides)
-    assert [(j.inflow, j.outflow) for j in branched.network.junctions] == [(("AsA",), ("LC", "AsA_side"))]
+    assert [(j.inflow, j.outflow) for j in forked.network.junctions] == [(("AsA",), ("LC", "AsA_side"))]
     assert not path.network.junctions
-    for one, other in zip(branched.shown, path.shown, strict=True):
+    for one, other in zip(forked.shown, path.shown, strict=True):
         assert one.rms < 0.3 * other.rms
-    shares = [float(found) for found in re.findall(r"# (\d+)% of the flow", branched.text)]
+    shares = [float(found) for found in re.findall(r"# (\d+)% of the flow", forked.text)]
     assert shares[0] == 100.0 and sum(shares[1:]) == pytest.approx(100.0, abs=1.0)
 
 
 def test_where_side_branches_go() -> None:
     """In the middle of the last tube whose flow is not measured, for half of what is not claimed; measured flows stay
     for all odds, and what enters a fork leaves it."""
-    tube = [Branch("Fem", "", "Fem", 0.06, 1.0)]
-    fork = branched(tube, "Ao")
+    tube = [Section("Fem", "", "Fem", 0.06, 1.0)]
+    fork = with_side_branch(tube, "Ao")
     assert [(s.name, s.parent, s.site, s.time, s.share, s.end) for s in fork] == [
         ("Ao", "", "", 0.03, 1.0, False),
         ("Fem", "Ao", "Fem", 0.03, 0.5, True),
         ("Ao_side", "Ao", "", 0.03, 0.5, True),
     ]
-    assert [s.name for s in branched(fork, "Ao")] == ["Ao", "to_Fem_1", "Fem", "to_Fem_1_side", "Ao_side"]
-    lone = branched([Branch("root", "", "", 0.06, 1.0)], "")
+    assert [s.name for s in with_side_branch(fork, "Ao")] == ["Ao", "to_Fem_1", "Fem", "to_Fem_1_side", "Ao_side"]
+    lone = with_side_branch([Section("root", "", "", 0.06, 1.0)], "")
     assert [s.name for s in lone] == ["root", "root_end", "root_side"]
-    assert [s.name for s in branched(lone, "")][1:4] == ["to_root_end_1", "root_end", "to_root_end_1_side"]
+    assert [s.name for s in with_side_branch(lone, "")][1:4] == ["to_root_end_1", "root_end", "to_root_end_1_side"]
     known = [
-        Branch("Ao", "", "", 0.03, 1.0, False),
-        Branch("Fem", "Ao", "Fem", 0.03, 0.1, measured=True),
-        Branch("Ao_side", "Ao", "", 0.03, 0.9),
+        Section("Ao", "", "", 0.03, 1.0, False),
+        Section("Fem", "Ao", "Fem", 0.03, 0.1, measured=True),
+        Section("Ao_side", "Ao", "", 0.03, 0.9),
     ]
-    more = branched(known, "Ao")
+    more = with_side_branch(known, "Ao")
     assert [(s.name, s.parent, s.share) for s in more] == [
         ("to_Ao_1", "", 1.0),
         ("Ao", "to_Ao_1", pytest.approx(0.55)),
@@ -332,7 +332,7 @@ def test_where_side_branches_go() -> None:
     np.testing.assert_allclose(flow["Ao"] + flow["to_Ao_1_side"], 1.0, rtol=1e-14)
     np.testing.assert_allclose(flow["Ao_side"] + 0.1, flow["Ao"], rtol=1e-14)
     assert [s.name for s in branches] == ["Ao", "to_Ao_1_side"] and np.all(np.diff(flow["Ao"]) > 0.0)
-    assert branched([Branch("Fem", "", "Fem", 0.06, 1.0, measured=True)], "Ao") == []
+    assert with_side_branch([Section("Fem", "", "Fem", 0.06, 1.0, measured=True)], "Ao") == []
 
 
 # --- the network --------------------------------------------------------------------------------------------------

@@ -64,8 +64,8 @@ def first_of(
         ) from None
     write_whole(path, found.text)
     animal = "the stated animal" if {"like", "mass"} & options.given.keys() else "a mammal of this stroke volume"
-    said = (
+    note = (
         f"no model was given: {path} was made from the record, with values of {animal} where the record says nothing "
         "(--like, --mass); arterial-fmu first shows how each number was found."
     )
-    return path, [said, *found.notes]
+    return path, [note, *found.notes]

@@ -11,7 +11,7 @@ from scipy.special import chdtrc
 from fitting.first.doubts import means_along
 from fitting.first.spread import accuracy
 from fitting.inference.forward import Single
-from fitting.inference.hypothesis import Term, candidates
+from fitting.inference.hypothesis import PlacedEffect, candidates
 from fitting.inference.models.bench import bench
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.prior import Calibrated
@@ -54,7 +54,7 @@ class Study:
     fitted: Beats
     held_out: Beats
     problem: Single
-    terms: tuple[Term, ...]
+    terms: tuple[PlacedEffect, ...]
     warnings: tuple[str, ...] = ()
 
     @property
@@ -81,7 +81,7 @@ def prepare(
         if INFLOW in record.channels:
             whole = network_problem(fitted, network, channels(record, network), runs, prior, accuracy(network))
             problem: Single = whole
-            warnings += *seam_note(fitted, whole.signals, whole.felt), *_means_along(beats, network)
+            warnings += *seam_note(fitted, whole.signals, whole.variation), *_means_along(beats, network)
         else:
             site = bench_site(record, network)
             problem = bench(fitted, network, site)
@@ -125,14 +125,14 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
             f"{beats.n_beats} beats have all channels, which is too few (at least {least}); cut the record to where "
             f"all were measured, record more beats, or leave the channel out."
         )
-    held = max(2, math.floor(thresholds.HELD_OUT * len(whole)))
-    fitted, kept = beats.select(whole[:-held]), beats.select(whole[-held:])
-    for part, what in ((fitted, "fitted"), (kept, "kept apart to judge by")):
+    n_held_out = max(2, math.floor(thresholds.HELD_OUT * len(whole)))
+    fitted, kept = beats.select(whole[:-n_held_out]), beats.select(whole[-n_held_out:])
+    for part, label in ((fitted, "fitted"), (kept, "kept apart to judge by")):
         for channel, values in part.values.items():
             if lost := float(np.isnan(values).all(axis=0).mean()):  # phases without a sample in any beat
                 raise Unusable(
                     f"{part.source}: {channel} lacks {1.0 - there[channel].mean():.0%} of its samples, and the "
-                    f"{part.n_beats} beats that are {what} have none of it over {lost:.0%} of a beat; cut the record "
+                    f"{part.n_beats} beats that are {label} have none of it over {lost:.0%} of a beat; cut the record "
                     f"to where it was measured, record more beats, or leave the channel out."
                 )
     check_scatter(fitted)
@@ -165,9 +165,9 @@ def channels(record: Record, network: Network) -> tuple[str, ...]:
     foreign = [n for n in names if n not in known]
     if foreign or not names:
         sites = ", ".join(site.name for site in network.sites)
-        what = f"its channel {foreign[0]} is no output of" if foreign else f"it has no channel but {INFLOW} of"
+        mismatch = f"its channel {foreign[0]} is no output of" if foreign else f"it has no channel but {INFLOW} of"
         raise Unusable(
-            f"{record.path}: {what} network {network.name} (sites {sites}); use the network that was recorded, add "
+            f"{record.path}: {mismatch} network {network.name} (sites {sites}); use the network that was recorded, add "
             f"the site to it, or leave the channel out."
         )
     return names

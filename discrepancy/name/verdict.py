@@ -13,7 +13,7 @@ import numpy as np
 
 from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.model_discrepancy import Beside, settled
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.source_maps.source_map import SourceMap
@@ -48,7 +48,7 @@ class Naming:
     ranked: tuple[Named, ...]
     members: tuple[Named, ...]
     columns: Mapping[str, Array]
-    terms: tuple[Term, ...]
+    terms: tuple[PlacedEffect, ...]
     confidence: float
     reason: str | None = None
     complete: bool = True
@@ -82,7 +82,11 @@ class Naming:
 
 
 def decided(
-    found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True, approximate: Sequence[Named] = ()
+    found: Compared,
+    terms: Sequence[PlacedEffect],
+    beside: Freed,
+    complete: bool = True,
+    approximate: Sequence[Named] = (),
 ) -> Naming:
     """The verdict on all that were compared. beside : returns a hypothesis with model discrepancy. approximate :
     hypotheses with a model error of the channels (:mod:`discrepancy.name.approximate`)."""
@@ -96,11 +100,11 @@ def decided(
     return replace(made, confidence=min(made.confidence, most), complete=complete)
 
 
-def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximate: Sequence[Named]) -> Naming:
+def _decided(found: Compared, terms: tuple[PlacedEffect, ...], beside: Freed, approximate: Sequence[Named]) -> Naming:
     problem, none = found.problem, found.none
     exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
-    held = ((n, beside(n)) for n in _discrepancy_candidates(found, exact))
-    loose = [with_errors(n, errors) for n, errors in held if errors is not None]
+    widened = ((n, beside(n)) for n in _discrepancy_candidates(found, exact))
+    loose = [with_errors(n, errors) for n, errors in widened if errors is not None]
     ways = ranked([*exact, *(n for n in loose if not _by_a_law(n, exact)), *_with_shown(approximate)])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
     if none.explains:
@@ -120,8 +124,8 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximat
     if best.errors is not None:
         return _partial(replace(unknown, confidence=confidence), found, ways, approximate)
     same = tuple(n for n in ways if n.errors is None and n.fit.terms)
-    rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
-    order = apart([*same, *rest])
+    others = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
+    order = apart([*same, *others])
     members = _class(order[: len(same)])
     return replace(
         unknown,
@@ -224,11 +228,11 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named], approximat
     assert best.errors is not None
     wide = problem.widened(best.errors)
     own = set[str]() if best.places else {n.key for n in approximate}
-    held = [none, exact, *(n for n in found.ranked if n is not exact)]
-    fits = wide.restated([n.fit for n in held], problem)
+    compared = [none, exact, *(n for n in found.ranked if n is not exact)]
+    fits = wide.restated([n.fit for n in compared], problem)
     # hypotheses fitted with their own error keep their point: the error of the best one is too small for them
-    fits = [f if n.key in own else settled(f) for n, f in zip(held, fits, strict=True)]
-    none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(held, fits, strict=True))
+    fits = [f if n.key in own else settled(f) for n, f in zip(compared, fits, strict=True)]
+    none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(compared, fits, strict=True))
     loose = [n for n in ways if n.errors is not None]
     chance = {n.key: sum(m.probability for m in loose if m.key == n.key) for n in loose}
     above = {n.key: n.score - best.score for n in reversed(loose)}  # each with its own errors

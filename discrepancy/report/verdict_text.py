@@ -141,14 +141,16 @@ def not_compared(outcome: Outcome) -> str:
     """The part of the catalogue that an incomplete search did not compare, in words, as far as it is known."""
     table = outcome.isolability
     tried = {name for candidate in outcome.candidates for name in candidate.name.split(" + ")}
-    seen = table is not None and table.labels  # then only another kind of outlet waits for its turn
-    left = [name for name in outcome.not_judged if name not in tried and (not seen or entry(name).rewires)]
-    if table is None or not left or (tried and not seen):  # how much a first test saw is not known
+    observed = table is not None and table.labels  # then only another kind of outlet waits for its turn
+    missing = [name for name in outcome.not_judged if name not in tried and (not observed or entry(name).rewires)]
+    if table is None or not missing or (tried and not observed):  # how much a first test saw is not known
         return "not all candidates were compared"
     number = len(table.labels) + len(table.not_judged)
-    if len(left) == number:
+    if len(missing) == number:
         return f"none of the {number} effects of the catalogue was compared"
-    return f"{len(left)} of the {number} effects of the catalogue {'was' if len(left) == 1 else 'were'} not compared"
+    return (
+        f"{len(missing)} of the {number} effects of the catalogue {'was' if len(missing) == 1 else 'were'} not compared"
+    )
 
 
 def _why(outcome: Outcome, effect: Effect) -> str:
@@ -243,14 +245,14 @@ def joined(text: str, more: str) -> str:
 
 def map_sentences(shown: SourceMapShown) -> list[str]:
     """The source map in sentences, and the χ² that remains with it."""
-    left = f"χ² is {number(shown.chi2_per_datum)} per datum"
+    misfit = f"χ² is {number(shown.chi2_per_datum)} per datum"
     if not shown.acting and shown.explains:
-        return [f"No place shows a residual beyond noise: {left} with the subject’s own numbers alone."]
+        return [f"No place shows a residual beyond noise: {misfit} with the subject’s own numbers alone."]
     if not shown.acting:
-        return [f"The residual exceeds the noise, but no place explains it: {left}."]
+        return [f"The residual exceeds the noise, but no place explains it: {misfit}."]
     return [
         acts_as(shown, "The missing physics"),
-        f"With these terms, {'only noise' if shown.explains else 'more than noise'} remains: {left}.",
+        f"With these terms, {'only noise' if shown.explains else 'more than noise'} remains: {misfit}.",
     ]
 
 

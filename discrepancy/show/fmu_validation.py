@@ -185,14 +185,14 @@ def _not_fallen_in(each: Sequence[Recorded]) -> str:
 
 def not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
     """The reason why some recordings do not support a name or a law; "" if they do, or if there are none."""
-    told = [(r, r.fallen, r.sd) for r in each if r.fallen is not None and r.sd is not None]
-    if not told:
+    compared = [(r, r.fallen, r.sd) for r in each if r.fallen is not None and r.sd is not None]
+    if not compared:
         return ""
-    fallen, sd = sum(f for _, f, _ in told), math.sqrt(sum(s**2 for _, _, s in told))
+    fallen, sd = sum(f for _, f, _ in compared), math.sqrt(sum(s**2 for _, _, s in compared))
     if fallen <= at.FALL * sd:
-        over = f"over {', '.join(r.label for r, _, _ in told)} " if labelled else ""
+        over = f"over {', '.join(r.label for r, _, _ in compared)} " if labelled else ""
         return over + _no_fall(fallen, sd)
-    for r, own, spread in told:
+    for r, own, spread in compared:
         if own < -at.FALL * spread or ((r.d or 0.0) >= at.VISIBLE and own <= at.FALL * spread):
             return f"in {r.label} {_no_fall(own, spread)}"
     return ""

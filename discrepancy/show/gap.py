@@ -160,8 +160,8 @@ def changed(before: Gap, after: Gap) -> str:
     without = stays and (_of_means(before) or _of_means(after))
     first, last = (held_out(each.pulsation if without else each.rms) for each in (before, after))
     rms = changes(first, last, held_out(before.channels))
-    said = f"rms without the means: {rms}" if without else rms
-    return f"{change(before, after)} times the noise" + (f" ({said})" if rms else "")
+    text = f"rms without the means: {rms}" if without else rms
+    return f"{change(before, after)} times the noise" + (f" ({text})" if rms else "")
 
 
 def _of_means(gap: Gap) -> bool:
@@ -173,8 +173,8 @@ def _of_means(gap: Gap) -> bool:
 def left(gap: Gap) -> str:
     """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P". That of
     the pulsation follows if means are most of a channel's: those of beats wander, and zeros of sensors are off."""
-    shown = [sizes(held_out(each), held_out(gap.channels)) for each in (gap.rms, gap.pulsation)]
-    rms = "; without the means ".join(shown if _of_means(gap) else shown[:1])
+    texts = [sizes(held_out(each), held_out(gap.channels)) for each in (gap.rms, gap.pulsation)]
+    rms = "; without the means ".join(texts if _of_means(gap) else texts[:1])
     return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
 
 

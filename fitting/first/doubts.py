@@ -9,7 +9,7 @@ import numpy as np
 
 from solver.quantities.units import INFLOW, MMHG, of_signal
 
-from ..records import limits as limit
+from ..records import limits
 from ..records.alignment.beats import Beats
 from .estimates import FirstEstimate, radius_at, speeds
 from .fitted import Delay
@@ -84,7 +84,7 @@ class ChannelComparison:
 def means_apart(row: ChannelComparison) -> str:
     """A sentence if the model misses the mean of a channel by more than half its pulse; "" if not."""
     unit, shown = of_signal(row.channel)
-    if abs(row.mean[1] - row.mean[0]) <= limit.BEYOND * row.pulse[0]:
+    if abs(row.mean[1] - row.mean[0]) <= limits.BEYOND * row.pulse[0]:
         return ""
     measured, model = (f"{shown * mean:.3g} {unit}" for mean in row.mean)
     return (

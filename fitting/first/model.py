@@ -30,7 +30,6 @@ from solver.quantities.units import INFLOW
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
-from .branches import Branch, branched, layouts, parents
 from .data import Data
 from .doubts import ChannelComparison, doubts, late_flow, means_apart
 from .estimates import (
@@ -47,6 +46,7 @@ from .estimates import (
 )
 from .fitted import Delay, Fitted, delayed, fitted, of_owner
 from .options import VENOUS
+from .sections import Section, layouts, parents, with_side_branch
 from .species import Typical, by_stroke, typical
 from .tubes import KEYS, Tube, made, mean_speed, windkessel
 from .waves import heard
@@ -113,21 +113,21 @@ def first_model(
         Path(beats.source).name, beats.sha256, like or "", usual.source, beats.T, P, P_venous, root, _inflow(beats)
     )
 
-    def with_compliance(C: FirstEstimate, tubes: Sequence[Branch]) -> _Parts:
+    def with_compliance(C: FirstEstimate, tubes: Sequence[Section]) -> _Parts:
         walls = made(tubes, c.value, area, usual)
-        stored, most, said = sum(wall.branch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
+        stored, most, notes_here = sum(wall.section.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
-            said.append(
+            notes_here.append(
                 f"by the times of the waves, tubes would store {stored / C.value:.0%} of the compliance; they are made "
                 f"shorter and store {_MOST:.0%}."
             )
             shorter = [replace(tube, time=tube.time * most / stored) for tube in tubes]
             walls = made(shorter, c.value, area, usual)
-        rest = C.value - min(stored, most)
-        ends = {wall.branch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.branch.end}
-        return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, said)
+        peripheral = C.value - min(stored, most)
+        ends = {wall.section.name: windkessel(wall, walls, R.value, peripheral) for wall in walls if wall.section.end}
+        return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, notes_here)
 
-    def of_layout(tubes: Sequence[Branch], before: Fitted | None = None) -> _Layout | None:
+    def of_layout(tubes: Sequence[Section], before: Fitted | None = None) -> _Layout | None:
         models = [with_compliance(C, tubes).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
         parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
         fit = fitted(data, model.network, bool(distances), tubes, before)
@@ -137,7 +137,7 @@ def first_model(
     plain = layouts(beats, root, upstream, times, echo.value / 2.0, area, bool(paths))
     best = min(filter(None, map(of_layout, plain)), key=lambda each: each.fit.price)
     for _ in range(_BRANCHES):
-        tubes = branched(best.tubes, root)
+        tubes = with_side_branch(best.tubes, root)
         other = of_layout(tubes, best.fit) if tubes else None
         if other is None or other.fit.price >= best.fit.price:
             break
@@ -150,7 +150,7 @@ def first_model(
 class _Layout:
     """Tubes, their network as estimated, the contents of its file, and the fit."""
 
-    tubes: Sequence[Branch]
+    tubes: Sequence[Section]
     network: Network
     parts: _Parts
     fit: Fitted
@@ -174,8 +174,8 @@ class _Parts:
         tubes = [
             replace(
                 t,
-                branch=replace(t.branch, share=t.branch.share * fit.share[t.branch.name]),
-                **{key: getattr(t, key) * x for key, x in of_owner(f, t.branch.name).items()},
+                section=replace(t.section, share=t.section.share * fit.share[t.section.name]),
+                **{key: getattr(t, key) * x for key, x in of_owner(f, t.section.name).items()},
             )
             for t in self.tubes
         ]
@@ -192,9 +192,9 @@ class _Parts:
             self.source, self.found, self.tubes, self.windkessels, self.notes, self.factor, self.late
         )
         network = loads(file, f"first model of {beats.source}")
-        shown = _shown(beats, network)
-        notes = *self.notes, *filter(None, map(means_apart, shown)), *network_doubts(network)
-        return self, FirstModel(network, file, self.found, shown, notes)
+        comparison = _shown(beats, network)
+        notes = *self.notes, *filter(None, map(means_apart, comparison)), *network_doubts(network)
+        return self, FirstModel(network, file, self.found, comparison, notes)
 
 
 def _speed_and_area(
