@@ -21,6 +21,7 @@ from typing import Any
 from fitting.calibrate.calibration_prior import Prior
 from fitting.check.fmu_build import build_fmu
 from fitting.check.fmu_run import RunFailed, read_fmu
+from fitting.first.options import FirstOptions
 from fitting.first.spread import is_first, spread
 from fitting.inference.extended_network import extended
 from fitting.inference.fit import Array, Fit
@@ -84,6 +85,7 @@ def discover(
     filters: Iterable[str] = (),
     as_measured: bool = False,
     backend: str = "auto",
+    first: FirstOptions | None = None,
     progress: Progress = lambda fraction, label: None,
 ) -> Outcome:
     """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and model.toml and model.fmu
@@ -94,10 +96,10 @@ def discover(
     further : other recordings of the same subject. Walls, geometry, sensors and effects are common; ``varies``,
     "*.outlet.R2", names parameters that each recording has of its own. hold_out : recordings that no fit uses, for
     validation.
-    model : a network file, the name of a bundled network, or an FMU; None: a first model is made from the record and
-    written as ``<out>/first.toml``. period : of the beat [s], estimated by default. walls : "common" or "individual";
-    by default the more probable. prior : the result of ``arterial-fmu calibrate``; its values and covariance replace
-    those of the network file and the stated spreads.
+    model : a network file, the name of a bundled network, or an FMU; None: a first model is made from the record, with
+    the options ``first``, and written as ``<out>/first.toml``. period : of the beat [s], estimated by default. walls :
+    "common" or "individual"; by default the more probable. prior : the result of ``arterial-fmu calibrate``; its values
+    and covariance replace those of the network file and the stated spreads.
     time_limit : for naming and every later refit [s]; after it the best answer so far is given. Learning a law of the
     remaining misfit may take three tenths of it more. Single simulations for set-up and validation (FMUs, candidates on
     held-out beats) are not included. backend : of the FMUs that validate, "numpy", "native" or "auto"
@@ -112,9 +114,14 @@ def discover(
     started = time.perf_counter()
     asked = Asked(
         period, walls, prior, time_limit, jobs, tuple(filters), tuple(further), tuple(varies), tuple(hold_out),
-        backend,
+        backend, first or FirstOptions(),
     )  # fmt: skip
     asked.check()
+    if model is not None and asked.first.given:
+        raise InputError(
+            f"{', '.join(asked.first.given)}: these are options of a first model, which is made if no model is given; "
+            f"leave them out, or --model {os.fspath(model)}."
+        )
     check_one(reading.beside if reading else (), len(asked.others) + 1)
     outcome, fmu, journal = _studied(record, model, Path(out), asked, reading, as_measured, progress)
     outcome = replace(outcome, seconds=time.perf_counter() - started)
@@ -134,7 +141,7 @@ def _studied(
     notes: list[str] = []
     if model is None:
         check_folder(folder, [record, asked.prior, *asked.others])
-        model, notes = first_of(measured, folder, asked.period, as_measured)
+        model, notes = first_of(measured, folder, asked.period, as_measured, asked.first)
     network = with_filters(described or read_model(model), asked.filters)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     if known is None and asked.walls != COMMON and is_first(network):

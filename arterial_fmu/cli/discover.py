@@ -69,6 +69,11 @@ def discover_command(
             "is reported. The runs of the FMUs take additional time."
         ),
     ] = "5 min",
+    like: options.Like = None,
+    mass: options.Mass = None,
+    venous: options.Venous = None,
+    distance: options.Distances = None,
+    path: options.Paths = None,
     filters: options.Filters = None,
     mapped: options.Mapped = None,
     beside: options.Beside = None,
@@ -89,7 +94,7 @@ def discover_command(
         asked = Asked(
             options.seconds(period, "--period"), walls, prior, parse_quantity(time_limit, "s", "--time-limit"),
             cores() if jobs is None else jobs, tuple(filters or ()), tuple(further or ()), tuple(varies or ()),
-            tuple(hold_out or ()), backend,
+            tuple(hold_out or ()), backend, options.first_options(like, mass, venous, distance, path),
         )  # fmt: skip
         asked.check()
         if model is not None:

@@ -25,7 +25,7 @@ from solver.linear import waveforms
 from solver.network.description import Fluid, Network
 from solver.network.doubts import network_doubts
 from solver.network.files import loads
-from solver.quantities.units import INFLOW, MMHG
+from solver.quantities.units import INFLOW
 
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
@@ -45,14 +45,14 @@ from .estimates import (
     speeds,
 )
 from .fitted import Delay, Fitted, delayed, fitted, of_owner
+from .options import VENOUS
 from .sections import Section, layouts, parents, with_side_branch
-from .species import Typical, typical
+from .species import Typical, by_stroke, typical
 from .tubes import KEYS, Tube, made, mean_speed, windkessel
 from .waves import heard
 
 Array = np.ndarray
 
-VENOUS = 5.0 * MMHG  # as in the bundled network human
 _MOST = 0.85  # of the compliance: upper limit of the tubes
 _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c
 _DISTANCE = 0.1  # the same of a length that is given
@@ -76,7 +76,7 @@ class FirstModel:
 
 def first_model(
     beats: Beats,
-    like: str = "human",
+    like: str | None = None,
     *,
     mass: float | None = None,
     P_venous: float = VENOUS,
@@ -85,7 +85,8 @@ def first_model(
 ) -> FirstModel:
     """The first model of a recording with inlet.Q and a pressure at the root, and P, Q or R at other sites.
 
-    like : species whose typical aorta replaces missing measurements; mass : of the body [kg]. P_venous [Pa].
+    like : species whose typical aorta replaces missing measurements; mass : of the body [kg]. Without both, it is a
+    human one scaled to the stroke volume. P_venous [Pa].
     distances : of sites from the root, along the vessels [m]; they give the wave speed. paths : "Ao,CA" and "Ao,FA",
     the sites along each path; by default one path in the order of the delays. Of two estimates of C, the model uses the
     one that fits the pressure at the root better.
@@ -96,19 +97,20 @@ def first_model(
     R = resistance(beats, channel, P_venous)
     Z = impedance(beats, channel)
     delays = {site: delay(beats, channel, site) for site in sites(beats) if site != root}
-    usual = typical(like, mass)
+    stated = like is not None or mass is not None
+    usual = typical(like or "human", mass) if stated else by_stroke(float(beats.mean(INFLOW).mean()) * beats.T)
     c, area, radius = _speed_and_area(beats, channel, Z, usual, delays, distances or {})
     echo = reflection_time(beats, channel, Z.value)
     times = {site: found.value for site, found in delays.items()}
     P = float(beats.mean(channel).mean())
-    notes = list(doubts(beats, channel, R, Z, usual.mass, list(delays)))
+    notes = list(doubts(beats, channel, R, Z, usual.mass if stated else None, list(delays)))
     if not _USUAL[0] <= c.value <= _USUAL[1]:
         notes.append(
             f"a wave speed of {c.value:.3g} m/s is not an artery's; check the unit of {INFLOW}, or give a distance "
             "(--distance), another species (--like) or the body mass (--mass)."
         )
     source = text.ModelSource(
-        Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)
+        Path(beats.source).name, beats.sha256, like or "", usual.source, beats.T, P, P_venous, root, _inflow(beats)
     )
 
     def with_compliance(C: FirstEstimate, tubes: Sequence[Section]) -> _Parts:

@@ -26,9 +26,9 @@ _LARGE = 0.3  # larger relative standard deviations are given as factors
 
 @dataclass(frozen=True)
 class ModelSource:
-    """The source of a first model: file name and hash of the record, species and source of its typical aorta, period
-    [s], mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics of the inflow
-    Q : (K+1,) [m³/s]."""
+    """The source of a first model: file name and hash of the record, species ("": not stated) and source of its typical
+    aorta, period [s], mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics
+    of the inflow Q : (K+1,) [m³/s]."""
 
     record: str
     sha256: str
@@ -88,7 +88,7 @@ def _head(source: ModelSource, found: Iterable[FirstEstimate], notes: Iterable[s
         *(f"# Doubtful: {note}" for note in notes),
         "",
         'name = "first"',
-        f'species = "{source.like}"',
+        *([f'species = "{source.like}"'] if source.like else []),
         f'reference = "{REFERENCE}{source.record}, sha256 {source.sha256[:16]}"',
         "",
         "[network]",

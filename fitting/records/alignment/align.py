@@ -15,6 +15,7 @@ from ..read.record import Array, Record
 from ..read.sensors import converter_step
 from .beats import Beats, require_phases
 from .equal_beats import Grid, check_steady, grid, strict_period, without_jitter
+from .limited import limited_sensors
 from .period import PeriodFound, usual_period
 from .spikes import without_spikes
 from .upstrokes import find_upstrokes, without_gaps
@@ -44,7 +45,7 @@ def align(record: Record, period: float | None = None) -> Beats:
         singly = replace(cut, channels={name: without_gaps(x) for name, x in channels.items()})
     else:
         values, shifts = without_jitter(values, T)
-    notes = (*record.said, *notes)
+    notes = (*record.said, *notes, *limited_sensors(values, T))
     beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, singly, record.told, notes)
     check_steady(beats.unsteadiness, T, record.path)
     return beats
