@@ -153,8 +153,8 @@ def summary(
 
 
 def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
-    """The source map, with each place's share of the gap if something acts; None without a map. Several recordings
-    have that of the first."""
+    """The source map, with each place's share of the gap if something acts; None without a map. With several
+    recordings it is that of the first."""
     if naming.map is None:
         return None
     whole = study.problem if naming.map.signals else None
@@ -237,10 +237,9 @@ def sentence(
 ) -> str:  # fmt: skip
     """The verdict in one sentence, and a second one if the search was incomplete or no law explains everything.
 
-    acting : the source map, which then describes what is missing. reading : the simplest one of a sensor, as a delay of
-    the drive or a low-pass, or "".
-    kind : of the study. An effect that leaves more than noise may itself stand for what the model lacks. invisible :
-    effects that would not show in the record.
+    acting : the source map, which then describes the missing physics. reading : the simplest interpretation by a
+    sensor, such as a delay of the drive or a low-pass, or "". kind : of the study. An effect that leaves more than
+    noise may itself stand for what the model lacks. invisible : effects that would not show in the record.
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":

@@ -188,8 +188,8 @@ class Recordings:
     def unseen_by(
         self, base: Fit, law: Fit, there: Callable[[Study], Study], before: FreeRun, after: FreeRun
     ) -> list[Recorded]:
-        """The free runs of the recordings that are held out whole, without and with a learned law. Those that cannot be
-        simulated are left out: the verdict has said so.
+        """The free runs of the recordings that are held out whole, without and with a learned law. Recordings that
+        cannot be simulated are omitted: a warning of the verdict already reports them.
 
         base : fit without the law. there : the study of a recording with the ranges of the law in its network.
         """
@@ -314,7 +314,8 @@ def _check_alike(record: Record, other: Record) -> None:
 
 
 def joined(gaps: Sequence[Gap]) -> Gap:
-    """The gap over several recordings: root mean squares over all, for a channel over those that have it."""
+    """The gap over several recordings: root mean squares over all recordings, of a channel over the recordings that
+    have it."""
 
     def mean(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
         fitted, held_out = np.sqrt(np.mean(np.square(pairs), axis=0))
@@ -358,8 +359,8 @@ def drives(study: Study, base: Fit, best: Fit | None) -> tuple[Array, Array]:
 
 
 def _refitted(whole: Several, study: Study, fit: Fit) -> Fit:
-    """A fit to the fitted recordings as one to a held-out one: the common unknowns are fixed, and those that vary are
-    fitted to it, from their mean."""
+    """A fit to the fitted recordings, transferred to a held-out one: the common unknowns stay fixed, and the varying
+    ones are fitted to it, from their mean."""
     each = [whole.own(fit.unknowns, i) for i in range(len(whole.parts))]
     unknowns, x = each[0][0], np.mean([fit.x[which] for _, which in each], axis=0)
     present = {v for u in unknowns for v in u.variables}

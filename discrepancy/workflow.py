@@ -92,24 +92,21 @@ def discover(
     if an effect was added.
 
     record : a file; ``reading`` assigns its columns. filters : of its channels, "inlet.Q=lowpass 10 Hz", beside those
-    of the model. as_measured : accept values that are implausible for an artery.
-    further : other recordings of the same subject. Walls, geometry, sensors and effects are common; ``varies``,
-    "*.outlet.R2", names parameters that each recording has of its own. hold_out : recordings that no fit uses, for
-    validation.
-    model : a network file, the name of a bundled network, or an FMU; None: a first model is made from the record, with
-    the options ``first``, and written as ``<out>/first.toml``. period : of the beat [s], estimated by default. walls :
-    "common" or "individual"; by default the more probable. prior : the result of ``arterial-fmu calibrate``; its values
-    and covariance replace those of the network file and the stated spreads.
-    time_limit : for naming and every later refit [s]; after it the best answer so far is given. Learning a law of the
-    remaining misfit may take three tenths of it more. Single simulations for set-up and validation (FMUs, candidates on
-    held-out beats) are not included. backend : of the FMUs that validate, "numpy", "native" or "auto"
-    (:func:`fitting.check.fmu_build.build_fmu`); model.fmu is in any case the one that ``arterial-fmu build`` makes.
-    jobs : number of simulating processes, this one included. The others import this package and nothing of the calling
-    script, which needs no ``if __name__ == "__main__"``. progress : called with the fraction done and the stage. An
-    interrupted study continues where it stopped.
-    Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
-    readable record that cannot be used gives the verdict "unusable", which does not overwrite the study of a usable
-    record; without a model it is rejected.
+    of the model. as_measured : accept values that are implausible for an artery. further : other recordings of the same
+    subject. Walls, geometry, sensors and effects are common; ``varies``, "*.outlet.R2", names parameters of which each
+    recording has its own value. hold_out : recordings that no fit uses, for validation. model : a network file, the
+    name of a bundled network, or an FMU; None: a first model is made from the record, with the options ``first``, and
+    written as ``<out>/first.toml``. period : of the beat [s], estimated by default. walls : "common" or "individual";
+    by default the more probable. prior : the result of ``arterial-fmu calibrate``; its values and covariance replace
+    those of the network file and the stated spreads. time_limit : for naming and every later refit [s]; after it the
+    best answer so far is given. Learning a law of the remaining misfit may take three tenths of it more. Single
+    simulations for set-up and validation (FMUs, candidates on held-out beats) are not included. backend : of the FMUs
+    that validate, "numpy", "native" or "auto" (:func:`fitting.check.fmu_build.build_fmu`); model.fmu is in any case the
+    one that ``arterial-fmu build`` makes. jobs : number of simulating processes, this one included. The others import
+    this package and nothing of the calling script, which needs no ``if __name__ == "__main__"``. progress : called with
+    the fraction done and the stage. An interrupted study continues where it stopped. Raises ValueError for a file, a
+    model or a prior that cannot be read and for a folder that cannot be written. A readable record that cannot be used
+    gives the verdict "unusable", which does not overwrite the study of a usable record; without a model it is rejected.
     """
     started = time.perf_counter()
     asked = Asked(

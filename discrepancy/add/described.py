@@ -1,4 +1,5 @@
-"""If no law is found: a network with the source map's signals as tables, which describe and explain nothing."""
+"""If no law is found: a network with the source map's signals as tables, which describe the record without explaining
+it."""
 
 from __future__ import annotations
 

@@ -43,8 +43,8 @@ def read_model(path: str | os.PathLike[str]) -> Network:
 def first_of(
     record: Record | UnusableRecord, folder: Path, period: float | None, as_measured: bool, options: FirstOptions
 ) -> tuple[Path, list[str]]:
-    """Write the first model of a record into the folder of the study; returns its file, and sentences: one about
-    it, and what ``first`` notes of the record.
+    """Write the first model of a record into the folder of the study; returns its file, a sentence about the
+    model, and the notes of ``first`` about the record.
 
     period : of the beat [s], estimated by default. as_measured : accept values that are implausible for an artery.
     Raises ValueError for an unusable record, one without flow and pressure at the root, and an existing file that was

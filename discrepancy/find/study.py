@@ -96,7 +96,7 @@ def prepare(
 
 
 def _means_along(beats: Beats, network: Network) -> tuple[str, ...]:
-    """Doubts about the zeros of pressures under a first model, whose radii may take the place of one that is off."""
+    """Doubts about the zeros of pressures under a first model, whose radii may compensate a wrong zero."""
     at_inlet = [s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0]
     roots = [f"{name}.P" for name in at_inlet if f"{name}.P" in beats.values]
     sites = [s.name for s in network.sites if s.name not in at_inlet]

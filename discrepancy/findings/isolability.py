@@ -1,9 +1,9 @@
 """Isolability of effects by a sensor set: separations between effects of typical size, with or without data.
 
 For two effects with whitened columns a and b (the change of all data by an effect of typical size), the part that the
-nuisance parameters can absorb is projected out of both. The norm of the rest of a is its visibility d'; the least norm
-of a - s b over all sizes s is the separation of a from b. It is not symmetric: a strong effect may be far from a weak
-one that is near to it.
+nuisance parameters can absorb is projected out of both. The norm of the remainder of a is its visibility d'; the least
+norm of a - s b over all sizes s is the separation of a from b. It is not symmetric: a strong effect may be far from a
+weak effect that is itself near to the strong one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Isolability:
     labels : names of effects, each at its most visible place. separation : (n, n) least d' of a row's effect, of
     typical size, after the refit of a column's effect at any of its places (0 on the diagonal). visibility : (n,) d' of
     each after the nuisance refit. invisible : effects below INVISIBLE. not_judged : effects without a derivative here,
-    as a change of outlet kind, or those that individual walls already contain.
+    such as a change of outlet kind, and effects that individual walls already contain.
     """
 
     labels: tuple[str, ...]
@@ -134,6 +134,6 @@ def _typical(projection: Array) -> Array:
 
 
 def _apart(a: Array, b: Array) -> float:
-    """The norm of the rest of a after a least-squares fit of the columns b."""
+    """The norm of the remainder of a after a least-squares fit of the columns b."""
     fit = np.linalg.lstsq(b, a, rcond=1e-10)[0]
     return float(np.linalg.norm(a - b @ fit))

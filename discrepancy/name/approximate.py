@@ -1,10 +1,10 @@
 """Hypotheses of a network that is only approximately right, each with the model error that its own residual shows.
 
-If no hypothesis leaves only noise, noise is a wrong weight. Where harmonics are known to 0.01 mmHg and means to 0.5
-mmHg, it gives up the means, and every search ends in the minimum nearest to its start. So hypotheses are fitted as a
-calibration is (:mod:`fitting.inference.joint.model_error`): a random error of every channel, of the size that makes the
-residual most probable, stands for what the network lacks. A law that explains more leaves a smaller error, and the
-evidence contains its volume,
+If no hypothesis leaves only noise, the noise is a wrong weight. Where harmonics are known to 0.01 mmHg and means to 0.5
+mmHg, a fit weighted by it sacrifices the means, and every search ends in the minimum nearest to its start. Hypotheses
+are therefore fitted with the model error of a calibration (:mod:`fitting.inference.joint.model_error`): a random error
+of every channel, of the size that makes the residual most probable, stands for the physics that the network lacks. A
+law that explains more leaves a smaller error, and the evidence contains its volume,
 
     -2 ln p = zᵀ (1 + E)⁻¹ z + ln det(1 + E) + …,    E : covariance of the error, whitened as z is.
 """

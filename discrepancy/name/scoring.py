@@ -198,7 +198,7 @@ class Compared:
     def of(
         cls, problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[PlacedEffect, ...]
     ) -> Compared:
-        """Score fits, one without effect among them; of two fits of one hypothesis, the more probable one counts."""
+        """Score fits, among them one without effect. Of two fits of one hypothesis the more probable one counts."""
         known: dict[str, Named] = {}
         for n in (weighed(problem, f, terms) for f in fits):
             if n.key not in known or n.score < known[n.key].score:

@@ -137,8 +137,8 @@ def _decided(found: Compared, terms: tuple[PlacedEffect, ...], beside: Freed, ap
 
 
 def _with_aliases(ways: Sequence[Named]) -> tuple[Named, ...]:
-    """Add the probability of faults that the record cannot show to that of the exact model without effect, whose
-    aliases they are if it explains the record."""
+    """Add the probability of faults that the record cannot show to that of the exact model without effect: if this
+    model explains the record, they are its aliases."""
     hidden = sum(n.probability for n in ways if not n.shown)
     return tuple(
         n if n.fit.terms or n.errors is not None else replace(n, probability=n.probability + hidden)
@@ -176,9 +176,9 @@ def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
 
 def _discrepancy_candidates(found: Compared, exact: Sequence[Named]) -> list[Named]:
     """Hypotheses that are also evaluated with an error of the model: no effect, and the most probable single effects,
-    with each member of a pair that explains the record, so that a second effect must do better than such an error. In
-    a network whose best hypothesis explains the record, no effect and that one alone; in others the most probable one
-    and those that close half of the gap, as the rest cannot be named, and a search for their places takes seconds."""
+    with each member of a pair that explains the record, so that a second effect must do better than such an error. In a
+    network whose best hypothesis explains the record, no effect and that one alone; in other networks the most probable
+    one, and those that close half of the gap. Others cannot be named, and a search for their places takes seconds."""
     if found.problem.site is None and any(n is found.best for n in exact):
         return [found.none, *([found.best] if len(found.best.fit.terms) == 1 else [])]
     single = [n for n in found.ranked if len(n.fit.terms) == 1 and n.shown]
@@ -211,7 +211,7 @@ def _exact_verdict(best: Named, members: Sequence[Named], network: Network) -> s
 
 
 def _of_one_site(best: Named, network: Network) -> bool:
-    """True for two sensors of one site; the meter of the inflow is at each site at the inlet."""
+    """True for two sensors of one site; the flow meter counts at each site at the inlet."""
     inlet = {s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0}
     sites = [t.place.rpartition(".")[0] for t in best.fit.terms if t.is_sensor]
     return len(sites) == 2 and len({"inlet" if site in inlet else site for site in sites}) == 1

@@ -211,7 +211,7 @@ def _delay(effect: NamedEffect) -> tuple[float, float, float] | None:
 
 
 def _of_channel(effect: NamedEffect) -> tuple[Sensor, dict[str, Estimate]] | None:
-    """The sensor that an effect of one channel is, and its numbers; else None."""
+    """An effect of one channel as the sensor that it describes, with its numbers; None for other effects."""
     sensor = entry(effect.name)
     if not isinstance(sensor, Sensor) or len(effect.where) != 1:
         return None
@@ -223,10 +223,10 @@ def _of_channel(effect: NamedEffect) -> tuple[Sensor, dict[str, Estimate]] | Non
 
 
 def acts_as(shown: SourceMapShown, it: str = "It") -> str:
-    """What acts at which place, how large, when in the beat and with which share of the gap; then the places that the
-    record cannot distinguish from it. Several signals make a list with a line each. "" if nothing acts.
+    """The missing physics: its place, size, time in the beat and share of the gap, and then the places that the record
+    cannot distinguish from it. Several signals make a list with a line each. "" if nothing acts.
 
-    it : the subject of the sentence. The map of one of several recordings says which.
+    it : the subject of the sentence. With several recordings the sentence names that of the map.
     """
     it = f"In {shown.recording} {it[0].lower()}{it[1:]}" if shown.recording else it
     signals = [_signal(a, shown.time) for a in shown.signals]
@@ -314,8 +314,8 @@ def axis_label(a: Acting) -> str:
 
 
 def law_text(law: LearnedLaw) -> str:
-    """A law, or tables over the beat, in sentences: its formula with the parameters, what has tested it, the gaps
-    without and with it, and its range of validity."""
+    """A law, or tables over the beat, in sentences: its formula with the parameters, its test, the gaps without and
+    with it, and its range of validity."""
     if not law.is_law:
         return (
             f"No law was found for it. {DESCRIBED} describes this recording by tables over the beat ({law.formula}) "
@@ -338,7 +338,7 @@ def _gaps(law: LearnedLaw, it: str) -> str:
 
 
 def _tested(law: LearnedLaw) -> str:
-    """Which recordings have tested a law, and what it may stand for."""
+    """The recordings that have tested a law, and the physics for which it may stand."""
     if not law.elsewhere:
         return (
             f"This is a description and no explanation: no other recording has tested it, and it may stand for "
@@ -349,7 +349,7 @@ def _tested(law: LearnedLaw) -> str:
 
 
 def stands_for(kind: str) -> str:
-    """What a term that leaves more than noise may stand for in a model of this kind."""
+    """The physics for which a term that leaves more than noise may stand in a model of this kind."""
     return "other physics" if kind == "bench" else "branches or other physics"
 
 

@@ -123,11 +123,11 @@ def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap 
     """The naming if the free runs support it; otherwise without a name, with the numbers as the reason.
 
     The FMU with the effects must run. χ² of held-out beats must fall by more than chance over all recordings together
-    and in each in which the effect has a d' of 12 (it then falls in 96 %), and rise by more than chance in none;
-    likewise over those held out whole. If the gap without the effects is only noise, the same test names an effect,
-    because χ² reveals it before the gap of all data does; but not a partial one, and none in a network with a stated
-    error, which may take any form. A partial effect must close most of the gap. A verdict ``none`` becomes unknown if
-    the model explains the record only with implausible parameters.
+    and in each in which the effect has a d' of 12 (it then falls in 96 %), and rise by more than chance in none; the
+    same holds for recordings held out as a whole. If the gap without the effects is only noise, the same test names an
+    effect, because χ² reveals it before the gap of all data does. The test names no partial effect then, and none in a
+    network with a stated error, which may take any form. A partial effect must close most of the gap. A verdict
+    ``none`` becomes unknown if the model explains the record only with implausible parameters.
 
     each : results per recording. before, after : over all fitted ones.
     """
