@@ -87,7 +87,8 @@ def discover_command(
 ) -> None:
     """Find, name and add the physics that a model lacks.
 
-    Exit codes: 0 verdict, 3 unusable record, 2 wrong input, 130 interrupted; the same command then continues the study.
+    Exit codes: 0 verdict, 3 unusable record, 2 wrong input, 130 interrupted. After an interruption the same command
+    continues the study.
     """
     with sentences():
         how = options.reading([record, *(further or ()), *(hold_out or ())], mapped, decimal, beside)
@@ -132,7 +133,8 @@ def isolability_command(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Predict, before any experiment, the effects that sensors distinguish, those they cannot see, and which to add."""
+    """Predict, before any experiment, which effects a set of sensors can distinguish or cannot see, and the sensor to
+    add."""
     with sentences():
         find_network(network)
         check_destinations(out, given=[network])

@@ -60,10 +60,10 @@ class Comparison:
 def compared_first_model(
     problem: Networks, terms: tuple[PlacedEffect, ...], runs: Runs, likely: Sequence[tuple[PlacedEffect, ...]] = ()
 ) -> Comparison:
-    """The comparison for a first model, which is approximate by its construction: no law is sought at single places, as
-    for a network whose arteries are those of the subject. If it fits within its stated accuracy, no law is compared
-    with it: that is a bound, not a random error which evidence could weigh, and recordings of one subject share it.
-    likely : hypotheses that are fitted in any case.
+    """The comparison for a first model, which is approximate by its construction: no law is sought at single places,
+    unlike for a network whose arteries are those of the subject. If the model fits within its stated accuracy, no law
+    is compared with it: the accuracy is a bound that recordings of one subject share, not a random error which evidence
+    could weigh. likely : hypotheses that are fitted in any case.
 
     Raises InputError if the model as given cannot be simulated with this record.
     """
@@ -192,8 +192,8 @@ def _fitted(problem: Networks, fit: Fit, terms: Sequence[PlacedEffect], runs: Ru
 
 
 def _at_these_points(found: Compared, each: Sequence[Approximate]) -> Compared:
-    """The comparison of these hypotheses at these points, most probable first, and of all others that leave only noise:
-    elsewhere, what is left was minimised with other weights."""
+    """The comparison of these hypotheses at these points, most probable first, and of all others that leave only noise.
+    At other points the misfit was minimised with other weights."""
     best = dict[str, Named]()
     weighted = ((a, weighed(found.problem, a.fit, found.terms)) for a in each)
     for _, exact in sorted(weighted, key=lambda pair: (pair[0].score, pair[1].score)):

@@ -39,7 +39,7 @@ _Key = tuple[str, str, float | None]  # of a place
 def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[PlacedEffect]) -> list[PlacedEffect]:
     """Candidate laws for the i-th place of the map: those of the place and its segment, and those of places that fit
     nearly as well beside the other places. Between two sites, only their laws distinguish a wall, a pressure drop, a
-    leak and an outlet. A place must fit better than having no i-th place at all."""
+    leak and an outlet. A place must fit better than a map without an i-th place."""
     mine, others = found.places[i], {p.key for j, p in enumerate(found.places) if j != i}
     most = min([at.NEAR, *(r.above for r in found.rivals if {p.key for p in r.places} == others)])
     near = [mine]
@@ -125,7 +125,7 @@ def together(
 
 
 def _near(fits: Sequence[Fit]) -> list[Fit]:
-    """Of the laws of a place, those that fit nearly as well as its best; none if that leaves more than noise."""
+    """The laws of a place that fit nearly as well as its best; none if the best leaves more than noise."""
     return [f for f in fits if f.cost < fits[0].cost + at.NEAR][: at.BRANCHES] if _explains(fits) else []
 
 
@@ -197,12 +197,13 @@ def _of_the_map(
     """The comparison after every stage with the laws that act at the places of the map. Returns the last one, and the
     places that rule out that laws of the catalogue explain the record.
 
-    A law is one course of the free source at its place, so the map bounds what laws can explain: if it leaves only
-    noise, and needs a source at each of its places, two laws explain the record only if one of them explains it in the
-    place of each source, beside the free sources of the other places; or if one acts everywhere, and explains it beside
-    the free source of the place where the other one acts. A place rules this out only if its laws leave more than noise
-    even with the model error of the first fit: what is less may have more evidence as a law of another place, which has
-    fewer numbers than a free source there. One place alone does not, as every other law is then cheaply compared.
+    The free source at a place may take any course, also that of every law there, so that the map bounds the laws.
+    Suppose that the map leaves only noise and needs a source at each of its places. Two laws then explain the record
+    only in two cases: if at each place one of them explains it instead of the source, beside the free sources of the
+    other places; or if one law acts everywhere, and explains it beside the free source of the place where the other law
+    acts. A place rules both out only if its laws leave more than noise even with the model error of the first fit: a
+    law of another place may explain a smaller misfit with more evidence, because it has fewer numbers than a free
+    source. A map with one place rules nothing out, because every other law is then cheaply compared.
 
     The sources of the other places have the courses of the map. Where several of them imitate one strong law, neither
     it nor a law at another place explains the record beside them. So a place counts only while the best hypothesis,
@@ -260,8 +261,8 @@ def _has_absorbed(first: Named) -> bool:
 
 def _from_plausible_walls(result: Compared, first: Fit, found: SourceMap, runs: Runs) -> Compared:
     """Add the laws that promise most beside those of a fit, and every change of outlet kind, from the walls of the map
-    without outliers; of the file if the map has no places. The walls of the fit, which have absorbed what else acts,
-    are no guide to a starting point."""
+    without outliers; from those of the file if the map has no places. The walls of the fit have absorbed other physics,
+    and so are no guide to a starting point."""
     problem, own = result.problem, dict(zip((u.name for u in first.unknowns), first.x, strict=True))
     assert isinstance(problem, NetworkProblem)
     plain, x = found.forced(problem, []), found.standing_out(()).x if found.places else np.zeros(len(found.x))
@@ -355,8 +356,7 @@ def _promising_beside(
     problem: NetworkProblem, result: Compared, best: Fit, base: Base, most: float, unexplained: bool, runs: Runs,
     responses: Responses,
 ) -> list[Member]:  # fmt: skip
-    """The starts of laws beside those of ``base`` that promise a cost below ``most``, and one below that known of
-    them."""
+    """The starts of laws beside those of ``base`` that promise a cost below ``most`` and below their known cost."""
     others, labels = base.member.terms, {t.label for t in base.member.terms}
     known, members = {n.key: n.fit.cost for n in result.ranked}, dict[tuple[str, bool], Member]()
     plain = [t for t in result.sought if t.label not in labels and joins(t, others)]

@@ -97,8 +97,8 @@ def _odd_text(name: str, own: OwnNumber, network: Network) -> str:
 def standing_out(unknowns: Sequence[Unknown], x: Array) -> dict[str, float]:
     """The outliers among the parameters, by the name of their unknown, with the limit [stated spreads] of their kind.
 
-    The r farthest of a kind are outliers if the r-th is beyond the limit set by the rest, whatever the other r - 1 are
-    (B. Rosner, Technometrics 25 (1983) 165): two outliers do not mask each other.
+    The r farthest of a kind are outliers if the r-th is beyond the limit set by the remaining ones, whatever the other
+    r - 1 are (B. Rosner, Technometrics 25 (1983) 165): two outliers do not mask each other.
     """
     kinds: dict[str, list[int]] = {}
     for i, u in enumerate(unknowns):
@@ -127,8 +127,8 @@ def implausible(fit: Fit) -> dict[str, float]:
 
 def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
     """If the model without effect is best but has outliers, bound these to the range of their kind, and add the effects
-    whose response is closest to that of the outliers. An outlier that no effect imitates stays free: then no effect is
-    an alias of that subject."""
+    whose response is closest to that of the outliers. An outlier that no effect imitates stays free, because no effect
+    is then an alias of this subject."""
     none = found.best.fit
     limits = {} if none.terms else standing_out(none.unknowns, none.x)
     if not limits:
@@ -158,8 +158,8 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
 
 
 def _derived(problem: Forward, fit: Fit, of: Sequence[int], runs: Runs) -> Fit:
-    """A fit with its derivatives by some unknowns simulated at its point, as those of effects beside it are: the ones
-    that its search ended with may be of an earlier point."""
+    """A fit with its derivatives by some unknowns simulated anew at its point, as the derivatives of effects beside it
+    are. The derivatives of its search may belong to an earlier point."""
     (point,) = problem.points([Trial(fit.member, np.array(of), None, np.zeros(len(fit.x)))], runs)
     J = fit.J.copy()
     if point is not None:

@@ -34,7 +34,7 @@ _GAIN = 0.05  # of the cost: a smaller gain counts as none
 
 def profiled(naming: Naming, runs: Runs) -> Naming:
     """Polish the best fit, then profile the likelihood of effects with 2 to 4 parameters. Effects with more parameters,
-    narrow intervals, and those left when time runs out keep the intervals of the covariance."""
+    with narrow intervals, or not reached within the time limit keep the intervals of the covariance."""
     if not naming.adds:
         return naming
     with suppress(OutOfTime):

@@ -145,7 +145,7 @@ def _refitted(
 
 
 def _with_one_more(found: Compared, runs: Runs) -> Iterator[Compared]:
-    """Add a second effect beside the best: those whose derivatives promise most."""
+    """Add second effects beside the best: the effects whose derivatives promise most."""
     first, problem = found.best.fit, found.problem
     if len(first.terms) >= at.MOST_EFFECTS:
         return

@@ -79,8 +79,9 @@ Responses = dict[tuple[str, int], list[tuple[Array, Array]]]
 
 
 def along(problem: NetworkProblem, term: PlacedEffect, place: Place | None = None) -> list[PlacedEffect]:
-    """A law at its usual position and, if it can act on a part of a segment, with free position: started at that of the
-    place, or at each of its starts. A part of a wall only if no place is given: mostly a whole wall differs."""
+    """A law at its usual position and, if it can act on a part of a segment, with free position: started at the
+    position of the place, or at each of its starts. A wall law acts on a part of the segment only if no place is given,
+    because mostly a whole wall differs."""
     whole = place is not None and (place.kind == NUMBER or effect_of(term).source == WALL)
     moved = None if whole else placed(problem.network, term, [0.0] * len(term.unknowns))
     if moved is None:
@@ -103,10 +104,10 @@ def nearest(
     """The laws to refit (:func:`fewest`), at the size of lowest predicted cost, which must be below ``most``.
 
     A prediction is linear in the size and in the unknowns of the base, so one simulation of a law gives it, but it is
-    inaccurate for strong effects. So the best laws, three times as many as are refitted, are simulated again at the
-    predicted size, and start at the better of both predictions. problem : with the sources that act beside them.
-    known : responses to laws about other points, which suffice for the first prediction; those to the other laws are
-    added.
+    inaccurate for strong effects. Therefore three times as many laws as are refitted, the best ones, are simulated
+    again at the predicted size, and start at the better of both predictions. problem : with the sources that act beside
+    them. known : responses to laws about other points, which suffice for the first prediction; the responses to new
+    laws are added.
     """
     known = {} if known is None else known
     new = [t for t in laws if key_of(t) not in known]
@@ -156,9 +157,9 @@ def _predicted(
 
 
 def fewest(begun: Sequence[Begun], most: float = math.inf, n: int = at.FEW) -> list[Begun]:
-    """The laws to refit. Of those that promise to leave less than ``most``: the n best, and all that could not be ruled
-    out against the best, because few sensors leave many laws similar. Every outlet of another kind, whatever it
-    promises, because it starts far from the record."""
+    """The laws to refit: of the laws with a predicted cost below ``most`` the n best, and all that could not be ruled
+    out against the best, because few sensors make many laws similar; and every outlet of another kind, whatever its
+    predicted cost, because it starts far from the record."""
     near = begun[0].left + at.RULED_OUT if begun else 0.0
     return [b for k, b in enumerate(begun) if b.term.rewires or (b.left < most and (k < n or b.left < near))]
 

@@ -223,7 +223,7 @@ class Compared:
 
     @property
     def sought(self) -> tuple[PlacedEffect, ...]:
-        """The candidates. With individual walls, those that are mere parameters of the subject are excluded."""
+        """The candidates. With individual walls, effects that are mere parameters of the subject are excluded."""
         if not self.none.individual:
             return self.terms
         return tuple(t for t in self.terms if not effect_of(t).of_animal(self.problem.network, t.place))
