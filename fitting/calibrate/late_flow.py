@@ -15,6 +15,7 @@ from solver.laws.catalogue import DELAY
 from solver.network.description import Network
 from solver.quantities.legible import number
 from solver.quantities.units import INFLOW, MMHG
+from solver.simulate import BROKEN
 
 from ..first.waves import late
 from ..inference.gauss_newton import Rules
@@ -42,7 +43,11 @@ def late_flow(problem: Problem, ended: Ended, rules: Rules) -> list[str]:
         (b, s.delayed(n.with_terms(term), delay)) for (b, s), n in zip(problem.records, networks, strict=True)
     )
     moved = replace(problem, records=records).weighted(ended.fit.x, [part.error for part in problem.parts])
-    after, _ = _left(moved, minimum(moved.whole, moved.at(ended.fit.x), rules, moved.runs), root)
+    try:
+        ended = minimum(moved.whole, moved.at(ended.fit.x), rules, moved.runs)
+    except BROKEN:  # the fitted values may have no beat under the delayed flow
+        return []
+    after, _ = _left(moved, ended, root)
     if after > limits.LATE_CLOSES * before:
         return []
     side, other = ("late", "a meter with a low-pass") if delay > 0.0 else ("early", "a damped catheter")
