@@ -12,13 +12,13 @@ import ast
 import io
 import os
 import re
-import runpy
 import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from functools import cache
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
@@ -270,4 +270,4 @@ def _clean_imports() -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    runpy.run_module("arterial_fmu.cli.build", run_name="__main__")
+    import_module("arterial_fmu.__main__").main(["build", *sys.argv[1:]])

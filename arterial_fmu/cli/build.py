@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 import typer.core
 
-from arterial_fmu.cli.terminal.console import faults, put, say, say_notes, sentences
+from arterial_fmu.cli.terminal.console import put, say, say_notes, sentences
 from arterial_fmu.cli.terminal.options import DefaultGroup, Json, NetworkName, Quiet
 from arterial_fmu.cli.terminal.progress import bar
 from build_fmu import build, build_model, build_native, build_native_model, build_system
@@ -164,8 +164,3 @@ def _report(target: Path, as_json: bool, quiet: bool) -> None:
         put({"written": [str(target)], "bytes": size})
     elif not quiet:
         say(f"wrote {target} ({size / 1024:.0f} kB)")
-
-
-if __name__ == "__main__":
-    with faults():
-        app()
