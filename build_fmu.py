@@ -99,16 +99,14 @@ def build_native(
     return _written(Path(out) / f"{network.name}.fmu", files)
 
 
-def build_native_model(
-    model: FMUContents, out: str | os.PathLike[str] = "dist", fmi: int = 2, platforms: Sequence[str] = ()
-) -> Path:
+def build_native_model(model: FMUContents, out: str | os.PathLike[str] = "dist", platforms: Sequence[str] = ()) -> Path:
     """Build ``<out>/<model.name>.fmu``, a heart or a body that needs no Python on its host, and return its path.
 
-    fmi, platforms : as for :func:`build_native`.
-    Raises ValueError for a model that was made with another ``fmi`` or is none of a heart or a body, if the directory
-    cannot be written, and where nothing can compile it.
+    platforms : as for :func:`build_native`.
+    Raises ValueError for a model of an FMU that needs Python or is none of a heart or a body, if the directory cannot
+    be written, and where nothing can compile it.
     """
-    return _written(Path(out) / f"{model.name}.fmu", native_fmu.arithmetic_files(model, fmi, platforms))
+    return _written(Path(out) / f"{model.name}.fmu", native_fmu.arithmetic_files(model, platforms))
 
 
 def _written(target: Path, files: dict[str, bytes]) -> Path:
@@ -153,7 +151,7 @@ def build_system(
             elif name == "arteries":
                 fmu = build_native(network, folder, None, starts[name], fmi, platforms)
             else:
-                fmu = build_native_model(model, folder, fmi, platforms)
+                fmu = build_native_model(model, folder, platforms)
             files[f"resources/{model.name}.fmu"] = fmu.read_bytes()
     return _written(Path(out) / f"{network.name}.ssp", files)
 

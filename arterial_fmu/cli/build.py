@@ -123,7 +123,7 @@ def _lumped(model: Callable[..., FMUContents]) -> Callable[..., None]:
             check_destinations(out / f"{known.name}.fmu", folders=True)
             starts = _start_values(known.table, change or [])
             if _is_native(native, fmi, platforms):
-                target = build_native_model(model(species, starts, fmi), out, fmi, _listed(platforms))
+                target = build_native_model(model(species, starts, fmi), out, _listed(platforms))
             else:
                 target = build_model(model(species, starts), out, execution_tool)
         _report(target, as_json, quiet)

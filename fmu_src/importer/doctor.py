@@ -236,7 +236,7 @@ def _missing(files: Mapping[str, bytes], module: str) -> str | None:
 def _binaries(archive: Archive) -> Iterator[Finding]:
     """The platforms with a binary in the FMU; this machine's must be among them."""
     found = {PurePosixPath(name).parts[1] for name in archive.names if re.match(r"binaries/[^/]+/.", name)}
-    here = trial.binary(Path(), archive.model, False)
+    here = trial.binary(Path(), archive.model)
     listed = ", ".join(_PLATFORMS.get(name, name) for name in sorted(found)) or "none"
     absent = [_PLATFORMS[name] for name in _PLATFORMS if name not in found]
     if here.as_posix() not in archive.names:
