@@ -20,6 +20,7 @@ from .mesh.mesh import Topology, topology
 from .network.coefficients import Coefficients, Parameters, coefficients
 from .network.description import Network
 from .network.table_source import refuse
+from .scheme.model import sites_of
 from .transmission import Places, line, ways
 
 Array = np.ndarray
@@ -95,11 +96,9 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     batched = c.batched or any(each.ndim == 2 for each in given)
     nodes = topology(network)
     n = c.L.shape[1]
-    site = [[s.name for s in network.segments].index(s.segment) for s in network.sites]
-    segment = np.array([*range(n), *range(n), *site])
-    places, which = Places.of(
-        network, c, segment, np.array([0.0] * n + [1.0] * n + [s.position for s in network.sites])
-    )
+    site, position = sites_of(network)
+    segment = np.concatenate([np.tile(np.arange(n), 2), site])
+    places, which = Places.of(network, c, segment, np.concatenate([np.repeat([0.0, 1.0], n), position]))
     found = ways(places, omega)
     # flows are expressed in Pa, as Z_ref Q, so that all equations have one scale
     Z, way = found.Z[which], found.matrix[:, :, which]
