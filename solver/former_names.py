@@ -50,11 +50,7 @@ MOVED = {
 }
 # the command with which the words after ``python -m`` begin, where their first is none
 COMMANDS = {"discrepancy.__main__": "discover", "fmu_src.run": "run", "solver.__main__": "solve"}
-_RUN = """
-import sys
-from arterial_fmu.__main__ import main
-from arterial_fmu.cli.commands import COMMANDS
-
+_RUN = """import sys; from arterial_fmu.__main__ import main; from arterial_fmu.cli.commands import COMMANDS
 words = sys.argv[1:]
 main(words if words and words[0] in COMMANDS else [*{first}, *words])
 """

@@ -10,8 +10,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..quantities.quantity import Quantity, quantities
+from ..quantities.text import check_keys
 from . import effects
-from .effect import Array, Described, Effect, check_known
+from .effect import Array, Described, Effect
 from .sensors import Known, KnownDelay, KnownZero, Sensor
 
 (ZERO,) = KnownZero.terms  # its key
@@ -61,7 +62,7 @@ def observe(terms: Mapping[str, Any], X: Array, omega: Array) -> Array:
     e^{iωt} at omega : (n,) [rad/s], the mean where ω = 0.
     The terms are numbers, or arrays that broadcast against X. Returns X's shape. Raises ValueError for an unknown term.
     """
-    check_known("channel", terms, terms_of("channel"))
+    check_keys("channel", terms, terms_of("channel"))
     X, omega = np.asarray(X), np.asarray(omega, float)
     for effect in effects.ALL:
         if isinstance(effect, Sensor) and any(key in terms for key in effect.terms):

@@ -7,7 +7,7 @@ The effects themselves are in :mod:`solver.laws.effects`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, TypeVar
 
@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import InputError
 from ..quantities.coordinate import SCALE, SHIFT, Coordinate, allowed
 from ..quantities.quantity import Quantity
+from ..quantities.text import check_keys
 from .wall import Wall
 
 Array = np.ndarray
@@ -207,7 +208,7 @@ class Effect:
     def add(self, network: Anatomy, place: str, values: Mapping[str, float]) -> Anatomy:
         """The network with this effect at a place; ``values`` in SI by key. Raises ValueError if it is not allowed."""
         names = self.variables(network, place)
-        check_known(self.name, values, names)
+        check_keys(self.name, values, names)
         return network.with_terms({name: value for key, value in values.items() for name in names[key]})
 
     def _targets(self, network: Described, channels: Sequence[str]) -> tuple[str, ...]:
@@ -335,13 +336,6 @@ def _number_or_zero(owner: Any, key: str) -> float:
     """A number of an owner, field or term; 0 if the owner does not have it."""
     terms: Mapping[str, float] = owner.terms
     return float(terms.get(key, getattr(owner, key, 0.0)))
-
-
-def check_known(where: str, keys: Iterable[str], known: Iterable[str]) -> None:
-    """Raise ValueError for the first key that is not known."""
-    for key in keys:
-        if key not in known:
-            raise InputError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}.")
 
 
 def small_wave_impedance(network: Described, segment: Any) -> float:
