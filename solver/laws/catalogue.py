@@ -38,12 +38,6 @@ def quantities_of(thing: Any) -> dict[str, Quantity]:
     return quantities(thing) | {key: q for key, q in known.items() if key in held}
 
 
-def value_of(thing: Any, key: str) -> float:
-    """The number behind a key of :func:`quantities_of`."""
-    held = getattr(thing, "terms", {})
-    return held[key] if key in held else getattr(thing, key)
-
-
 def neutral_value(key: str, variable: str = "") -> float:
     """The value of a term that switches it off. Raises ValueError if no effect has such a term."""
     for effect in effects.ALL:

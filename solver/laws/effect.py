@@ -188,6 +188,11 @@ class Effect:
     search: ClassVar[SearchSpec] = SearchSpec()
     library: ClassVar[tuple[str, ...]] = ()
 
+    @property
+    def switches(self) -> tuple[str, ...]:
+        """The keys that switch it on where they are not neutral."""
+        return tuple(key for key in self.neutral if key not in (*self.how, *self.along))
+
     # --- places -------------------------------------------------------------------------------------------------
 
     def where(self, network: Described, channels: Sequence[str] = ()) -> tuple[str, ...]:
@@ -221,7 +226,7 @@ class Effect:
 
     def acts_on(self, owner: Any) -> bool:
         """Whether it can act at this segment, outlet or junction."""
-        return self.needs is None or _number_or_zero(owner, self.needs) > 0.0
+        return self.needs is None or value_of(owner, self.needs) > 0.0
 
     def of_animal(self, network: Described, place: str) -> bool:
         """Whether it only means that this animal's artery differs from the network's: no discovery if all differ."""
@@ -266,7 +271,7 @@ class Effect:
     def step(self, network: Described, owner: Any, key: str) -> float:
         """Change of a shifted number of one owner, in SI, for x = 1: its typical size."""
         size, relative = self.search.typical.get(key, self.terms[key].nominal), self.search.relative
-        return size * _number_or_zero(owner, relative[key][0]) if key in relative else size
+        return size * value_of(owner, relative[key][0]) if key in relative else size
 
     def scaled(self, key: str, values: Sequence[float]) -> float | None:
         """Change of the logarithm for x = 1 if a number with these values is scaled, None if it is shifted."""
@@ -288,11 +293,9 @@ class Effect:
         if everywhere and key in self.search.relative:
             ratio, unit = self.search.relative[key]
             if factor is None:
-                size, first = self.search.typical.get(key, 1.0), first / _number_or_zero(owners[0], ratio)
+                size, first = self.search.typical.get(key, 1.0), first / value_of(owners[0], ratio)
             else:
-                first = float(
-                    np.mean([_number_or_zero(owner, key) / _number_or_zero(owner, ratio) for owner in owners])
-                )
+                first = float(np.mean([value_of(owner, key) / value_of(owner, ratio) for owner in owners]))
         name = f"{ALL_PLACES}.{key}" if everywhere else variables[0]
         return Coordinate(name, kind, moves, low, high, unit, size, first, ratio)
 
@@ -332,10 +335,10 @@ class Effect:
         return numbers
 
 
-def _number_or_zero(owner: Any, key: str) -> float:
-    """A number of an owner, field or term; 0 if the owner does not have it."""
-    terms: Mapping[str, float] = owner.terms
-    return float(terms.get(key, getattr(owner, key, 0.0)))
+def value_of(owner: Any, key: str, otherwise: float = 0.0) -> Any:
+    """A number of an object of the network, a term or a field; ``otherwise`` if it has none."""
+    terms = getattr(owner, "terms", {})
+    return terms[key] if key in terms else getattr(owner, key, otherwise)
 
 
 def small_wave_impedance(network: Described, segment: Any) -> float:

@@ -18,8 +18,8 @@ import numpy as np
 from ..errors import InputError
 from ..laws import effects
 from ..laws import outlets as outlet_kinds
-from ..laws.catalogue import quantities_of, terms_of, value_of
-from ..laws.effect import Effect
+from ..laws.catalogue import quantities_of, terms_of
+from ..laws.effect import Effect, value_of
 from ..laws.outlets import Outlet
 from ..quantities.quantity import Quantity, quantities, quantity
 from ..quantities.text import did_you_mean

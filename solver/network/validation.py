@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..laws.catalogue import quantities_of, terms_of, value_of
-from ..laws.effect import Described
+from ..laws.catalogue import quantities_of, terms_of
+from ..laws.effect import Described, value_of
 from ..laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
 from ..quantities.quantity import Quantity
 from ..quantities.text import did_you_mean
