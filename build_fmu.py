@@ -12,13 +12,13 @@ import ast
 import io
 import os
 import re
-import runpy
 import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from functools import cache
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
@@ -99,16 +99,14 @@ def build_native(
     return _written(Path(out) / f"{network.name}.fmu", files)
 
 
-def build_native_model(
-    model: FMUContents, out: str | os.PathLike[str] = "dist", fmi: int = 2, platforms: Sequence[str] = ()
-) -> Path:
+def build_native_model(model: FMUContents, out: str | os.PathLike[str] = "dist", platforms: Sequence[str] = ()) -> Path:
     """Build ``<out>/<model.name>.fmu``, a heart or a body that needs no Python on its host, and return its path.
 
-    fmi, platforms : as for :func:`build_native`.
-    Raises ValueError for a model that was made with another ``fmi`` or is none of a heart or a body, if the directory
-    cannot be written, and where nothing can compile it.
+    platforms : as for :func:`build_native`.
+    Raises ValueError for a model of an FMU that needs Python or is none of a heart or a body, if the directory cannot
+    be written, and where nothing can compile it.
     """
-    return _written(Path(out) / f"{model.name}.fmu", native_fmu.arithmetic_files(model, fmi, platforms))
+    return _written(Path(out) / f"{model.name}.fmu", native_fmu.arithmetic_files(model, platforms))
 
 
 def _written(target: Path, files: dict[str, bytes]) -> Path:
@@ -153,7 +151,7 @@ def build_system(
             elif name == "arteries":
                 fmu = build_native(network, folder, None, starts[name], fmi, platforms)
             else:
-                fmu = build_native_model(model, folder, fmi, platforms)
+                fmu = build_native_model(model, folder, platforms)
             files[f"resources/{model.name}.fmu"] = fmu.read_bytes()
     return _written(Path(out) / f"{network.name}.ssp", files)
 
@@ -270,4 +268,4 @@ def _clean_imports() -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    runpy.run_module("arterial_fmu.cli.build", run_name="__main__")
+    import_module("arterial_fmu.__main__").main(["build", *sys.argv[1:]])

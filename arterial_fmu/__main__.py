@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import typer
@@ -49,14 +50,18 @@ for _name, _command in COMMANDS.items():
     app.command(_name, help=_command.does)(_stub)
 
 
-def main() -> None:
-    """The console script. An FMU may end the process that runs it, so ``run`` has its own process."""
+def main(words: Sequence[str] | None = None) -> None:
+    """The console script. words : by default those of the command line.
+
+    An FMU may end the process that runs it, so ``run`` has its own process.
+    """
+    words = sys.argv[1:] if words is None else list(words)
     if is_apart():
         end_with_parent()
-    elif sys.argv[1:2] == ["run"]:
-        raise SystemExit(run_apart(sys.argv[1:]))
+    elif words[:1] == ["run"]:
+        raise SystemExit(run_apart(words))
     try:
-        app(prog_name="arterial-fmu")
+        app(words, prog_name="arterial-fmu")
     except Exception:
         from arterial_fmu.cli.terminal.console import faults  # takes a tenth of a second
 

@@ -23,7 +23,6 @@ from benchmarks.hidden.bank import ROOT, Bank, read, sources_hash
 from benchmarks.hidden.calibration import diagram
 from benchmarks.hidden.report import behind, targets
 from benchmarks.hidden.report import write as put
-from benchmarks.hidden.tables import failures as listed
 from benchmarks.table import one_thread
 from solver import load
 from tests.truth.plan import GROUPS
@@ -66,11 +65,8 @@ def run(
     limit: Annotated[int | None, typer.Option(min=1, help="Only the first records of the plan.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     out: Out = None,
-    mixed: Annotated[bool, typer.Option("--mixed", help="Keep records that other sources have judged.")] = False,
-    nulls: Annotated[bool, typer.Option("--nulls", help="Only records that hide nothing: cheap false alarms.")] = False,
     least: Annotated[float, typer.Option(min=0.0, help="Only records whose effects all have this d' or more.")] = 0.0,
     first: Annotated[int, typer.Option(min=0, help="Index of the plan to begin at, after records seen before.")] = 0,
-    scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that does it, tcp://…:8786.")] = None,
 ) -> None:
     """Diagnose the records of the plan that are not yet in the file."""
     seed = _seed(group, tuning)
@@ -80,7 +76,7 @@ def run(
     try:
         path = out or _path(kind.value, group, seed)
         bank = Bank(path, kind.value, seed, sources_hash(), group)
-        bank.run(limit, jobs, mixed, nulls, scheduler=scheduler, least=least, first=first)
+        bank.run(limit, jobs, least, first)
     except ValueError as error:
         raise SystemExit(str(error)) from None
     except KeyboardInterrupt:
@@ -93,7 +89,6 @@ def report(
     kind: Annotated[Kind | None, typer.Option(help="Only these records.")] = None,
     out: Annotated[list[Path] | None, typer.Option(help="Files of lines; may be given twice.")] = None,
     write: Annotated[bool, typer.Option("--write", help="Put the tables into docs/hidden-effects*.md.")] = False,
-    failures: Annotated[bool, typer.Option("--failures", help="List the records to look at.")] = False,
 ) -> None:
     """Print the tables of all records diagnosed so far."""
     known = [(k.value, name, _seed(name, tuning)) for name, g in GROUPS.items() for k in Kind if k.value in g.records]
@@ -110,8 +105,6 @@ def report(
         for name, text in pages.items():
             put(text, ROOT / "docs" / f"{name}.md")
         (ROOT / "docs" / "images" / "reliability.png").write_bytes(diagram(lines))
-    if failures:
-        print(listed(lines, load("sheep")))
 
 
 if __name__ == "__main__":

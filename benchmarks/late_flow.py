@@ -28,8 +28,6 @@ from fitting.first.model import first_model
 from fitting.records.alignment.beats import Beats
 from solver import Inlet, Junction, Network, Segment, Site, Windkessel, beat_harmonics
 
-Array = np.ndarray
-
 ROOT = "Ao.P"
 FREE = ("all.E", "all.phi0", "all.outlet.R1", "all.outlet.C", "all.outlet.R2")
 WORDS = (" late ", " early ")

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.speed import ELASTIC, MANY, SHEEP
 from benchmarks.table import MACHINE, JsonFile, Row, Small, show, start
 from solver import Inlet, Junction, Network, Segment, Settings, Site, Windkessel, load
 from solver.network.coefficients import Parameters
@@ -32,9 +33,6 @@ FORK = 2 ** (-1 / 3)  # radius after a fork in two, by Murray's law
 RESISTANCE = 1.2e8  # Pa·s/m³ of all outlets together
 COMPLIANCE = 1e-8  # m³/Pa of all outlets together
 STRETCH, STRETCHES = 50, 6  # steps that are timed together, and how often
-SHEEP = load("sheep")
-ELASTIC = {f"{s.name}.phi0": 0.0 for s in SHEEP.segments}
-MANY = {"CA.phi0": np.linspace(7e4, 8e4, 32), "AA.E": np.linspace(1.4e6, 1.6e6, 32)}
 
 
 def fork(n: int) -> list[int]:

@@ -1,6 +1,6 @@
 """Rate of periods that are a part of a beat or several beats: synthetic recordings with known beats.
 
-    python benchmarks/periods.py [--recordings N] [--processes N] [--json FILE]
+    python benchmarks/periods.py [--recordings N] [--json FILE]
 
 Each recording is an independent draw, by its number: 8 to 30 beats of 0.3 to 1.5 s, sampled at 100 to 250 Hz, of one to
 four channels (flows, pressures, a radius). The heart ejects in one of five shapes. The rate varies by a standard
@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -42,7 +41,6 @@ CHANNELS = (
 )
 RATIOS = {"third": 1 / 3, "half": 1 / 2, "2/3": 2 / 3, "right": 1.0, "3/2": 3 / 2, "twice": 2.0, "three times": 3.0}
 NEAR = 0.1  # of a ratio
-_CHUNK = 250  # recordings that a process does at once
 
 
 @dataclass(frozen=True)
@@ -155,19 +153,9 @@ def judge(seed: int) -> Row:
     return Row(seed, kind, noted, made.rate, made.dB, made.peaks, len(made.channels), made.shape)
 
 
-def judge_all(first: int, count: int) -> list[Row]:
+def measure(first: int, count: int) -> list[Row]:
     """Recordings of successive numbers."""
     return [judge(seed) for seed in range(first, first + count)]
-
-
-def measure(first: int, count: int, processes: int) -> list[Row]:
-    """All of them, on some processes."""
-    starts = range(first, first + count, _CHUNK)
-    sizes = [min(_CHUNK, first + count - start) for start in starts]
-    if processes == 1:
-        return [row for start, size in zip(starts, sizes, strict=True) for row in judge_all(start, size)]
-    with ProcessPoolExecutor(processes) as pool:
-        return [row for done in pool.map(judge_all, starts, sizes) for row in done]
 
 
 def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -198,11 +186,10 @@ def show(rows: Sequence[Row]) -> None:
 def main(
     recordings: Annotated[int, typer.Option(min=1, help="How many.")] = 1000,
     first: Annotated[int, typer.Option(min=0, help="The number of the first.")] = 0,
-    processes: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     json_file: JsonFile = None,
 ) -> None:
     """Measure and print."""
-    rows = measure(first, recordings, processes)
+    rows = measure(first, recordings)
     show(rows)
     store(json_file, rows)
     raise typer.Exit(1 if any(row.silent for row in rows) else 0)

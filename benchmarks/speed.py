@@ -10,7 +10,6 @@ here is asserted: see the tests.
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -28,10 +27,10 @@ from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.stage import operators
 from solver.scheme.step import State, initial_state, step
 
-ROOT = Path(__file__).resolve().parents[1]
 BEATS = 6
 SHEEP = load("sheep")
 ELASTIC = {f"{segment.name}.phi0": 0.0 for segment in SHEEP.segments}
+MANY = {"CA.phi0": np.linspace(7e4, 8e4, 32), "AA.E": np.linspace(1.4e6, 1.6e6, 32)}
 
 
 def beats(
@@ -78,9 +77,8 @@ def solver_rows(count: int) -> list[Row]:
         found = errors(beat, file)
         reached = max(found[name] for name in FOUR)
         rows.append(Row(what, 1e3 * min(seconds), "ms", target, f"error {reached:.1e}, dt {1e3 * settings.dt:g} ms"))
-    many = {"CA.phi0": np.linspace(7e4, 8e4, 32), "AA.E": np.linspace(1.4e6, 1.6e6, 32)}
-    one = min(beats({name: value[0] for name, value in many.items()}, Settings(), count)[0])
-    batch = min(beats(many, Settings(), count)[0])
+    one = min(beats({name: value[0] for name, value in MANY.items()}, Settings(), count)[0])
+    batch = min(beats(MANY, Settings(), count)[0])
     rows.append(Row("batch of 32 parameter sets, against one", batch / one, "x", 3.0, f"{1e3 * batch:.0f} ms a beat"))
     model = build(SHEEP)
     first = best(lambda: operators(build(SHEEP), 1e-3)) - best(lambda: build(SHEEP))

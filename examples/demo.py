@@ -27,7 +27,8 @@ from arterial_fmu.cli.terminal.progress import bar
 from build_fmu import build
 from fmu_src.importer.run import FMUError, run_fmu
 from solver import Network, load
-from solver.network.files import write_whole
+from solver.io.writing import write_whole
+from solver.quantities.units import MMHG
 
 Array = np.ndarray
 
@@ -41,7 +42,6 @@ STYLES = {
     "elastic": {"color": "#D55E00", "linewidth": 1.4},
     "viscoelastic": {"color": "#0072B2", "linewidth": 2.0},
 }
-MMHG = 133.322387415  # Pa
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,12 @@ MOVED = {
     "solver.units": "solver.quantities.units",
     "solver.wall": "solver.laws.wall",
 }
-RUN = {"fmu_src.run": "arterial_fmu.cli.run"}  # what ``python -m`` runs: the command line has moved out of the module
+# the command with which the words after ``python -m`` begin, where their first is none
+COMMANDS = {"discrepancy.__main__": "discover", "fmu_src.run": "run", "solver.__main__": "solve"}
+_RUN = """import sys; from arterial_fmu.__main__ import main; from arterial_fmu.cli.commands import COMMANDS
+words = sys.argv[1:]
+main(words if words and words[0] in COMMANDS else [*{first}, *words])
+"""
 
 
 def _warn(former: str, now: str, level: int = 3) -> None:
@@ -93,9 +98,9 @@ class FormerNames(MetaPathFinder, InspectLoader):
 
     def get_code(self, fullname: str) -> CodeType | None:
         """The code that ``python -m`` runs."""
-        now = RUN.get(fullname, MOVED[fullname])
-        _warn(f"python -m {fullname.removesuffix('.__main__')}", f"python -m {now}")
-        code: CodeType = compile(f"import runpy; runpy.run_module({now!r}, None, '__main__', True)", now, "exec")
+        first = COMMANDS.get(fullname, "").split()
+        _warn(f"python -m {fullname.removesuffix('.__main__')}", " ".join(["arterial-fmu", *first]))
+        code: CodeType = compile(_RUN.format(first=first), fullname, "exec")
         return code
 
 

@@ -20,12 +20,11 @@ from .mesh.mesh import Topology, topology
 from .network.coefficients import Coefficients, Parameters, coefficients
 from .network.description import Network
 from .network.table_source import refuse
-from .transmission import Places, line, ways
+from .scheme.model import sites_of
+from .transmission import Places, ways
 
 Array = np.ndarray
 Inflows = Array | Mapping[str, Array]
-
-_PLACES = np.linspace(0.0, 1.0, 21)  # x/L, to find walls that vary
 
 
 @dataclass(frozen=True)
@@ -45,30 +44,6 @@ class Harmonics:
     P_site: Array
     Q_site: Array
     R_site: Array
-
-
-def propagation(network: Network, omega: Array, parameters: Parameters | None = None) -> tuple[Array, Array]:
-    """Propagation constant γ = √(Z'Y') [1/m] and characteristic impedance Z_c = √(Z'/Y') [Pa·s/m³] of every segment.
-
-    omega : (n,) [rad/s], above 0. Both results are (n_segments, n), or (B, n_segments, n) for a batch of parameters.
-    The phase velocity is ω/Im γ [m/s], the attenuation Re γ [1/m].
-    Raises ValueError for ω <= 0, for a parameter that is not allowed, and for a wall that is unstable at P_0.
-    """
-    omega = _frequencies(omega)
-    if np.any(omega == 0.0):
-        raise InputError("omega = 0 rad/s: a steady flow has no propagation constant; give frequencies above 0.")
-    c = coefficients(network, parameters)
-    varying = np.flatnonzero(_varying(c))
-    if varying.size:
-        raise InputError(
-            f"segment {network.segments[varying[0]].name}: its wall varies along it, and has no single propagation "
-            "constant; switch off what makes it vary, or take solve for the waves in it."
-        )
-    n = c.L.shape[1]
-    places, which = Places.of(network, c, np.arange(n), np.full(n, 0.5))
-    Z, Y = line(places, omega)
-    which = which if c.batched else which[0]
-    return np.sqrt(Z * Y)[which], np.sqrt(Z / Y)[which]
 
 
 def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | None = None) -> Harmonics:
@@ -95,11 +70,9 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     batched = c.batched or any(each.ndim == 2 for each in given)
     nodes = topology(network)
     n = c.L.shape[1]
-    site = [[s.name for s in network.segments].index(s.segment) for s in network.sites]
-    segment = np.array([*range(n), *range(n), *site])
-    places, which = Places.of(
-        network, c, segment, np.array([0.0] * n + [1.0] * n + [s.position for s in network.sites])
-    )
+    site, position = sites_of(network)
+    segment = np.concatenate([np.tile(np.arange(n), 2), site])
+    places, which = Places.of(network, c, segment, np.concatenate([np.repeat([0.0, 1.0], n), position]))
     found = ways(places, omega)
     # flows are expressed in Pa, as Z_ref Q, so that all equations have one scale
     Z, way = found.Z[which], found.matrix[:, :, which]
@@ -189,13 +162,6 @@ def _things_first(x: Array, batched: bool) -> Array:
     """(B, n, things) -> (B, things, n), without B for a single parameter set."""
     x = np.swapaxes(x, -1, -2)
     return x if batched else x[0]
-
-
-def _varying(c: Coefficients) -> Array:
-    """(n_segments,) whether the wall varies along the segment."""
-    n, places = c.L.shape[1], len(_PLACES)
-    whole = c.wall_at(np.tile(np.arange(n), places), np.repeat(_PLACES, n))
-    return np.asarray(whole.differs(whole.at(np.tile(np.arange(n), places))).reshape(places, n).any(axis=0))
 
 
 # --- the network --------------------------------------------------------------------------------------------------

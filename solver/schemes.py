@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from . import muscl
 from .errors import InputError
-from .muscl import MusclSettings
+from .muscl import model as cells
+from .muscl import sampling
+from .muscl import start as cells_start
+from .muscl import step as cells_step
+from .muscl.settings import MusclSettings
 from .periodic import start
 from .scheme import model, outputs, step
 from .scheme.model import Settings
@@ -34,7 +37,13 @@ SCHEMES = {
         Settings, model.build, outputs.reporter, step.initial_state, start.periodic_state, step.adopt, step.step, True
     ),
     "muscl": Scheme(
-        MusclSettings, muscl.build, muscl.reporter, muscl.initial_state, muscl.periodic_state, muscl.adopt, muscl.step
+        MusclSettings,
+        cells.build,
+        sampling.reporter,
+        cells_step.initial_state,
+        cells_start.periodic_state,
+        cells_step.adopt,
+        cells_step.step,
     ),
 }
 

@@ -230,7 +230,7 @@ def _run(
 ) -> _Run:  # fmt: skip
     model = scheme.build(network, parameters, settings)
     drives = drives_of(network, inflow, model.coefficients.B)
-    return _Run(scheme, model, scheme.reporter(model), drives, dt, Backend.of(backend, model, dt))
+    return _Run(scheme, model, scheme.reporter(model), drives, dt, Backend(backend, model, dt))
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ def ways(places: Places, omega: Array) -> Ways:
     if not wall.varies(n):
         pieces, used = 1, slice(4 * n)
         wall, x, own = wall.at(used), x[used], own[used]
-    Z, Y, stiffness = _line(places, wall, own, x, omega)
+    Z, Y, stiffness = line(places, wall, own, x, omega)
     half = 0.5 * L[:, None] * np.sqrt(Z[:n] * Y[:n])  # γL/2
     Z0 = base.rho[0] * base.c0[0] / base.A0[0]
     back, shape = L * (0.5 - places.x) / pieces, (pieces, 2, n, len(omega))  # -d
@@ -113,13 +113,7 @@ def ways(places: Places, omega: Array) -> Ways:
     return Ways(whole * np.exp(mu.sum(axis=0) - half), Z0, wall.at(there), stiffness[there])
 
 
-def line(places: Places, omega: Array) -> tuple[Array, Array]:
-    """Z' [Pa·s/m⁴] and Y' [m²/(Pa·s)] at places, (n, n_omega)."""
-    own = np.arange(len(places.x))
-    return _line(places, places.c.wall_at(own, places.x), own, places.x, omega)[:2]
-
-
-def _line(places: Places, wall: Wall, own: Array, x: Array, omega: Array) -> tuple[Array, Array, Array]:
+def line(places: Places, wall: Wall, own: Array, x: Array, omega: Array) -> tuple[Array, Array, Array]:
     """Z', Y' and the dynamic stiffness P'/A' [Pa/m²], (n_points, n_omega), of walls at points x/L of the places' own
     segments.
 

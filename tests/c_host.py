@@ -85,7 +85,9 @@ class CHost:
 
     def environment(self, where: Interpreter | None = None, **more: str) -> dict[str, str]:
         """That of the doctor's command line."""
-        return {**(where or interpreter()).complete(os.environ), **more}
+        own = (where or interpreter()).environment()
+        path = own.get("PATH", "$PATH").replace("$PATH", os.environ.get("PATH", ""))
+        return {**os.environ, **own, "PATH": path, **more}
 
     def run(
         self,

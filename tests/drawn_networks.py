@@ -215,7 +215,7 @@ def outputs(drawn: Drawn, backend: str) -> tuple[Array, int]:
         if changed:
             model = model.with_parameters(changed)
             state = adopt(model, state)
-        made, report = Backend.of(backend, model, TIGHT.dt), reporter(model)
+        made, report = Backend(backend, model, TIGHT.dt), reporter(model)
         drive = drives((round(state.t / TIGHT.dt) + np.arange(STEPS)[:, None] + INFLOW_TIMES) * TIGHT.dt)
         table, done = np.empty((STEPS, model.coefficients.B, len(report.names))), 0
         while done < STEPS:

@@ -16,13 +16,16 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
+import numpy as np
 from fmpy.fmi2 import FMU2Slave
 
 from build_fmu import build_model, build_native_model
 from fmu_src.contents.models import FMUContents
+from fmu_src.cosimulation.arteries import CoSimulation
 from solver import Network, Pressure, Resistance, Settings, Windkessel, load
 from solver.io.writing import write_whole
 from solver.network.files import read_network
+from solver.scheme.outputs import venous_flow
 
 MS = 1e-3
 COARSE = Settings(dt=2e-3, element_length=0.1)
@@ -38,6 +41,11 @@ def mixed() -> Network:
         "VA3": Windkessel("VA3", R1=5e7, C=3e-9, R2=6e8),
     }
     return replace(load("sheep"), name="mixed", outlets=tuple(outlets.values()), P_ref=10e3, P_0=10e3)
+
+
+def venous_flows(component: CoSimulation) -> np.ndarray:
+    """The flow of each outlet to its P_venous : (n_outlets,) [m³/s]."""
+    return venous_flow(component.model, component.shown.state, component.last.P_venous)[0]
 
 
 class Store:
@@ -63,7 +71,7 @@ class Store:
         """The FMU of ``make(species)``, a heart or a body. fmi : of one that needs no Python; 0 of the other."""
         return self._once(
             pickle.dumps((make.__name__, species, fmi)),
-            lambda to: build_native_model(make(species, None, fmi), to, fmi) if fmi else build_model(make(species), to),
+            lambda to: build_native_model(make(species, None, fmi), to) if fmi else build_model(make(species), to),
         )
 
     def _once(self, what: bytes, build: Callable[[Path], Path]) -> Path:

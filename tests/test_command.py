@@ -19,9 +19,6 @@ from test_discrepancy_cli import outcome, plan
 from typer.testing import CliRunner
 
 import arterial_fmu.__main__
-import arterial_fmu.cli.discover
-import arterial_fmu.cli.fit
-import arterial_fmu.cli.networks
 from arterial_fmu.cli.commands import COMMANDS, load
 from arterial_fmu.cli.terminal import progress
 from arterial_fmu.cli.terminal.options import networks_for
@@ -85,21 +82,6 @@ def test_refusals_import_nothing_heavy(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
     assert done.stdout.splitlines() == [f"{line} 2 []" for line in WRONG], done.stderr
     assert done.stderr.count("Error: ") == len(WRONG)
-
-
-def test_the_same_functions() -> None:
-    """Whatever ``python -m`` and build_fmu.py have is here, and is the same function."""
-    there = {
-        module: import_module(module).main
-        for module in ("arterial_fmu.cli.solve", "arterial_fmu.cli.run", "arterial_fmu.cli.doctor")
-    }
-    known = {f"arterial_fmu.{command.where}" for command in COMMANDS.values()}
-    assert {f"{module}:main" for module in there} <= known
-    for app in (arterial_fmu.cli.fit.app, arterial_fmu.cli.discover.app, arterial_fmu.cli.networks.app):
-        for each in app.registered_commands:
-            assert each.callback is not None
-            assert f"{each.callback.__module__}:{each.callback.__name__}" in known
-    assert {"arterial_fmu.cli.build:app", "arterial_fmu.cli.networks:importers"} <= known
 
 
 def commands() -> list[tuple[str, ...]]:

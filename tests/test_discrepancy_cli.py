@@ -1,4 +1,4 @@
-"""``python -m discrepancy``: what is typed, printed and written for every kind of outcome, and its exit codes."""
+"""``discover`` and ``isolability``: words, output and files for every kind of outcome, and its exit codes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from forked import NETWORK
 from rich.console import Console
 from typer.testing import CliRunner
 
-from arterial_fmu.cli.discover import app
+from arterial_fmu.__main__ import app
 from arterial_fmu.cli.tables.study import effects_table, plan_table
 from build_fmu import build
 from discrepancy import workflow
@@ -65,9 +65,8 @@ def test_a_bench_record_end_to_end(folder: Path) -> None:
 
     25.451 kPa·s is the truth, from an integrator that shares nothing with the workflow.
     """
-    done = run(
-        folder / "virtual_AA.csv", "--model", folder / "elastic.toml", "--out", folder / "out", "--period", "0.5 s"
-    )
+    record, model = folder / "virtual_AA.csv", folder / "elastic.toml"
+    done = run("discover", record, "--model", model, "--out", folder / "out", "--period", "0.5 s")
     assert done.exit_code == 0, done.output
     assert "The model lacks wall viscosity at AA" in done.stdout
     assert "AA.phi0" in done.stdout and "gap (1 = noise)" in done.stdout
@@ -106,7 +105,7 @@ def outcome(**changes: Any) -> Outcome:
 @pytest.fixture
 def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], None]:
     """Lets the workflow come to an outcome, or to an exception, at once; in a folder with the record of STUDY."""
-    (tmp_path / STUDY[0]).touch()
+    (tmp_path / STUDY[1]).touch()
     monkeypatch.chdir(tmp_path)
 
     def set_outcome(what: Any) -> None:
@@ -120,7 +119,7 @@ def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], No
     return set_outcome
 
 
-STUDY = ("r.csv", "--model", "sheep", "--out", "o")
+STUDY = ("discover", "r.csv", "--model", "sheep", "--out", "o")
 
 
 def test_an_ambiguous_outcome(found: Callable[[Any], None]) -> None:
@@ -141,8 +140,7 @@ def test_an_ambiguous_outcome(found: Callable[[Any], None]) -> None:
     ):
         assert text in done.stdout
     assert run(*STUDY, "--quiet").output == ""
-    assert run("discover", *STUDY).stdout == done.stdout
-    assert run("--model", "sheep", "--out", "o", "r.csv").stdout == done.stdout
+    assert run("discover", "--model", "sheep", "--out", "o", "r.csv").stdout == done.stdout
 
 
 @pytest.mark.parametrize("verdict", ["ambiguous", "several", "partial"])
@@ -191,7 +189,7 @@ def test_walls_are_said(found: Callable[[Any], None]) -> None:
 def test_options_reach_the_workflow(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Walls, prior, processes and time limit, with a unit or in seconds; five minutes and all cores by default."""
     given: list[dict[str, Any]] = []
-    (tmp_path / STUDY[0]).touch()
+    (tmp_path / STUDY[1]).touch()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(workflow, "discover", lambda *_, **options: given.append(options) or outcome())
     prior = tmp_path / "prior.json"
@@ -257,26 +255,38 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("virtual_AA.csv", "--model", "nosuch", "--out", "o"), "nosuch"),
-        (("virtual_AA.csv", "--model", "virtual_AA.csv", "--out", "o"), "virtual_AA.csv: not a network file but a rec"),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "virtual_AA.csv"), "virtual_AA.csv: is a file, not a folder"),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--period", "5 kg"), "--period"),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--time-limit", "5 kg"), "--time-limit"),
+        (("discover", "virtual_AA.csv", "--model", "nosuch", "--out", "o"), "nosuch"),
         (
-            ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--time-limit", "-1 s"),
+            ("discover", "virtual_AA.csv", "--model", "virtual_AA.csv", "--out", "o"),
+            "virtual_AA.csv: not a network file but a rec",
+        ),
+        (
+            ("discover", "virtual_AA.csv", "--model", "sheep", "--out", "virtual_AA.csv"),
+            "virtual_AA.csv: is a file, not a folder",
+        ),
+        (("discover", "virtual_AA.csv", "--model", "sheep", "--out", "o", "--period", "5 kg"), "--period"),
+        (("discover", "virtual_AA.csv", "--model", "sheep", "--out", "o", "--time-limit", "5 kg"), "--time-limit"),
+        (
+            ("discover", "virtual_AA.csv", "--model", "sheep", "--out", "o", "--time-limit", "-1 s"),
             "time limit -1 s: must be above",
         ),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--jobs", "0"), "jobs 0: must be a whole number"),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--walls", "thick"), "must be common or individual"),
         (
-            ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "no.json"),
+            ("discover", "virtual_AA.csv", "--model", "sheep", "--out", "o", "--jobs", "0"),
+            "jobs 0: must be a whole number",
+        ),
+        (
+            ("discover", "virtual_AA.csv", "--model", "sheep", "--out", "o", "--walls", "thick"),
+            "must be common or individual",
+        ),
+        (
+            ("discover", "virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "no.json"),
             "no.json: there is no such file; give the .json file that",
         ),
         (
-            ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "bench.toml"),
+            ("discover", "virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "bench.toml"),
             "bench.toml: is not a .json file, and other files contain no cov",
         ),
-        (("no.csv", "--model", "sheep", "--out", "."), "no.csv"),
+        (("discover", "no.csv", "--model", "sheep", "--out", "."), "no.csv"),
         (("isolability", "nosuch", "--channels", "AA.P"), "nosuch"),
         (("isolability", "sheep", "--channels", "XX.P"), "channel XX.P"),
         (("isolability", "sheep", "--channels", "AA.P XX.R"), "channel XX.R"),
@@ -297,7 +307,7 @@ def test_an_unusable_record_leaves_a_report(folder: Path) -> None:
     """A bench record of a site that the network has not: exit code 3, the reason, and no model."""
     text = (folder / "virtual_AA.csv").read_text().replace("AA.", "XX.", 2)
     (folder / "virtual_XX.csv").write_text(text)
-    done = run(folder / "virtual_XX.csv", "--model", folder / "elastic.toml", "--out", folder / "xx")
+    done = run("discover", folder / "virtual_XX.csv", "--model", folder / "elastic.toml", "--out", folder / "xx")
     assert done.exit_code == 3, done.output
     assert "has no segment XX" in done.stdout
     assert not (folder / "xx" / "model.toml").exists()

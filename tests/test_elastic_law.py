@@ -12,7 +12,7 @@ from recorded_walls import N, T, loop, recording
 from scipy import stats
 from typer.testing import CliRunner
 
-from arterial_fmu.cli.fit import app
+from arterial_fmu.__main__ import app
 from arterial_fmu.cli.tables.cohort import tables as cohort_tables
 from discrepancy.find.study import other_law
 from fitting.cohort.file import Entry

@@ -1,4 +1,4 @@
-"""``python -m fitting``: what a physiologist types, what it prints and writes, and one sentence where it cannot."""
+"""The commands of the fits: what a physiologist types, what it prints and writes, and one sentence where it cannot."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from commands import refused_in_one_sentence
 from typer.testing import CliRunner
 
-from arterial_fmu.cli.fit import app
+from arterial_fmu.__main__ import app
 from build_fmu import build
 from fitting.pages.figures import loop_figure
 from fitting.records.channels.spectral import coefficients

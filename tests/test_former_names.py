@@ -54,8 +54,13 @@ def test_unknown_names() -> None:
         _ = import_module("solver.laws").nothing
 
 
-@pytest.mark.parametrize("package", ["solver", "fitting", "discrepancy", "fmu_src.run"])
-def test_commands(package: str) -> None:
-    """``python -m`` of a former command line shows the help of the command of today."""
-    done = subprocess.run([sys.executable, "-m", package, "--help"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and "Usage" in done.stdout, done.stderr
+@pytest.mark.parametrize(
+    ("line", "command"),
+    [("solver", "solve"), ("solver list", "list"), ("fitting fit", "fit"), ("fitting", "[OPTIONS] COMMAND"),
+     ("discrepancy", "discover"), ("discrepancy isolability", "isolability"), ("fmu_src.run", "run")],
+)  # fmt: skip
+def test_commands(line: str, command: str) -> None:
+    """``python -m`` of a former command line runs the command of today."""
+    words = [sys.executable, "-m", *line.split(), "--help"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and f"Usage: arterial-fmu {command}" in done.stdout, done.stderr

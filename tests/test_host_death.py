@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 import fmu_src.importer.unpacking
-from arterial_fmu.cli.discover import app as discover_app
+from arterial_fmu.__main__ import app
 from discrepancy import workflow
 from fitting.check.fmu_run import RunFailed, periodic_answer, read_fmu
 from fmu_src.importer import doctor
@@ -143,7 +143,7 @@ def test_discover(deadly: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(workflow, "discover", dies)
     record = tmp_path / "record.csv"
     record.touch()
-    done = CliRunner().invoke(discover_app, [os.fspath(record), "--model", "sheep", "--out", os.fspath(tmp_path)])
+    done = CliRunner().invoke(app, ["discover", os.fspath(record), "--model", "sheep", "--out", os.fspath(tmp_path)])
     assert done.exit_code == ExitCode.DOES_NOT_RUN
     assert "died of signal 11 (SIGSEGV)" in done.stderr and "cannot be used" not in done.stderr
 

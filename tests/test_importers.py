@@ -12,7 +12,7 @@ from network_text import FORK
 from refused import refused
 from typer.testing import CliRunner
 
-from arterial_fmu.cli.networks import app
+from arterial_fmu.__main__ import app
 from build_fmu import build
 from solver import Reflection, Windkessel, bundled, load, read_network
 from solver.network.description import Network

@@ -16,8 +16,7 @@ from record_files import DT, P_MMHG, R_MM, TIME, bench, text
 from scipy.io import savemat
 from typer.testing import CliRunner
 
-import arterial_fmu.cli.discover
-import arterial_fmu.cli.fit
+from arterial_fmu.__main__ import app
 from fitting.records.alignment.align import align
 from fitting.records.read import numbers
 from fitting.records.read.columns import Reading
@@ -692,14 +691,10 @@ def test_columns(tmp_path: Path) -> None:
     path = tmp_path / "lab.csv"
     path.write_text(text(LAB))
     runner = CliRunner(env={"COLUMNS": "200"})
-    for app, words in (
-        (arterial_fmu.cli.fit.app, ["fit"]),
-        (arterial_fmu.cli.fit.app, ["calibrate"]),
-        (arterial_fmu.cli.discover.app, []),
-    ):
-        done = runner.invoke(app, [*words, str(path), "--columns", "--map", "Pressure (mmHg)=AA.P"])
+    for command in ("fit", "calibrate", "discover"):
+        done = runner.invoke(app, [command, str(path), "--columns", "--map", "Pressure (mmHg)=AA.P"])
         assert done.exit_code == 0 and "AA.P, a pressure" in done.stdout and "left out" in done.stdout
-    found = json.loads(runner.invoke(arterial_fmu.cli.fit.app, ["fit", str(path), "--columns", "--json"]).stdout)
+    found = json.loads(runner.invoke(app, ["fit", str(path), "--columns", "--json"]).stdout)
     assert found["samples"] == len(TIME)
     pressure = found["columns"][2]
     assert (pressure["title"], pressure["unit"], pressure["min"]) == ("Pressure (mmHg)", "mmHg", round(P_MMHG.min(), 9))
@@ -712,8 +707,7 @@ def test_times_of_a_clock_are_told_apart(tmp_path: Path) -> None:
     (tmp_path / "lab.csv").write_text(content)
     runner = CliRunner(env={"COLUMNS": "200"})
     assert (
-        "86397 86397.001 86397.002"
-        in runner.invoke(arterial_fmu.cli.discover.app, [str(tmp_path / "lab.csv"), "--columns"]).stdout
+        "86397 86397.001 86397.002" in runner.invoke(app, ["discover", str(tmp_path / "lab.csv"), "--columns"]).stdout
     )
 
 
@@ -721,7 +715,7 @@ def test_columns_are_asked_for_in_full(tmp_path: Path) -> None:
     """At 80 columns, too, the option to copy stands in one line, for it is below the table."""
     (tmp_path / "lab.csv").write_text(text({"time [s]": TIME, "Carotid artery catheter": P_MMHG, "AA.P": P_MMHG}))
     runner = CliRunner(env={"COLUMNS": "80"})
-    said = runner.invoke(arterial_fmu.cli.discover.app, [str(tmp_path / "lab.csv"), "--columns"]).stdout.splitlines()
+    said = runner.invoke(app, ["discover", str(tmp_path / "lab.csv"), "--columns"]).stdout.splitlines()
     for option in ('--map "Carotid artery catheter=AA.P [mmHg]"', '--map "AA.P=AA.P [mmHg]"'):
         assert sum(option in line for line in said) == 1
     assert sum("see below" in line for line in said) == 2 and "…" not in "".join(said)
@@ -733,7 +727,7 @@ def test_columns_without_known_titles_are_asked_for_with_sites_of_their_own(tmp_
 
     def asked(content: str) -> list[str]:
         path.write_text(content)
-        said = runner.invoke(arterial_fmu.cli.discover.app, [str(path), "--columns"]).stdout.splitlines()
+        said = runner.invoke(app, ["discover", str(path), "--columns"]).stdout.splitlines()
         return [line for line in said if "--map" in line]
 
     flow = 50.0 + P_MMHG
@@ -789,8 +783,8 @@ def test_discover_writes_no_page_of_a_file_that_it_cannot_read(tmp_path: Path) -
     out = tmp_path / "out"
     for content in ("time [s],AA.P [mmHg]\n0,x\n", text({"time [s]": TIME, "AA.P": P_MMHG})):
         (tmp_path / "r.csv").write_text(content)
-        words = [str(tmp_path / "r.csv"), "--model", "sheep", "--out", str(out)]
-        done = CliRunner().invoke(arterial_fmu.cli.discover.app, words)
+        words = ["discover", str(tmp_path / "r.csv"), "--model", "sheep", "--out", str(out)]
+        done = CliRunner().invoke(app, words)
         assert done.exit_code == 2 and done.stderr.count("Error: ") == 1 and not out.exists(), done.output
 
 
@@ -804,7 +798,7 @@ def test_fit_takes_the_options(tmp_path: Path) -> None:
     asked = ["--site", "AA", "--h", "1 mm", "--model", "linear", "--bootstrap", "0", "--json", "--quiet"]
     maps = ["--map", "p=AA.P", "--map", "r=AA.R [mm]"]
     runner = CliRunner()
-    sets = [json.loads(runner.invoke(arterial_fmu.cli.fit.app, ["fit", str(tmp_path / name), *asked, *more]).stdout)
+    sets = [json.loads(runner.invoke(app, ["fit", str(tmp_path / name), *asked, *more]).stdout)
             for name, more in (("plain.csv", []), ("lab.csv", maps))]  # fmt: skip
     assert sets[0]["values"] == sets[1]["values"]
     assert "columns" not in sets[0]["provenance"]

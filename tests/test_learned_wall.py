@@ -12,8 +12,9 @@ from truth.bench import bench_wall, radius
 from truth.hide import ALL, Effect, hide
 from truth.network import Balance
 from truth.shapes import arterial_pressure, ejection
+from tubes import propagation
 
-from solver import Network, beat_harmonics, linear, loop, simulate
+from solver import Network, beat_harmonics, loop, simulate
 from solver.errors import InputError
 from solver.laws.effects import BY_NAME
 from solver.laws.wall_laws import LearnedStress
@@ -102,7 +103,7 @@ def test_small_waves_feel_the_viscosity_at_rest(sheep: Network) -> None:
     for terms in ({}, {"CA.tau": 0.02}):
         base = sheep.with_terms(terms)
         more = base.with_parameters({"CA.phi0": s.phi0 + 1e5})
-        found, expected = (linear.propagation(n, omega)[0][5] for n in (LAW.add(base, "CA", law), more))
+        found, expected = (propagation(n, omega)[0][5] for n in (LAW.add(base, "CA", law), more))
         np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 

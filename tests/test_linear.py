@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.special import jv, jvp
-from tubes import OMEGA, RHO, VISCOUS, area, artery, impedance, inlet_impedance, line, speed, tube
+from tubes import OMEGA, RHO, VISCOUS, area, artery, impedance, inlet_impedance, line, propagation, speed, tube
 
 from solver import transmission
 from solver.laws.outlets import Pressure, Reflection, Resistance, Windkessel
-from solver.linear import propagation, solve, waveforms
+from solver.linear import solve, waveforms
 
 # --- one tube -----------------------------------------------------------------------------------------------------
 

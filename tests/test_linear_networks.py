@@ -9,7 +9,7 @@ import pytest
 from tubes import INVISCID, OMEGA, RHO, VISCOUS, area, artery, impedance, inlet_impedance, line, speed, tube
 
 from solver.laws.outlets import Outlet, Pressure, Reflection, Resistance, Windkessel
-from solver.linear import Harmonics, propagation, solve, waveforms
+from solver.linear import Harmonics, solve, waveforms
 from solver.network.description import Fluid, Inlet, Junction, Network, Segment, Site
 from solver.network.files import bundled, read_network
 
@@ -237,7 +237,6 @@ def test_batch_equals_single_runs(sheep: Network) -> None:
             assert x.shape == (32,) and both[name].shape == (3, 32)
             for other in (both, parameters_only, inflows_only):
                 np.testing.assert_allclose(other[name][b], x, rtol=0.0, atol=1e-14 * np.abs(x).max())
-    assert propagation(sheep, OMEGA, values)[0].shape == (3, 10, len(OMEGA))
 
 
 def test_members_that_share_walls(sheep: Network) -> None:
@@ -318,8 +317,6 @@ def test_errors(sheep: Network) -> None:
         solve(replace(sheep, P_0=5e4), np.ones(1), np.ones(1), {"AA.ENL": -1e7})
     with pytest.raises(ValueError, match="outlet A: no stable wall carries P_0 - P_venous = -1e"):
         solved(tube(A, Reflection("A", R_t=0.3, P_venous=1e6)), 1.0)
-    with pytest.raises(ValueError, match="omega = 0 rad/s"):
-        propagation(closed(), np.zeros(1))
     for omega in (np.array([-1.0]), np.array([np.nan]), np.ones((1, 1))):
         with pytest.raises(ValueError, match="angular frequencies >= 0"):
             solve(closed(), np.ones(1), omega)

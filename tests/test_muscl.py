@@ -17,12 +17,12 @@ from solver import (
     Waveforms,
     Windkessel,
     load,
-    muscl,
     simulate,
     simulate_periodic,
 )
+from solver.muscl.model import MusclModel, build
 from solver.muscl.slopes import SLOPES
-from solver.muscl.step import State, _advance
+from solver.muscl.step import State, _advance, initial_state
 
 FOUR = ("MD.P", "MD.Q", "CA.P", "CA.Q")
 OTHER_SLOPES = [("coupled", slopes) for slopes in SLOPES if slopes != "van Albada"]
@@ -59,8 +59,8 @@ def test_rest_stays_at_rest(sheep: Network, ends: str, slopes: str) -> None:
 @pytest.mark.parametrize("ends", ["coupled", "neumann"])
 def test_mass(sheep: Network, ends: str) -> None:
     """d/dt ∫A dx = Q_in - ΣQ_out by the scheme's own steps, 500 of uneven length: <= 1e-12 of the volume."""
-    model = muscl.build(sheep.with_terms(TAPERS), None, MusclSettings(cell=0.02, ends=ends))
-    state, outlets = muscl.initial_state(model), model.mesh.topology.outlet_segment
+    model = build(sheep.with_terms(TAPERS), None, MusclSettings(cell=0.02, ends=ends))
+    state, outlets = initial_state(model), model.mesh.topology.outlet_segment
     volumes, nets, steps = [_volume(model, state)], [0.0], [0.0]
     for i in range(500):
         dt = 3e-4 if i % 7 else 2e-4
@@ -76,7 +76,7 @@ def test_mass(sheep: Network, ends: str) -> None:
     assert abs(_volume(model, state) - volumes[-1]) <= 1e-12 * volumes[0]
 
 
-def _volume(model: muscl.MusclModel, state: State) -> float:
+def _volume(model: MusclModel, state: State) -> float:
     return float(np.sum(state.A * model.dx))
 
 

@@ -92,10 +92,9 @@ def test_fewer_programs_are_not_enough(stored: Store, c_host: CHost, tmp_path: P
 
 @pytest.mark.parametrize("make", [heart_model, body_model])
 def test_documents_of_another_fmu(tmp_path: Path, make: Callable[..., FMUContents]) -> None:
-    """A model whose pages say that the host needs Python, or another FMI, is none of a native FMU, and the reverse."""
-    for fmi, of in ((2, 0), (3, 0), (3, 2)):
-        with pytest.raises(InputError, match=f"documents are those of fmi = {of}, .* make the model with fmi = {fmi}"):
-            build_native_model(make("human", None, of), tmp_path, fmi)
+    """A model whose pages say that the host needs Python is none of a native FMU, and the reverse."""
+    with pytest.raises(InputError, match="make it with fmi = 2 or 3"):
+        build_native_model(make(), tmp_path)
     with pytest.raises(InputError, match="make it with fmi = 0"):
         build_model(make("human", None, 2), tmp_path)
     assert not list(tmp_path.iterdir())

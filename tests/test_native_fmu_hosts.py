@@ -278,7 +278,7 @@ def test_every_function_is_called(fmi: int) -> None:
 def test_random_calls_of_hearts_and_bodies(
     fuzz: tuple[int, Path], tmp_path: Path, make: Callable[..., FMUContents]
 ) -> None:
-    fmu = build_native_model(make("human", None, fuzz[0]), tmp_path, fmi=fuzz[0])
+    fmu = build_native_model(make("human", None, fuzz[0]), tmp_path)
     survives(fuzz, fmu, tmp_path / "fmu", 1)
 
 

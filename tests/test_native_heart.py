@@ -285,7 +285,7 @@ def test_the_same_variables(stored: Store, tmp_path: Path, kind: str, fmi: int) 
         told = archive.read("modelDescription.xml").decode()
     assert f'providesDirectionalDerivative{"s" * (fmi == 3)}="true"' in told
     assert f"(FMI {fmi}.0)" in page and "Nothing: no Python" in page and "Python 3.10" not in page
-    again = build_native_model(MODELS[kind]("human", {}, fmi), tmp_path / "again", fmi)
+    again = build_native_model(MODELS[kind]("human", {}, fmi), tmp_path / "again")
     assert again.read_bytes() == two.read_bytes()
 
 

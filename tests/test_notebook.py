@@ -137,7 +137,7 @@ def test_waveforms_drawn() -> None:
     assert [line.get_ydata()[-1] for line in panel.lines] == pytest.approx([3.750308, 7.500617], rel=1e-6)
     assert BEAT.plot("CA.P")._repr_png_().startswith(b"\x89PNG")
     with pytest.raises(
-        ValueError, match=r"^CA.outlt.P: no variable or place of this result; did you mean CA.outlet.P\?$"
+        ValueError, match=r"^CA.outlt.P: no variable or place of this result \(did you mean CA.outlet.P\?\); its iter"
     ):
         BEAT.plot("CA.outlt.P")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fitting.inference.hypothesis import placed, placed_effect
-from solver import Network, Settings, linear, simulate
+from solver import Network, Settings, simulate
 from solver.laws.effects import BY_NAME
 from solver.laws.localised import Partial
 from solver.mesh.element import element
@@ -67,16 +67,13 @@ def test_the_whole_loss_counts_wherever_it_lies(sheep: Network) -> None:
 
 
 def test_batch_and_file(sheep: Network) -> None:
-    """A batch of positions is its members on one mesh; files hold position and length; the frequency domain refuses."""
+    """A batch of positions is its members on one mesh; files hold position and length."""
     network = BY_NAME["stenosis"].add(sheep, "MD", {"K": 30.0, "K_position": 0.3, "K_length": 0.2})
     assert loads(dumps(network), "x") == network and "K_position = 0.3" in dumps(network)
     both = simulate(network, duration=0.1, parameters={"MD.K_position": np.array([0.3, 0.7])})
     for name, values in both.items():
         alone = simulate(network, duration=0.1, parameters={"MD.K_position": 0.7})[name]
         assert name == "inlet.Q" or np.abs(values[1] - alone).max() <= 1e-11 * np.abs(alone).max()
-    stiff = BY_NAME["wall_stiffness"].add(sheep, "MD", {"E_scale": 1.3, "E_length": 0.2})
-    with pytest.raises(ValueError, match="varies along it"):
-        linear.propagation(stiff, np.array([10.0]))
 
 
 @pytest.mark.parametrize("effect", PARTIAL, ids=lambda e: e.name)

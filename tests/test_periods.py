@@ -97,7 +97,7 @@ def test_a_wrong_period_is_doubted(number: int, beats: float, sentence: str) -> 
 
 def test_sixty_recordings() -> None:
     """The first sixty: none is wrong without a note, and at least 85 % are right."""
-    rows = measure(0, 60, 1)
+    rows = measure(0, 60)
     assert not [row.seed for row in rows if row.silent]
     assert sum(row.kind == "right" for row in rows) >= 51
 
@@ -105,7 +105,7 @@ def test_sixty_recordings() -> None:
 @pytest.mark.endurance
 def test_a_thousand_recordings() -> None:
     """None of a thousand others is wrong without a note; at least 88 % are right, at most 4 % of these with a note."""
-    rows = measure(100_000, 1000, 1)
+    rows = measure(100_000, 1000)
     right = [row for row in rows if row.kind == "right"]
     assert not [row.seed for row in rows if row.silent]
     assert len(right) >= 880 and sum(row.noted for row in right) <= 0.04 * len(right)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import arterial_fmu.cli.fit
+from arterial_fmu.__main__ import app
 from fitting.records.alignment.align import align
 from fitting.records.read.columns import Reading
 from fitting.records.read.record import Record, read_record
@@ -154,7 +154,7 @@ def _behind(line: str, seconds: float) -> str:
 def test_commands_take_further_files(tmp_path: Path) -> None:
     """--columns shows each file; with --json, too."""
     P, Q = files(tmp_path, (200.0, 200.0))
-    done = CliRunner().invoke(arterial_fmu.cli.fit.app, ["calibrate", str(P), "--with", str(Q), "--columns", "--json"])
+    done = CliRunner().invoke(app, ["calibrate", str(P), "--with", str(Q), "--columns", "--json"])
     assert done.exit_code == 0, done.output
     assert [each["columns"][1]["read_as"] for each in json.loads(done.stdout)["files"]] == [
         "C.P, a pressure",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tubes import propagation
 
-from solver import Fluid, Inlet, Network, Reflection, Segment, Settings, Site, linear, simulate_periodic
+from solver import Fluid, Inlet, Network, Reflection, Segment, Settings, Site, simulate_periodic
 from solver.laws.effects import BY_NAME
 from solver.laws.springpot import RATES, REFERENCE, shares
 from solver.loop import loop_pressure
@@ -73,7 +74,7 @@ def test_waves() -> None:
     )  # fmt: skip
     P = [np.fft.rfft(beat[f"x{i}.P"][:-1])[1] for i in range(3)]
     measured = complex(np.arccosh((P[0] + P[2]) / (2.0 * P[1])) / (0.25 * L))
-    gamma = linear.propagation(network, np.array([OMEGA]))[0][0, 0]
+    gamma = propagation(network, np.array([OMEGA]))[0][0, 0]
     assert abs(measured / gamma - 1.0) <= 2e-6
 
     def exact(viscous: complex) -> complex:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver import transmission
 from solver.laws.outlets import Outlet
 from solver.linear import solve
+from solver.network.coefficients import coefficients
 from solver.network.description import Fluid, Inlet, Network, Segment, Site
 
 RHO = 1060.0
@@ -40,6 +42,16 @@ def impedance(s: Segment) -> float:
 
 def inlet_impedance(network: Network, omega: np.ndarray = OMEGA) -> np.ndarray:
     return solve(network, np.ones_like(omega), omega).P_node[0]
+
+
+def propagation(network: Network, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """γ = √(Z'Y') [1/m] and Z_c = √(Z'/Y') [Pa·s/m³] in the middle of every segment : (n_segments, n), as solved."""
+    c = coefficients(network)
+    n = c.L.shape[1]
+    places, which = transmission.Places.of(network, c, np.arange(n), np.full(n, 0.5))
+    own = np.arange(len(places.x))
+    Z, Y, _ = transmission.line(places, places.c.wall_at(own, places.x), own, places.x, omega)
+    return np.sqrt(Z * Y)[which[0]], np.sqrt(Z / Y)[which[0]]
 
 
 def line(s: Segment, omega: np.ndarray = OMEGA) -> tuple[np.ndarray, np.ndarray]:

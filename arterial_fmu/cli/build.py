@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 import typer.core
 
-from arterial_fmu.cli.terminal.console import faults, put, say, say_notes, sentences
+from arterial_fmu.cli.terminal.console import put, say, say_notes, sentences
 from arterial_fmu.cli.terminal.options import DefaultGroup, Json, NetworkName, Quiet
 from arterial_fmu.cli.terminal.progress import bar
 from build_fmu import build, build_model, build_native, build_native_model, build_system
@@ -123,7 +123,7 @@ def _lumped(model: Callable[..., FMUContents]) -> Callable[..., None]:
             check_destinations(out / f"{known.name}.fmu", folders=True)
             starts = _start_values(known.table, change or [])
             if _is_native(native, fmi, platforms):
-                target = build_native_model(model(species, starts, fmi), out, fmi, _listed(platforms))
+                target = build_native_model(model(species, starts, fmi), out, _listed(platforms))
             else:
                 target = build_model(model(species, starts), out, execution_tool)
         _report(target, as_json, quiet)
@@ -164,8 +164,3 @@ def _report(target: Path, as_json: bool, quiet: bool) -> None:
         put({"written": [str(target)], "bytes": size})
     elif not quiet:
         say(f"wrote {target} ({size / 1024:.0f} kB)")
-
-
-if __name__ == "__main__":
-    with faults():
-        app()

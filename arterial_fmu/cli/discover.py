@@ -1,4 +1,4 @@
-"""Command line of the workflow: ``python -m discrepancy RECORD.csv`` and ``python -m discrepancy isolability``."""
+"""The commands ``discover`` and ``isolability``."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-import discrepancy
-from arterial_fmu.cli.terminal.console import complain, conclude, faults, say, sentences, show
-from arterial_fmu.cli.terminal.options import DefaultGroup, Json, Quiet, networks_for
+from arterial_fmu.cli.terminal.console import complain, conclude, say, sentences, show
+from arterial_fmu.cli.terminal.options import Json, Quiet, networks_for
 from arterial_fmu.cli.terminal.progress import bar
 from discrepancy.options import Asked
 from fitting.parallel.workers import cores
@@ -29,12 +28,6 @@ _ERRORS = (NonPhysicalState, NotPeriodic, HostDied)  # errors that a user can co
 _PACE = 600.0  # s over which the remaining time is estimated: stages differ in pace
 
 
-app = typer.Typer(
-    cls=DefaultGroup, add_completion=False, help=discrepancy.__doc__, no_args_is_help=True, rich_markup_mode=None
-)
-
-
-@app.command("discover")
 def discover_command(
     record: Annotated[
         Path,
@@ -118,7 +111,6 @@ def discover_command(
         raise typer.Exit(ExitCode.UNUSABLE)
 
 
-@app.command("isolability")
 def isolability_command(
     network: Annotated[
         str,
@@ -176,8 +168,3 @@ def _show_plan(plan: SensorPlan) -> None:
     show(plan_table(plan))
     for text in plan_statements(plan):
         say(text)
-
-
-if __name__ == "__main__":
-    with faults():
-        app(prog_name="python -m arterial_fmu.cli.discover")

@@ -1,4 +1,4 @@
-"""Command line of the fits: ``python -m fitting fit|virtual|cohort|first|calibrate|check``."""
+"""The command ``fit``: the wall of one site."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from arterial_fmu.cli.terminal.console import conclude, faults, sentences, show
+from arterial_fmu.cli.terminal.console import conclude, sentences, show
 from arterial_fmu.cli.terminal.options import Force, Json, Quiet
 from arterial_fmu.cli.terminal.progress import PACE, bar
 from fitting.results.parameter_set import set_content, set_format, set_json
@@ -21,10 +21,6 @@ from solver.io.writing import check_destinations, check_new, write_all
 from solver.network.files import dumps
 from solver.quantities.text import typed_quantity
 
-from .calibrate import calibrate_command
-from .check import check_command
-from .cohort import cohort_command, virtual_command
-from .first import first_command
 from .terminal import record_options as options
 
 if TYPE_CHECKING:
@@ -32,10 +28,7 @@ if TYPE_CHECKING:
     from fitting.results.estimate import Estimate
     from fitting.wall.wall_fit import WallFit
 
-app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich_markup_mode=None)
 
-
-@app.command("fit")
 def fit_command(
     record: Annotated[Path, typer.Argument(is_eager=True, help="Record with `time [s]`, `<site>.P` and `<site>.R`.")],
     site: Annotated[str, typer.Option(help="Name of the site: AA for AA.P and AA.R.")],
@@ -105,10 +98,6 @@ def fit_command(
     conclude(as_json, quiet, lambda: set_json(parameters), shown, notes, written)
 
 
-for command in (virtual_command, cohort_command, first_command, calibrate_command, check_command):
-    app.command(command.__name__.removesuffix("_command"))(command)
-
-
 def _check(out: Path | None, figure: Path | None, replicates: int) -> None:
     """Raise InputError, before the work, for a file of a wrong kind or a negative number."""
     if out is not None:
@@ -143,8 +132,3 @@ def _notes(kept: WallFit) -> list[str]:
     which = "late" if lag > 0.0 else "early"
     note = f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); the results are corrected for it, "
     return [f"{note}but check uses the record without this correction.", *kept.warnings]
-
-
-if __name__ == "__main__":
-    with faults():
-        app()

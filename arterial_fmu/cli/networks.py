@@ -1,4 +1,4 @@
-"""Command line for whole networks: ``python -m solver list | import | export``."""
+"""The commands ``list``, ``import`` and ``export``: whole networks."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ from solver.network.importers.sheet import read_sheet, to_sheet
 from .terminal.console import put, right, say, say_notes, say_written, sentences, show
 from .terminal.options import Force, Json, NetworkName
 
-_STYLE: dict[str, Any] = {"add_completion": False, "no_args_is_help": True, "rich_markup_mode": None}
-app = typer.Typer(**_STYLE, help="Networks: list, import and export.")
-importers = typer.Typer(**_STYLE, help="Make a network file of another format.")
-app.add_typer(importers, name="import")
+importers = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Make a network file of another format.",
+)
 
 Out = Annotated[Path | None, typer.Option(help="The network file to write; default: its name, in this folder.")]
 
 
-@app.command("list")
 def list_networks(as_json: Json = False) -> None:
     """List the included networks."""
     networks = [read_network(find_network(name)) for name in bundled_names()]
@@ -118,7 +119,6 @@ def _write(
     say(f"{network.name}: {len(network.segments)} segments, {len(network.outlets)} outlets")
 
 
-@app.command("export")
 def export_csv(
     network: NetworkName,
     out: Annotated[

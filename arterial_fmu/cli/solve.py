@@ -1,9 +1,8 @@
-"""Command line of the solver: ``python -m solver NETWORK``, or list, import, export."""
+"""The command ``solve``: simulate a network."""
 
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,9 +23,8 @@ from solver.scheme.model import Settings
 from solver.schemes import AnySettings
 from solver.simulate import NotPeriodic, Waveforms, simulate, simulate_periodic
 
-from . import networks
-from .terminal.console import conclude, faults, ranges, right, sentences, show
-from .terminal.options import Json, NetworkName, Quiet, one_command
+from .terminal.console import conclude, ranges, right, sentences, show
+from .terminal.options import Json, NetworkName, Quiet
 from .terminal.progress import bar
 
 
@@ -143,10 +141,3 @@ def _show(network: Network, result: Waveforms) -> None:
         numbers = (f"{P.min() / MMHG:z.2f}", f"{P.max() / MMHG:z.2f}", f"{Q.max() * 1e6:z.3f}", f"{R.mean() * 1e3:.3f}")
         table.add_row(site.name, *numbers)
     show(table)
-
-
-if __name__ == "__main__":
-    with faults():
-        if sys.argv[1:2] and sys.argv[1] in {"list", "import", "export"}:
-            networks.app()
-        one_command(main)()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 
 import numpy as np
 from matplotlib import colormaps, rc_context
@@ -14,6 +13,7 @@ from fitting.pages.panels import by_place
 from fitting.pages.style import BLUE, STYLE, Picture
 from solver.errors import InputError
 from solver.quantities.legible import number
+from solver.quantities.text import did_you_mean
 from solver.quantities.units import of_signal
 from solver.waveforms import Waveforms
 
@@ -102,8 +102,7 @@ def _named(result: Waveforms, names: Sequence[str]) -> list[str]:
     for asked in names:
         mine = [name for name, place in zip(result, places, strict=True) if asked in (name, place)]
         if not mine:
-            near = get_close_matches(asked, [*result, *places], 1)
-            hint = f"did you mean {near[0]}?" if near else "its iteration gives all names."
-            raise InputError(f"{asked}: no variable or place of this result; {hint}")
+            near = did_you_mean(asked, [*result, *places])
+            raise InputError(f"{asked}: no variable or place of this result{near}; its iteration gives all names.")
         found |= dict.fromkeys(mine)
     return list(found)

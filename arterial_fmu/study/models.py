@@ -206,7 +206,7 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str 
     network = read_network(find_network(source))
     longest = ELEMENT if element_length is None else typed_quantity(element_length, "m", "--element-length")
     longer = min(_LONGEST, _LONGER * seconds) if element_length is None else 0.0
-    settings = Settings(seconds, longest, tolerance=_step(tolerance))
+    settings = Settings(seconds, longest, tolerance=min(Settings().tolerance, 0.3 * tolerance))
     if driven_by is None:
         if any(inlet.given is None for inlet in network.inlets):
             raise InputError(f"{source}: the drive of its inlet is unknown; add a curve to the network file.")
@@ -214,11 +214,6 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str 
     if len(network.inlets) > 1 or network.inlet.causality != "flow":
         raise InputError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")
     return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds, network), longer)
-
-
-def _step(tolerance: float) -> float:
-    """The iteration tolerance of a step, for beats that repeat to a tolerance."""
-    return min(Settings().tolerance, 0.3 * tolerance)
 
 
 def _fmu_model(path: str, driven_by: str | None) -> FMUModel:

@@ -76,14 +76,9 @@ class Store:
         finer = {"finer.parquet": parquet(_table(self.part(CHECK)))} if plan.checked.size else {}
         waveforms = parquet(frame.select(SET, *plan.waves))
         write_folder(self.folder, finer | {"waveforms.parquet": waveforms, "sets.parquet": parquet(results)})
-        self.clear()
-
-    def clear(self) -> None:
-        """Remove the parts."""
         for path in (self.folder / "parts").glob("*.parquet"):
             path.unlink()
-        if (self.folder / "parts").is_dir():
-            (self.folder / "parts").rmdir()
+        (self.folder / "parts").rmdir()
 
     def read(self, name: str) -> pl.DataFrame:
         """A result: sets, waveforms, or finer."""

@@ -5,6 +5,6 @@ bank.py     a file of such lines, resumable
 words.py    named right, single, wrong, in class: what the bank counts, of one line
 counts.py   proportions with bounds, and the tables of counts
 targets.py  a table of targets: met, open or missed; animals.py those of the groups
-tables.py   the tables behind them, and the failed records; calibration.py what a confidence is worth, with its diagram
+tables.py   the tables behind them; calibration.py what a confidence is worth, with its diagram
 report.py   the report in Markdown
 """

@@ -89,7 +89,7 @@ def walls(lines: Sequence[Line]) -> str:
     t.at_least("– right place", 0.85, share(full, w.right_place))
     t.at_most("– single wrong name", 0.02, share(full, w.wrong))
     t.add("– named, and more remains", "–", share(full, w.partial))
-    t.add("– no name", "–", share(full, _silent))
+    t.add("– no name", "–", share(full, lambda x: not w.claims(x)))
     three = [x for x in seen if x["channels"] == THREE_PRESSURES]
     t.at_least("the same, pressures at 3 sites: truth in the class", 0.90, share(three, w.in_class))
     t.at_most("all sizes and sensors: single wrong name", 0.02, share(w.of(lines, "single"), w.wrong))
@@ -246,7 +246,3 @@ def _kinds(lines: Sequence[Line]) -> list[tuple[str, list[Line]]]:
 
 def _spreads() -> tuple[tuple[str, Callable[[Line], bool]], ...]:
     return ("walls alike", lambda x: not x["walls"]), ("individual walls", lambda x: bool(x["walls"]))
-
-
-def _silent(x: Line) -> bool:
-    return not w.claims(x)

@@ -34,8 +34,8 @@ class Bank:
     sources: str
     group: str = "standard"
 
-    def lines(self, mixed: bool = False) -> list[Line]:
-        """The whole lines of the file; a half-written last one is cut off. mixed : other sources are taken, too.
+    def lines(self) -> list[Line]:
+        """The whole lines of the file; a half-written last one is cut off.
 
         Raises NotThisBank if they are of another plan, or of other sources.
         """
@@ -48,27 +48,22 @@ class Bank:
                 f"{self.seed}; give another file by --out."
             )
         other = sum(x["sources"] != self.sources for x in found)
-        if other and not mixed:
+        if other:
             raise NotThisBank(
                 f"{self.path}: {other} of {len(found)} records were judged by other sources ({', '.join(JUDGED_BY)}) "
-                "than these; give another file by --out, remove it, or say --mixed to keep them."
+                "than these; give another file by --out, or remove it."
             )
         return found
 
-    def run(
-        self, limit: int | None, jobs: int, mixed: bool = False, nulls: bool = False, scheduler: str | None = None,
-        least: float = 0.0, first: int = 0,
-    ) -> None:  # fmt: skip
-        """Judge the first ``limit`` records of the plan that are not yet in the file; nulls : of those without a
-        hidden effect only. scheduler : of a cluster that does it (:mod:`fitting.parallel.tasks`). least : of d', below
-        which a record is not judged. first : index of the plan to begin at."""
-        judged = {x["index"] for x in self.lines(mixed)}
+    def run(self, limit: int | None, jobs: int, least: float = 0.0, first: int = 0) -> None:
+        """Judge the first ``limit`` records of the plan that are not yet in the file. least : of d', below which a
+        record is not judged. first : index of the plan to begin at."""
+        judged = {x["index"] for x in self.lines()}
         cases = whole(self.kind, self.group, self.seed)[:limit]
-        wanted = [i for i, case in enumerate(cases) if i >= first and not (nulls and case.effects)]
-        todo = [i for i in wanted if i not in judged]
+        todo = [i for i in range(first, len(cases)) if i not in judged]
         self.path.parent.mkdir(parents=True, exist_ok=True)
         tasks = [(self.kind, self.seed, i, cases[i], self.group, least) for i in todo]
-        lines, said = done(_row, tasks, jobs, scheduler), f"{self.group} {self.kind} records, {len(todo)} to judge"
+        lines, said = done(_row, tasks, jobs), f"{self.group} {self.kind} records, {len(todo)} to judge"
         with self.path.open("a", encoding="utf-8") as file:
             for _, line in track(lines, said, total=len(todo), console=Console(stderr=True)):
                 file.write(json.dumps(line | {"sources": self.sources}) + "\n")

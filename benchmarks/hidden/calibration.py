@@ -15,6 +15,7 @@ from .counts import Share, markdown, share
 from .words import Line
 
 BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
+DRAWS = 20_000  # for intervals
 
 
 def reliability(lines: Sequence[Line]) -> str:
@@ -51,7 +52,7 @@ def calibration_error(stated: Sequence[Line]) -> float:
     return sum(gaps) / len(stated)
 
 
-def error_bounds(stated: Sequence[Line], draws: int = 20_000) -> tuple[float, float]:
+def error_bounds(stated: Sequence[Line]) -> tuple[float, float]:
     """95 % interval of the calibration error: the same sum over drawn shares, with a seed.
 
     A bin's share right is drawn from Beta(right + 1/2, wrong + 1/2), Jeffreys' posterior of its count (Brown, Cai and
@@ -59,22 +60,22 @@ def error_bounds(stated: Sequence[Line], draws: int = 20_000) -> tuple[float, fl
     are right without any width. Few records show a large error whatever is stated, and the interval has that twice.
     """
     rng = np.random.default_rng(0)
-    gaps = np.zeros(draws)
+    gaps = np.zeros(DRAWS)
     for own in binned(stated):
         right = share(own, w.confident_right)
-        drawn = rng.beta(right.hits + 0.5, right.n - right.hits + 0.5, draws)
+        drawn = rng.beta(right.hits + 0.5, right.n - right.hits + 0.5, DRAWS)
         gaps += right.n * abs(_mean(own) - drawn)
     low, high = np.quantile(gaps / len(stated), (0.025, 0.975))
     return float(low), float(high)
 
 
-def error_by_chance(stated: Sequence[Line], draws: int = 20_000) -> tuple[float, float]:
+def error_by_chance(stated: Sequence[Line]) -> tuple[float, float]:
     """Mean and 95 % quantile of the calibration error of as many records if every stated confidence were exact; with a
     seed."""
-    rng, gaps = np.random.default_rng(0), np.zeros(draws)
+    rng, gaps = np.random.default_rng(0), np.zeros(DRAWS)
     for own in binned(stated):
         p = np.array([x["confidence"] for x in own])
-        gaps += abs(p.sum() - (rng.random((draws, len(p))) < p).sum(axis=1))
+        gaps += abs(p.sum() - (rng.random((DRAWS, len(p))) < p).sum(axis=1))
     return float(gaps.mean() / len(stated)), float(np.quantile(gaps, 0.95) / len(stated))
 
 

@@ -101,16 +101,13 @@ def origin(lines: Sequence[Line]) -> str:
         lost, small = (sum(x["verdict"] == which for x in own) for which in (w.NOT_MADE, w.NOT_JUDGED))
         without = f" ({lost} without a periodic state, excluded)" if lost else ""
         without += f" ({small} with too small a d′, excluded before any verdict)" if small else ""
-        said.append(f"{len(own)} {group} {kind} records of seed {seed}{without}, sources {', '.join(_hashes(own))}")
+        sources = ", ".join(sorted({x["sources"] for x in own}))
+        said.append(f"{len(own)} {group} {kind} records of seed {seed}{without}, sources {sources}")
     return "; ".join(said) + "."
 
 
 def _plan(x: Line) -> tuple[str, str, int]:
     return w.group(x), x["kind"], x["seed"]
-
-
-def _hashes(lines: Sequence[Line]) -> list[str]:
-    return sorted({x["sources"] for x in lines})
 
 
 def write(text: str, page: Path) -> None:

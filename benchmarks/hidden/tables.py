@@ -1,4 +1,4 @@
-"""The tables behind the targets: power, confusion, classes, places, confidence, parameters, and failures."""
+"""The tables behind the targets: power, confusion, classes, places, confidence and parameters."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from .words import Line
 
 POWER_BINS = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0, 30.0, 60.0, 120.0, np.inf)
 SEPARABLE = 6.0
+LEAST = 6.0  # d' of a single effect in most tables
 
 
 def verdicts(lines: Sequence[Line]) -> str:
@@ -41,9 +42,9 @@ def power(lines: Sequence[Line]) -> str:
     return markdown(header, rows)
 
 
-def confusion(lines: Sequence[Line], least: float = 6.0) -> str:
-    """Rows: hidden effects (single ones with d' of at least ``least``, and all nulls); columns: the first name."""
-    chosen = w.of(lines, "single", least) + w.of(lines, "null")
+def confusion(lines: Sequence[Line]) -> str:
+    """Rows: hidden effects (single ones with d' of at least LEAST, and all nulls); columns: the first name."""
+    chosen = w.of(lines, "single", LEAST) + w.of(lines, "null")
     truth = sorted({w.truths(x)[0] for x in chosen if x["effects"]})
     columns = sorted({*truth, *(w.reported(x) for x in chosen)} - set(_VERDICTS)) + list(_VERDICTS)
     columns = [c for c in columns if c in truth or any(w.reported(x) == c for x in chosen)]
@@ -55,7 +56,7 @@ def confusion(lines: Sequence[Line], least: float = 6.0) -> str:
         rows.append((label, *(_bold(count[c], c == name) for c in columns)))
     header = [c if c in _VERDICTS else str(i + 1) for i, c in enumerate(columns)]
     rest = [f"{i + 1} {c}" for i, c in enumerate(columns) if c not in truth and c not in _VERDICTS]
-    note = f"Single effects with d′ ≥ {least:g}, and all nulls." + (f" {', '.join(rest)}." if rest else "")
+    note = f"Single effects with d′ ≥ {LEAST:g}, and all nulls." + (f" {', '.join(rest)}." if rest else "")
     return f"{note}\n\n" + markdown(("hidden \\ reported", *header), rows)
 
 
@@ -66,16 +67,16 @@ def _bold(n: int, diagonal: bool) -> str:
     return f"**{n}**" if diagonal and n else str(n or "")
 
 
-def by_effect(lines: Sequence[Line], least: float = 6.0) -> str:
-    """Per hidden effect, with d' of at least ``least``: separable or not."""
+def by_effect(lines: Sequence[Line]) -> str:
+    """Per hidden effect, with d' of at least LEAST: separable or not."""
     rows = []
     for name in sorted({w.truths(x)[0] for x in w.of(lines, "single")}):
-        own = [x for x in w.of(lines, "single", least) if w.truths(x)[0] == name]
+        own = [x for x in w.of(lines, "single", LEAST) if w.truths(x)[0] == name]
         apart = [x for x in own if w.separation(x) >= SEPARABLE]
         cells = [_of(own, w.named_right), _of(own, w.in_class), _of(apart, w.named_right), _of(apart, w.single_right),
                  _of(own, w.wrong)]  # fmt: skip
         rows.append((name, *cells))
-    header = (f"hidden, d′ ≥ {least:g}", "named right", "in the class", "separable: named right", "– single", "wrong")
+    header = (f"hidden, d′ ≥ {LEAST:g}", "named right", "in the class", "separable: named right", "– single", "wrong")
     return markdown(header, rows)
 
 
@@ -97,17 +98,17 @@ def places(lines: Sequence[Line], network: Network) -> str:
     return "Of the effects named right:\n\n" + markdown(header, rows)
 
 
-def ambiguous(lines: Sequence[Line], least: float = 6.0) -> str:
+def ambiguous(lines: Sequence[Line]) -> str:
     """The members of the classes, per hidden effect."""
     rows = []
-    for name in sorted({w.truths(x)[0] for x in w.of(lines, "single", least)}):
-        own = [x for x in w.of(lines, "single", least) if w.truths(x)[0] == name]
+    for name in sorted({w.truths(x)[0] for x in w.of(lines, "single", LEAST)}):
+        own = [x for x in w.of(lines, "single", LEAST) if w.truths(x)[0] == name]
         several = [x for x in own if x["verdict"] == "ambiguous"]
         others = Counter(n for x in several for n in {m[0]["name"] for m in x["class"]} - {name})
         if several:
             rivals = Counter(x["rival"].partition("@")[0] for x in several)
             rows.append((name, f"{len(several)}/{len(own)}", _counted(others), _counted(rivals)))
-    note = f"Single effects with d′ ≥ {least:g} and verdict `ambiguous`: the other names in their classes, and the\n" \
+    note = f"Single effects with d′ ≥ {LEAST:g} and verdict `ambiguous`: the other names in their classes, and the\n" \
            "nearest rival that the generator sees."  # fmt: skip
     return f"{note}\n\n" + markdown(("hidden", "ambiguous", "with", "nearest rival"), rows, left=4)
 
@@ -174,49 +175,3 @@ def pairs(lines: Sequence[Line]) -> str:
             size = f"{low:g}–{high:g}" if np.isfinite(high) else f"≥ {low:g}"
             rows.append((size, len(own), share(own, w.both_named), share(own, w.one_and_more), told))
     return markdown(("smaller d′", "records", "both named", "one, and more remains", "verdicts"), rows)
-
-
-# --- the failed records, with the numbers that explain each failure -------------------------------------------------
-
-
-def failures(lines: Sequence[Line], network: Network) -> str:
-    """The failures: false alarms, wrong single names, visible and separable effects without the right name, errors."""
-    parts, made = [], w.judged(lines)
-    singles = w.of(made, "single")
-    chosen = {
-        "false alarms": [x for x in w.of(made, "null") if w.detected(x)],
-        "single and wrong": [x for x in singles if w.wrong(x)],
-        "d′ ≥ 6, not in the class": [x for x in w.of(made, "single", 6.0) if not w.in_class(x) and not w.wrong(x)],
-        "separable, not on top": [
-            x for x in w.of(made, "single", 12.0)
-            if w.separation(x) >= SEPARABLE and w.in_class(x) and not w.named_right(x)],
-        "separable, right but not single": [
-            x for x in w.of(made, "single", 12.0)
-            if w.separation(x) >= SEPARABLE and w.named_right(x) and not w.single(x)],
-        "right name, wrong place": [
-            x for x in w.of(made, "single", 30.0) if w.named_right(x) and not w.adjacent_place(x, network)],
-        "outside, named": [x for x in w.of(made, "outside", 6.0) if w.committed(x)],
-        "pairs not both": [x for x in w.of(made, "pair", 30.0) if not w.both_named(x)],
-        "errors": [x for x in lines if x.get("error")],
-    }  # fmt: skip
-    for title, own in chosen.items():
-        parts.append(f"### {title}: {len(own)}\n\n" + "\n".join(f"- {_record_text(x)}" for x in own))
-    return "\n\n".join(parts) + "\n"
-
-
-def _record_text(x: Line) -> str:
-    hidden = " + ".join(
-        f"{e['name']}@{','.join(e['where'])} {e['size']:.3g} (d′ {e.get('d_prime', float('nan')):.3g})"
-        for e in x["effects"]
-    )
-    if x.get("error"):
-        return f"{x['kind']} {x['index']}: {hidden or 'null'}: {x['verdict']}: {x['error']}"
-    tops = "; ".join(
-        " + ".join(f"{t['name']}@{','.join(t['where'])}" for t in h["terms"])
-        + f" {h['score']:.1f} (cost {h['cost']:.0f}, misfit {h['misfit']:.1f}, p {h['probability']:.2g})"
-        for h in x["top"][:3]
-    )
-    setting = f"{x['channels']}, {x['dB']:g} dB, {x['base']}, {x['elastic_law']}/{x['viscous_law']}"
-    rival = f", sep {w.separation(x):.3g} from {x['rival']}" if x.get("rival") else ""
-    before = f"none {x['base_score']:.1f} (misfit {x['base_misfit']:.1f})"
-    return f"{x['kind']} {x['index']} [{setting}]: {hidden or 'null'}{rival} → {x['verdict']}: {tops}; {before}"

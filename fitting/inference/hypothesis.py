@@ -13,8 +13,8 @@ from typing import Any
 
 from solver.errors import InputError
 from solver.laws import effects
-from solver.laws.catalogue import quantities_of, value_of
-from solver.laws.effect import ALL_PLACES, OUTFLOW, Effect
+from solver.laws.catalogue import quantities_of
+from solver.laws.effect import ALL_PLACES, OUTFLOW, Effect, value_of
 from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 from solver.quantities.quantity import Quantity

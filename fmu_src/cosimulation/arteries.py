@@ -18,7 +18,7 @@ from solver.network.inlet import Inlet
 from solver.periodic.start import periodic_state
 from solver.scheme.failure import NonPhysicalState
 from solver.scheme.model import Model, Settings, build
-from solver.scheme.outputs import reporter, venous_flow, volume_weights
+from solver.scheme.outputs import reporter, volume_weights
 from solver.scheme.step import State, initial_state
 
 from .communication_step import CommunicationStep, Drive, Position, rounded
@@ -228,10 +228,6 @@ class CoSimulation(Component):
             return impedances(self.basis, self.interpolation)
         except NonPhysicalState:
             return endless(self.model)
-
-    def venous_flows(self) -> Array:
-        """The flow of each outlet to its P_venous : (n_outlets,) [m³/s]."""
-        return venous_flow(self.model, self.shown.state, self.last.P_venous)[0]
 
     def _volume(self) -> float:
         return float(self.weights @ self.shown.state.y[0])

@@ -20,16 +20,8 @@ from .drawing import model_png, network_svg
 
 def documents(network: Network, table: tuple[Variable, ...], version: str, fmi: int = 0) -> dict[str, bytes]:
     """The files by their path in the FMU. fmi : version of the standard of one that needs no Python, 0 of others."""
-    html = of_standard(index_html(network, table, version), fmi, NATIVE_HOST)
+    html = index_html(network, table, version, fmi)
     return {"documentation/index.html": html.encode(), "model.png": model_png(network), **licences(not fmi)}
-
-
-def of_standard(html: str, fmi: int, host: str) -> str:
-    """A page of pythonfmu's FMU as that of one that needs no Python. fmi : as for :func:`documents`. host : what the
-    host needs."""
-    if not fmi:
-        return html
-    return html.replace(HOST, host).replace(_CRASHES, _REFUSES).replace("(FMI 2.0)", f"(FMI {fmi}.0)")
 
 
 def licences(wrapped: bool = True) -> dict[str, bytes]:
@@ -96,8 +88,7 @@ status only (FMPy: <code>simulate_fmu(..., debug_logging=True)</code>). When a s
 result without an error: compare the last time with the stop time.</li>
 <li><strong>Saved states.</strong> The state can be saved, restored, written as bytes and read again, in this
 instance, another one or a new process; what follows is the same to the last bit. Bytes that are damaged or those of
-another FMU are rejected. A state that was freed, or is none, crashes the host: the wrapper of pythonfmu does not check
-it.</li>
+another FMU are rejected. {freed}</li>
 <li><strong>Reading it back.</strong> <code>resources/network.toml</code> is the network file that this FMU was built
 from, with the values that were set at the build.</li>
 </ul>
@@ -153,7 +144,7 @@ it."""
 _REFUSES = "A state that was freed, or is none, is rejected; to another instance it goes as bytes."
 
 
-def _use(network: Network) -> str:
+def _use(network: Network, fmi: int) -> str:
     words, inlet = _DRIVES[network.inlet.causality], network.inlet
     periodic = words["periodic"].format(shape=inlet.shape)
     further = [f"<code>{each.drive}</code> (answered by <code>{each.answer}</code>)" for each in network.further_inlets]
@@ -166,23 +157,26 @@ def _use(network: Network) -> str:
         if further
         else ""
     )
-    return _USE.format_map({**words, "periodic": periodic, "more": more})
+    freed = _REFUSES if fmi else _CRASHES
+    return _USE.format_map({**words, "periodic": periodic, "more": more, "freed": freed})
 
 
-def index_html(network: Network, table: tuple[Variable, ...], version: str) -> str:
-    """One self-contained page: what the FMU is, how to use it, its variables, the network drawn, references."""
+def index_html(network: Network, table: tuple[Variable, ...], version: str, fmi: int = 0) -> str:
+    """One self-contained page: what the FMU is, how to use it, its variables, the network drawn, references. fmi : as
+    for :func:`documents`."""
     reference = escape(" ".join(network.reference.split()) or "The network file names none.")
+    standard = f"FMI {fmi or 2}.0"
     body = f"""<h1>{escape(network.name)}</h1>
 <p>Pressure, flow and radius of pulse waves in a network of {_count(network)}, as a co-simulation FMU
-(FMI 2.0) made by arterial-fmu {escape(version)}. In every artery it solves the one-dimensional equations of mass and
+({standard}) made by arterial-fmu {escape(version)}. In every artery it solves the one-dimensional equations of mass and
 momentum with an elastic or viscoelastic wall; {_outlets_in_words(network)}</p>
 <figure>
 {network_svg(network)}
 <figcaption>Line width grows with the radius R0. Dots are the sites where pressure, flow and radius are reported;
 bars are outlets ({", ".join(f"{kind.symbol} {kind.noun}" for kind in OUTLETS)}).</figcaption>
 </figure>
-{_use(network)}
-{HOST}
+{_use(network, fmi)}
+{NATIVE_HOST if fmi else HOST}
 {variables_html(table)}
 <h2>References</h2>
 <p>Parameters of the network: {reference}</p>

@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from ..variables.variable import Variable
-from .document import HOST, NATIVE_HOST_OF_FEW, licences, of_standard, page, variables_html
+from .document import HOST, NATIVE_HOST_OF_FEW, licences, page, variables_html
 
 
 def documents(
@@ -15,17 +15,17 @@ def documents(
     standard of one that needs no Python, 0 of others."""
     points = "\n".join(f"<li>{use}</li>" for use in uses)
     body = f"""<h1>{escape(name)}</h1>
-<p>{escape(title)} A co-simulation FMU (FMI 2.0) made by arterial-fmu.</p>
+<p>{escape(title)} A co-simulation FMU (FMI {fmi or 2}.0) made by arterial-fmu.</p>
 <h2>How to use it</h2>
 <ul>
 {points}
 </ul>
-{HOST}
+{NATIVE_HOST_OF_FEW if fmi else HOST}
 {variables_html(table)}
 <h2>References</h2>
 <p>{escape(reference)}</p>
 <p>Licence: MIT.</p>"""
-    html = of_standard(page(f"{name}: {title}", body), fmi, NATIVE_HOST_OF_FEW)
+    html = page(f"{name}: {title}", body)
     return {"documentation/index.html": html.encode(), **licences(not fmi)}
 
 

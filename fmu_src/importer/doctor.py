@@ -16,7 +16,6 @@ import shutil
 import struct
 import subprocess
 import sys
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -34,7 +33,7 @@ from ..host import PYTHONS, TESTED
 from ..native import native_doctor
 from . import trial
 from .interpreter import Interpreter, interpreter
-from .unpacking import undecoded, unpacking_folder
+from .unpacking import places, undecoded, unpacking_folder
 
 OK, NOTE, PROBLEM, FATAL = "ok", "note", "problem", "no FMU of this project"
 EXIT = {
@@ -236,7 +235,7 @@ def _missing(files: Mapping[str, bytes], module: str) -> str | None:
 def _binaries(archive: Archive) -> Iterator[Finding]:
     """The platforms with a binary in the FMU; this machine's must be among them."""
     found = {PurePosixPath(name).parts[1] for name in archive.names if re.match(r"binaries/[^/]+/.", name)}
-    here = trial.binary(Path(), archive.model, False)
+    here = trial.binary(Path(), archive.model)
     listed = ", ".join(_PLATFORMS.get(name, name) for name in sorted(found)) or "none"
     absent = [_PLATFORMS[name] for name in _PLATFORMS if name not in found]
     if here.as_posix() not in archive.names:
@@ -291,7 +290,7 @@ def _shell(value: str) -> str:
 
 def _paths(path: Path) -> Iterator[Finding]:
     """Check paths: hosts pass the resource folder as a URI, and the wrapper decodes only blanks in it."""
-    temporary = _temporary()
+    temporary = next(places())  # only Python uses another one if this one is not writable
     for label, folder in (("temporary folder", temporary), ("folder of the FMU", path.absolute().parent)):
         bad = "".join(sorted(set(undecoded(folder))))
         if bad:
@@ -302,15 +301,6 @@ def _paths(path: Path) -> Iterator[Finding]:
         yield Finding("temporary folder", PROBLEM, f"{temporary} cannot be written", "set TMPDIR to one that can")
     elif shutil.disk_usage(temporary).free < 10e6:
         yield Finding("temporary folder", PROBLEM, f"{temporary} has less than 10 MB left", "make room, or set TMPDIR")
-
-
-def _temporary() -> Path:
-    """The folder where hosts unpack an FMU; only Python uses another one if this one is not writable."""
-    given = [os.environ[name] for name in ("TMPDIR", "TEMP", "TMP") if os.environ.get(name)]
-    try:
-        return Path(given[0] if given else tempfile.gettempdir()).absolute()
-    except OSError:
-        return Path("/tmp")
 
 
 def _trial(path: Path, python: str, remedy: str) -> Finding:

@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from solver.errors import InputError
@@ -63,11 +62,6 @@ class Interpreter:
         if self.library is None:
             return {}
         return {"PATH": os.path.dirname(self.executable) + ":$PATH", "LD_PRELOAD": self.library}
-
-    def complete(self, environment: Mapping[str, str]) -> dict[str, str]:
-        """An environment with that of :meth:`environment`, to start a host in."""
-        own = self.environment()
-        return {**environment, **own, "PATH": own.get("PATH", "$PATH").replace("$PATH", environment.get("PATH", ""))}
 
 
 def interpreter(python: str = sys.executable) -> Interpreter:

@@ -6,7 +6,6 @@ that the last stage is known even if the process dies. The doctor runs it with t
 """
 
 import json
-import platform
 import sys
 from ctypes import CDLL, CFUNCTYPE, POINTER, Structure, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
 from pathlib import Path
@@ -31,12 +30,9 @@ def tell(**record: object) -> None:
     print(json.dumps(record), flush=True)
 
 
-def binary(folder: Path, model: str, three: bool) -> Path:
-    """The FMU's library for this machine; three : of an FMU for FMI 3.0."""
+def binary(folder: Path, model: str) -> Path:
+    """The library for this machine of an FMU for FMI 2.0."""
     name, suffix = {"win32": ("win64", "dll"), "darwin": ("darwin64", "dylib")}.get(sys.platform, ("linux64", "so"))
-    if three:
-        machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine())
-        name = f"{machine}-{'windows' if suffix == 'dll' else sys.platform}"
     return folder / "binaries" / name / f"{model}.{suffix}"
 
 
@@ -56,7 +52,7 @@ def main(folder: Path) -> None:
     if three:
         _with_fmi3(folder, step, outputs)
     else:
-        fmi = CDLL(str(binary(folder, simulation.get("modelIdentifier", ""), three)))
+        fmi = CDLL(str(binary(folder, simulation.get("modelIdentifier", ""))))
         tell(done="load")
         _with_fmi2(fmi, folder, root.get("guid", ""), step, outputs)
     tell(done="free")

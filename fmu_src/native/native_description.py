@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from solver.quantities.units import base_units, display_factor, display_units
-
-from ..variables.model_description import complete, type_definitions, type_name, unit_names
+from ..variables.model_description import complete, limits, type_definitions, type_name, unit, unit_definitions
 from ..variables.variable import Variable
 
 AUTHOR, LICENCE, COPYRIGHT = "arterial-fmu contributors", "MIT", "© 2026 arterial-fmu contributors"
@@ -41,12 +38,11 @@ def fmi2(about: About, table: Sequence[Variable]) -> bytes:
     _experiment(root, about)
     variables = SubElement(root, "ModelVariables")
     for vr, variable in enumerate(table):
-        initial = {"parameter": {"initial": "exact"}, "output": {"initial": "calculated"}}.get(variable.causality, {})
-        node = SubElement(variables, "ScalarVariable", {**_facts(vr, variable), **initial})
-        start = (
-            {} if variable.start is None or variable.quantity else {"start": str(variable.number(str(variable.start)))}
-        )
-        SubElement(node, "Real" if variable.quantity else "Integer", start)
+        node = SubElement(variables, "ScalarVariable", _facts(vr, variable))
+        if variable.quantity is None:
+            SubElement(node, "Integer", start=_item(variable))
+        else:
+            SubElement(node, "Real")
     SubElement(root, "ModelStructure")
     return _text(complete(root, tuple(table), about.version, python=False))
 
@@ -79,7 +75,13 @@ def _facts(vr: int, variable: Variable) -> dict[str, str]:
         "causality": variable.causality,
         "variability": variable.variability,
         "description": variable.description,
+        **{"parameter": {"initial": "exact"}, "output": {"initial": "calculated"}}.get(variable.causality, {}),
     }
+
+
+def _item(variable: Variable) -> str:
+    """The number of the item that an Enumeration starts with."""
+    return str(variable.number(str(variable.start)))
 
 
 def _experiment(root: Element, about: About) -> None:
@@ -116,7 +118,7 @@ def fmi3(about: About, table: Sequence[Variable]) -> bytes:
         canSerializeFMUState="true", canHandleVariableCommunicationStepSize="true",
         providesDirectionalDerivatives="true",
     )  # fmt: skip
-    _units3(root, table)
+    root.append(unit_definitions(tuple(table), "s"))  # of time
     types = type_definitions(tuple(table))
     definitions = SubElement(root, "TypeDefinitions") if len(types) else root
     for simple in types:
@@ -141,25 +143,10 @@ def fmi3(about: About, table: Sequence[Variable]) -> bytes:
     return _text(root)
 
 
-def _units3(root: Element, table: Sequence[Variable]) -> None:
-    definitions = SubElement(root, "UnitDefinitions")
-    for name, asked in sorted({"s": set[str](), **unit_names(tuple(table))}.items()):  # s: of time
-        unit = SubElement(definitions, "Unit", name=name)
-        SubElement(unit, "BaseUnit", {base: str(power) for base, power in base_units(name).items()})
-        for display in sorted(asked.union(display_units(name)), key=str.lower):
-            SubElement(unit, "DisplayUnit", name=display, factor=repr(display_factor(display)))
-
-
 def _variable3(variables: Element, vr: int, variable: Variable) -> None:
-    initial = {"parameter": {"initial": "exact"}, "output": {"initial": "calculated"}}.get(variable.causality, {})
-    attributes = {**_facts(vr, variable), **initial}
-    quantity = variable.quantity
+    attributes, quantity = _facts(vr, variable), variable.quantity
     if quantity is None:
-        start = str(variable.number(str(variable.start)))
-        SubElement(variables, "Enumeration", attributes, declaredType=type_name(variable), start=start)
+        SubElement(variables, "Enumeration", attributes, declaredType=type_name(variable), start=_item(variable))
         return
-    numbers = {"min": quantity.low, "max": quantity.high, "nominal": quantity.nominal}
-    attributes |= {"unit": quantity.unit, **({"displayUnit": quantity.display} if quantity.display else {})}
-    attributes |= {key: repr(float(value)) for key, value in numbers.items() if math.isfinite(value)}
-    attributes |= {} if variable.start is None else {"start": repr(float(variable.start))}
-    SubElement(variables, "Float64", attributes)
+    start = {} if variable.start is None else {"start": repr(float(variable.start))}
+    SubElement(variables, "Float64", {**attributes, **unit(quantity), **limits(quantity), **start})

@@ -44,16 +44,13 @@ def files(
     return _complete(about, table, own_files, fmi) | libraries
 
 
-def arithmetic_files(model: FMUContents, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:
+def arithmetic_files(model: FMUContents, platforms: Sequence[str]) -> dict[str, bytes]:
     """All files of a heart or a body by path. Raises ValueError as ``build_fmu.build_native``."""
     if model.subject is None:
         raise InputError(f"model {model.name}: is neither a heart nor a body; build arteries with build_native.")
-    if model.fmi != fmi:
-        raise InputError(
-            f"model {model.name}: its documents are those of fmi = {model.fmi}, the FMU is to have fmi = {fmi}; make "
-            f"the model with fmi = {fmi}, too."
-        )
-    libraries = _libraries(model.name, fmi, platforms)
+    if not model.fmi:
+        raise InputError(f"model {model.name}: its documents are of an FMU with Python; make it with fmi = 2 or 3.")
+    libraries = _libraries(model.name, model.fmi, platforms)
     subject, component, e = model.subject, model.subject.make(), model.subject.experiment
     assert isinstance(component, Arithmetic)
     about = About(model.name, subject.description, __version__, "", e.stop_time, e.step_size, None)
@@ -62,7 +59,7 @@ def arithmetic_files(model: FMUContents, fmi: int, platforms: Sequence[str]) -> 
         RESOURCE: arithmetic_resource.resource(component, model.table),
         **model.documents,
     }
-    return _complete(about, model.table, own_files, fmi) | libraries
+    return _complete(about, model.table, own_files, model.fmi) | libraries
 
 
 def _libraries(name: str, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:

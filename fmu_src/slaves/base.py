@@ -301,11 +301,7 @@ _INITIAL = {"parameter": Fmi2Initial.exact, "output": Fmi2Initial.calculated}  #
 def _registered(variable: Variable) -> ScalarVariable:
     """The pythonfmu variable of a row; values go through the slave's own get and set."""
     kind = Real if variable.quantity is not None else Integer  # which the description turns into an Enumeration
-    start = (
-        variable.start
-        if variable.quantity is not None or variable.start is None
-        else variable.number(str(variable.start))
-    )
+    start = variable.start if variable.quantity is not None else variable.number(str(variable.start))
     return kind(
         variable.name,
         causality=Fmi2Causality[variable.causality],

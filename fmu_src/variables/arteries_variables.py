@@ -8,7 +8,7 @@ from dataclasses import replace
 from solver.laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network.description import Network
 from solver.network.inlet import Inlet
-from solver.quantities.quantity import Quantity
+from solver.quantities.quantity import Quantity, quantities
 from solver.scheme.model import Settings
 
 from ..cosimulation.drive import DRIVES
@@ -21,11 +21,7 @@ INLETS = {
     "Q": Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True),
     "P": Quantity("Pa", "pressure at the inlet", -1e5, 1e6, nominal=1e4, display="mmHg", input=True),
 }
-# ranges of the numerical settings, as solver.scheme.model.Settings has them
-SETTINGS = {
-    "solver.dt": Quantity("s", "internal time step", 1e-7, 0.1, nominal=1e-3, display="ms", tunable=False),
-    "solver.element_length": Quantity("m", "longest element", 1e-4, 10.0, nominal=0.1, display="cm", tunable=False),
-}
+SETTINGS = {f"solver.{key}": quantities(Settings)[key] for key in ("dt", "element_length")}
 # what the periodic start is made for, by the causality of the inlet
 _PULSES = {
     "flow": {

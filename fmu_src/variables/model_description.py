@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element, SubElement
 
+from solver.quantities.quantity import Quantity
 from solver.quantities.units import base_units, display_factor, display_units
 
 from ..host import PACKAGES, PYTHONS
@@ -17,7 +18,7 @@ def complete(root: Element, table: tuple[Variable, ...], version: str, python: b
     root.set("generationTool", f"arterial-fmu {version} with {root.get('generationTool')}")
     root.attrib.pop("generationDateAndTime", None)  # so that the same input builds the same FMU, byte for byte
     after = list(root).index(root.find("CoSimulation")) + 1  # type: ignore[arg-type]
-    root.insert(after, _unit_definitions(table))
+    root.insert(after, unit_definitions(table))
     if any(variable.choices for variable in table):
         root.insert(after + 1, type_definitions(table))
     variables = root.find("ModelVariables")
@@ -26,7 +27,9 @@ def complete(root: Element, table: tuple[Variable, ...], version: str, python: b
         root.insert(list(root).index(variables), _annotations())
     for node, variable in zip(variables, table, strict=True):
         if variable.quantity is not None:
-            _add_range(node[0], variable)
+            # 17 digits where needed: the start value is the network's, bit for bit
+            start = {} if variable.start is None else {"start": repr(variable.start)}
+            node[0].attrib |= {**unit(variable.quantity), **start, **limits(variable.quantity)}
         else:
             node[0].tag = "Enumeration"
             node[0].set("declaredType", type_name(variable))
@@ -56,21 +59,17 @@ def _annotations() -> Element:
     return annotations
 
 
-def _unit_definitions(table: tuple[Variable, ...]) -> Element:
-    definitions = Element("UnitDefinitions")
-    for name, asked in unit_names(table).items():
-        unit = SubElement(definitions, "Unit", name=name)
-        SubElement(unit, "BaseUnit", {base: str(power) for base, power in base_units(name).items()})
-        for display in sorted(asked.union(display_units(name)), key=str.lower):
-            SubElement(unit, "DisplayUnit", name=display, factor=repr(display_factor(display)))
-    return definitions
-
-
-def unit_names(table: tuple[Variable, ...]) -> dict[str, set[str]]:
-    """The units, and in which others each is shown."""
+def unit_definitions(table: tuple[Variable, ...], *further: str) -> Element:
+    """The units of the variables and further ones, and in which others each is shown."""
     quantities = [v.quantity for v in table if v.quantity is not None]
-    names = sorted({q.unit for q in quantities})
-    return {name: {q.display for q in quantities if q.unit == name and q.display} for name in names}
+    definitions = Element("UnitDefinitions")
+    for name in sorted({*further, *(q.unit for q in quantities)}):
+        asked = {q.display for q in quantities if q.unit == name and q.display}
+        node = SubElement(definitions, "Unit", name=name)
+        SubElement(node, "BaseUnit", {base: str(power) for base, power in base_units(name).items()})
+        for display in sorted(asked.union(display_units(name)), key=str.lower):
+            SubElement(node, "DisplayUnit", name=display, factor=repr(display_factor(display)))
+    return definitions
 
 
 def type_definitions(table: tuple[Variable, ...]) -> Element:
@@ -90,16 +89,12 @@ def type_name(variable: Variable) -> str:
     return "".join(part.capitalize() for part in variable.name.replace(".", "_").split("_"))
 
 
-def _add_range(real: Element, variable: Variable) -> None:
-    quantity = variable.quantity
-    assert quantity is not None
-    real.set("unit", quantity.unit)
-    if quantity.display:
-        real.set("displayUnit", quantity.display)
-    if variable.start is not None:
-        real.set("start", repr(variable.start))  # 17 digits where needed: the start value is the network's, bit for bit
-    if math.isfinite(quantity.low):
-        real.set("min", repr(float(quantity.low)))
-    if math.isfinite(quantity.high):
-        real.set("max", repr(float(quantity.high)))
-    real.set("nominal", repr(float(quantity.nominal)))
+def unit(quantity: Quantity) -> dict[str, str]:
+    """The unit and the display unit, as attributes."""
+    return {"unit": quantity.unit, **({"displayUnit": quantity.display} if quantity.display else {})}
+
+
+def limits(quantity: Quantity) -> dict[str, str]:
+    """The range and the nominal value, as attributes; none for an infinite end."""
+    numbers = {"min": quantity.low, "max": quantity.high, "nominal": quantity.nominal}
+    return {key: repr(float(value)) for key, value in numbers.items() if math.isfinite(value)}

@@ -10,8 +10,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..quantities.quantity import Quantity, quantities
+from ..quantities.text import check_keys
 from . import effects
-from .effect import Array, Described, Effect, check_known
+from .effect import Array, Described, Effect
 from .sensors import Known, KnownDelay, KnownZero, Sensor
 
 (ZERO,) = KnownZero.terms  # its key
@@ -37,12 +38,6 @@ def quantities_of(owner: Any) -> dict[str, Quantity]:
     return quantities(owner) | {key: q for key, q in known.items() if key in terms}
 
 
-def value_of(owner: Any, key: str) -> float:
-    """The number behind a key of :func:`quantities_of`."""
-    terms = getattr(owner, "terms", {})
-    return terms[key] if key in terms else getattr(owner, key)
-
-
 def neutral_value(key: str, variable: str = "") -> float:
     """The value of a term that switches it off. Raises ValueError if no effect has such a term."""
     for effect in effects.ALL:
@@ -61,7 +56,7 @@ def observe(terms: Mapping[str, Any], X: Array, omega: Array) -> Array:
     e^{iωt} at omega : (n,) [rad/s], the mean where ω = 0.
     The terms are numbers, or arrays that broadcast against X. Returns X's shape. Raises ValueError for an unknown term.
     """
-    check_known("channel", terms, terms_of("channel"))
+    check_keys("channel", terms, terms_of("channel"))
     X, omega = np.asarray(X), np.asarray(omega, float)
     for effect in effects.ALL:
         if isinstance(effect, Sensor) and any(key in terms for key in effect.terms):

@@ -7,16 +7,16 @@ The effects themselves are in :mod:`solver.laws.effects`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
 from ..errors import InputError
 from ..quantities.coordinate import SCALE, SHIFT, Coordinate, allowed
-from ..quantities.quantity import Quantity, quantities
+from ..quantities.quantity import Quantity
+from ..quantities.text import check_keys
 from .wall import Wall
 
 Array = np.ndarray
@@ -189,6 +189,11 @@ class Effect:
     search: ClassVar[SearchSpec] = SearchSpec()
     library: ClassVar[tuple[str, ...]] = ()
 
+    @property
+    def switches(self) -> tuple[str, ...]:
+        """The keys that switch it on where they are not neutral."""
+        return tuple(key for key in self.neutral if key not in (*self.how, *self.along))
+
     # --- places -------------------------------------------------------------------------------------------------
 
     def where(self, network: Described, channels: Sequence[str] = ()) -> tuple[str, ...]:
@@ -209,7 +214,7 @@ class Effect:
     def add(self, network: Anatomy, place: str, values: Mapping[str, float]) -> Anatomy:
         """The network with this effect at a place; ``values`` in SI by key. Raises ValueError if it is not allowed."""
         names = self.variables(network, place)
-        check_known(self.name, values, names)
+        check_keys(self.name, values, names)
         return network.with_terms({name: value for key, value in values.items() for name in names[key]})
 
     def _targets(self, network: Described, channels: Sequence[str]) -> tuple[str, ...]:
@@ -222,7 +227,7 @@ class Effect:
 
     def acts_on(self, owner: Any) -> bool:
         """Whether it can act at this segment, outlet or junction."""
-        return self.needs is None or number_of(owner, self.needs, 0.0) > 0.0
+        return self.needs is None or value_of(owner, self.needs) > 0.0
 
     def of_animal(self, network: Described, place: str) -> bool:
         """Whether it only means that this animal's artery differs from the network's: no discovery if all differ."""
@@ -267,7 +272,7 @@ class Effect:
     def step(self, network: Described, owner: Any, key: str) -> float:
         """Change of a shifted number of one owner, in SI, for x = 1: its typical size."""
         size, relative = self.search.typical.get(key, self.terms[key].nominal), self.search.relative
-        return size * number_of(owner, relative[key][0], 0.0) if key in relative else size
+        return size * value_of(owner, relative[key][0]) if key in relative else size
 
     def scaled(self, key: str, values: Sequence[float]) -> float | None:
         """Change of the logarithm for x = 1 if a number with these values is scaled, None if it is shifted."""
@@ -289,10 +294,9 @@ class Effect:
         if everywhere and key in self.search.relative:
             ratio, unit = self.search.relative[key]
             if factor is None:
-                size, first = self.search.typical.get(key, 1.0), first / number_of(owners[0], ratio, 0.0)
+                size, first = self.search.typical.get(key, 1.0), first / value_of(owners[0], ratio)
             else:
-                ratios = [number_of(owner, key, 0.0) / number_of(owner, ratio, 0.0) for owner in owners]
-                first = float(np.mean(ratios))
+                first = float(np.mean([value_of(owner, key) / value_of(owner, ratio) for owner in owners]))
         name = f"{ALL_PLACES}.{key}" if everywhere else variables[0]
         return Coordinate(name, kind, moves, low, high, unit, size, first, ratio)
 
@@ -332,25 +336,10 @@ class Effect:
         return numbers
 
 
-def number_of(owner: Any, key: str, default: Default) -> float | Default:
-    """The value of an owner's key, a term or a field; the default if it has neither."""
-    terms: Mapping[str, float] = getattr(owner, "terms", {})
-    if key in terms:
-        return terms[key]
-    kind: Any = type(owner)
-    return float(getattr(owner, key)) if key in _fields(kind) else default
-
-
-@lru_cache(maxsize=64)
-def _fields(kind: type) -> frozenset[str]:
-    return frozenset(quantities(kind))
-
-
-def check_known(where: str, keys: Iterable[str], known: Iterable[str]) -> None:
-    """Raise ValueError for the first key that is not known."""
-    for key in keys:
-        if key not in known:
-            raise InputError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}.")
+def value_of(owner: Any, key: str, otherwise: float = 0.0) -> Any:
+    """A number of an object of the network, a term or a field; ``otherwise`` if it has none."""
+    terms = getattr(owner, "terms", {})
+    return terms[key] if key in terms else getattr(owner, key, otherwise)
 
 
 def small_wave_impedance(network: Described, segment: Any) -> float:

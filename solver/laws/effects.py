@@ -21,6 +21,7 @@ import numpy as np
 from ..errors import InputError
 from ..quantities.coordinate import SCALE, Coordinate
 from ..quantities.quantity import Quantity, quantities
+from ..quantities.text import check_keys
 from .effect import (
     ALL_PLACES,
     Anatomy,
@@ -31,7 +32,6 @@ from .effect import (
     Points,
     SearchSpec,
     Values,
-    check_known,
     small_wave_impedance,
 )
 from .learned import LearnedOutlet, LearnedWall
@@ -300,7 +300,7 @@ class TerminalCompliance(Effect):
     separator = "Q near the outlet"
 
     def add(self, network: Anatomy, place: str, values: Mapping[str, float]) -> Anatomy:
-        check_known(self.name, values, self.variables(network, place))
+        check_keys(self.name, values, self.variables(network, place))
         outlet = next(o for o in network.outlets if o.segment == place)
         kept = {key: getattr(outlet, key) for key in quantities(outlet)} if isinstance(outlet, Windkessel) else {}
         given = {"P_venous": outlet.P_venous} | kept | {key: float(value) for key, value in values.items()}

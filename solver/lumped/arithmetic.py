@@ -1,7 +1,7 @@
 """What the step of a heart or a body is written with: functions of single numbers.
 
-A number is a float, or one that is only being recorded for the compiled engine (:mod:`~solver.tracing.lumped`). Code
-that takes its decisions with :func:`select`, :func:`require` and :func:`repeated`, not with ``if`` and ``while``,
+A number is a float, or one that is only being recorded for the compiled engine (:mod:`~solver.tracing.arithmetic`).
+Code that takes its decisions with :func:`select`, :func:`require` and :func:`repeated`, not with ``if`` and ``while``,
 serves both.
 """
 

@@ -19,21 +19,3 @@ MUSCL: B. van Leer, J. Comput. Phys. 32 (1979) 101; for arteries: X. Wang, J.-M.
 Biomech. Biomed. Engng 18 (2015) 1704; rest on tapered walls: O. Delestre, P.-Y. Lagrée, Int. J. Numer. Meth. Fluids 72
 (2013) 177, here by pressure.
 """
-
-from .model import MusclModel, build
-from .sampling import reporter
-from .settings import MusclSettings
-from .start import periodic_state
-from .step import State, adopt, initial_state, step
-
-__all__ = [
-    "MusclModel",
-    "MusclSettings",
-    "State",
-    "adopt",
-    "build",
-    "initial_state",
-    "periodic_state",
-    "reporter",
-    "step",
-]

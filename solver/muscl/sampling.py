@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..scheme.model import sites_of
 from ..scheme.outputs import Reporter
 from .flux import pressure_elastic
 from .model import MusclModel
@@ -15,10 +16,7 @@ Array = np.ndarray
 def reporter(model: MusclModel) -> Reporter[State]:
     """The outputs of :func:`solver.scheme.outputs.reporter`: elastic pressure, Q and ∂A/∂t = -∂Q/∂x at a site by
     cubics through the four nearest cells, P from the wall law; at outlets and inlet pressure and flow of the nodes."""
-    network, grid = model.network, model.mesh
-    index = {segment.name: i for i, segment in enumerate(network.segments)}
-    segment = np.array([index[site.segment] for site in network.sites], int)
-    position = np.array([site.position for site in network.sites])
+    network, grid, (segment, position) = model.network, model.mesh, sites_of(model.network)
     cells, value, slope = grid.samples(segment, position)
     around = model.wall.at(cells.ravel())
     wall, L, n = model.coefficients.wall_at(segment, position), model.coefficients.L[:, segment], len(segment)

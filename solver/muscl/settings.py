@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..errors import InputError
+from ..quantities.quantity import quantities, quantity
 from .slopes import SLOPES
 
 ENDS = ("coupled", "neumann")
@@ -22,18 +21,15 @@ class MusclSettings:
     other members, within the error of a step. Raises ValueError for values that are not allowed.
     """
 
-    dt: float = 1e-3
-    cell: float = 5e-3
-    cfl: float = 0.45
+    dt: float = quantity(1e-3, "s", "output interval", 1e-7, 0.1)
+    cell: float = quantity(5e-3, "m", "longest cell", 1e-5, 1.0)
+    cfl: float = quantity(0.45, "1", "CFL number", 1e-3, 0.45)
     ends: str = "coupled"
     slopes: str = "van Albada"
 
     def __post_init__(self) -> None:
-        for name, unit, low, high in (("dt", "s", 1e-7, 0.1), ("cell", "m", 1e-5, 1.0), ("cfl", "", 1e-3, 0.45)):
-            value = getattr(self, name)
-            if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
-                allowed = f"[{low:g}, {high:g}] {unit}".rstrip()
-                raise InputError(f"muscl settings: {name} = {value!r} must be a number in {allowed}.")
+        for name, allowed in quantities(MusclSettings).items():
+            allowed.check(f"muscl settings: {name}", getattr(self, name))
         for name, choices in (("ends", ENDS), ("slopes", tuple(SLOPES))):
             value = getattr(self, name)
             if value not in choices:

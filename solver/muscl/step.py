@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..mesh.element import lagrange
 from ..scheme.failure import NonPhysicalState
 from ..scheme.sdirk import INFLOW_TIMES
+from ..scheme.step import of_batch
 from .flux import rates, speeds
 from .implicit import Nodes, Solved, solve
 from .model import MusclModel
@@ -97,10 +98,8 @@ def adopt(model: MusclModel, state: State) -> State:
 
     Raises ValueError for a batch of another size.
     """
-    B, members = model.coefficients.B, len(state.A)
-    if members not in (1, B):
-        raise InputError(f"start: its state is of {members} parameter sets, not {B}; start from member(i) of it.")
-    return state.members(np.zeros(B, int) if members != B else slice(None))
+    found: State = of_batch(state, model.coefficients.B)
+    return found
 
 
 def step(model: MusclModel, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> State:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..laws import effects
-from ..laws.effect import Effect, number_of
+from ..laws.effect import Effect, value_of
 from ..laws.outlets import Condition, Load, Outlet, steady
 from ..laws.wall import Wall
 from ..laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
@@ -40,16 +40,14 @@ class EffectValues:
     @property
     def on(self) -> Array:
         """(n,) where it is active in any member of the batch."""
-        neutral, how = self.effect.neutral, (*self.effect.how, *self.effect.along)
-        switches = {key: value for key, value in self.values.items() if key not in how}
-        each = [np.any(value != neutral[key], axis=0) for key, value in switches.items()]
+        neutral = self.effect.neutral
+        each = [np.any(self.values[key] != neutral[key], axis=0) for key in self.effect.switches]
         return np.any(np.stack(each), axis=0)
 
     @property
     def active(self) -> bool:
         """Whether it is active anywhere."""
-        neutral, how = self.effect.neutral, (*self.effect.how, *self.effect.along)
-        return any(key not in how and bool((value != neutral[key]).any()) for key, value in self.values.items())
+        return any(bool((self.values[key] != self.effect.neutral[key]).any()) for key in self.effect.switches)
 
 
 @dataclass(frozen=True)
@@ -277,21 +275,21 @@ class _Numbers:
         for prefix, owner in network.owners():
             self.owners[owner.OWNER].append((prefix, owner))
 
-    def of(self, owners: Sequence[tuple[str, Any]], key: str, otherwise: float | None = None) -> Array:
+    def of(self, owners: Sequence[tuple[str, Any]], key: str, otherwise: float = 0.0) -> Array:
         """(B, n): the number behind a key of every owner, ``otherwise`` if an owner does not have it."""
         values = np.empty_like(self.like, float, shape=(self.size, len(owners)))
         for i, (prefix, owner) in enumerate(owners):
             name = f"{prefix}.{key}"
-            values[:, i] = self.parameters[name] if name in self.parameters else number_of(owner, key, otherwise)
+            values[:, i] = self.parameters[name] if name in self.parameters else value_of(owner, key, otherwise)
         return values
 
     def acts(self, effect: Effect) -> bool:
         """Whether :meth:`term`, if there is one, is active. Makes no arrays, which most effects of a fit need not."""
-        how = (*effect.how, *effect.along)
-        for key, neutral in effect.neutral.items():
-            for prefix, owner in self.owners[effect.owner] if key not in how else ():
+        for key in effect.switches:
+            neutral = effect.neutral[key]
+            for prefix, owner in self.owners[effect.owner]:
                 name = f"{prefix}.{key}"
-                value = self.parameters[name] if name in self.parameters else number_of(owner, key, neutral)
+                value = self.parameters[name] if name in self.parameters else value_of(owner, key, neutral)
                 if np.any(value != neutral):
                     return True
         return False

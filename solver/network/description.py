@@ -18,15 +18,16 @@ import numpy as np
 from ..errors import InputError
 from ..laws import effects
 from ..laws import outlets as outlet_kinds
-from ..laws.catalogue import quantities_of, terms_of, value_of
-from ..laws.effect import Effect
+from ..laws.catalogue import quantities_of, terms_of
+from ..laws.effect import Effect, value_of
 from ..laws.outlets import Outlet
 from ..quantities.quantity import Quantity, quantities, quantity
+from ..quantities.text import did_you_mean
 from ..quantities.units import SIGNAL_UNITS
 from .curve import Curve
 from .inlet import Inlet
 from .table_source import TableSource, check
-from .validation import check_network, check_parameters, check_terms, suggest
+from .validation import check_network, check_parameters, check_terms
 
 _BOTH = ("network", "wall")
 
@@ -155,7 +156,7 @@ class Parts(tuple[Any, ...]):
             return super().__getitem__(at)
         names = [getattr(part, "name", None) or part.segment for part in self]
         if at not in names:
-            raise KeyError(f"{at}: not among {', '.join(names) or 'none'}; {suggest(at, names)}")
+            raise KeyError(f"{at}: not among {', '.join(names) or 'none'}{did_you_mean(at, names)}.")
         return super().__getitem__(names.index(at))
 
 

@@ -19,7 +19,8 @@ from typing import Any
 from ..errors import InputError
 from ..io.writing import write_whole
 from ..laws import outlets
-from ..laws.catalogue import quantities_of, terms_of, value_of
+from ..laws.catalogue import quantities_of, terms_of
+from ..laws.effect import value_of
 from ..laws.outlets import Outlet, Pressure
 from ..quantities.quantity import Quantity, quantities
 from ..quantities.text import check_keys, did_you_mean, example, parse_quantity, pint_spelling, quoted, read_text

@@ -3,7 +3,6 @@ the remedy."""
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..laws.catalogue import quantities_of, terms_of, value_of
-from ..laws.effect import Described
+from ..laws.catalogue import quantities_of, terms_of
+from ..laws.effect import Described, value_of
 from ..laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
 from ..quantities.quantity import Quantity
+from ..quantities.text import did_you_mean
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 CHECKED_TOGETHER = ("L", "phi0", "phiNL")  # numbers of a segment that are checked by more than their own range
@@ -59,7 +59,7 @@ def _all_owners(network: Described) -> Iterator[tuple[str, Any]]:
 def _check_keys(where: str, owner: Any) -> None:
     for key in getattr(owner, "terms", {}):
         if key not in terms_of(owner.OWNER):
-            raise InputError(f"{where}.{key}: not a term of a {owner.OWNER}; {suggest(key, terms_of(owner.OWNER))}")
+            raise InputError(f"{where}.{key}: not a term of a {owner.OWNER}; {_see(key, terms_of(owner.OWNER))}")
 
 
 def _check_channels(network: Described) -> None:
@@ -67,7 +67,7 @@ def _check_channels(network: Described) -> None:
     for channel in network.channels:
         if channel.name not in known:
             raise InputError(
-                f"channel {channel.name!r}: network {network.name} has no such output; {suggest(channel.name, known)}"
+                f"channel {channel.name!r}: network {network.name} has no such output; {_see(channel.name, known)}"
             )
         if names.count(channel.name) > 1:
             raise InputError(f"channel {channel.name}: it occurs {names.count(channel.name)} times; keep one.")
@@ -85,9 +85,7 @@ def check_terms(network: Described, values: Mapping[str, Any]) -> None:
         if key not in terms_of(owners.get(prefix, "")):
             terms = [f"{prefix}.{term}" for term in terms_of(owners.get(prefix, ""))]
             known = [*network.parameter_quantities(), *terms]
-            raise InputError(
-                f"{name}: neither a parameter nor a term of network {network.name}; {suggest(name, known)}"
-            )
+            raise InputError(f"{name}: neither a parameter nor a term of network {network.name}; {_see(name, known)}")
 
 
 def _check_ratio(segment: str, phi0: np.ndarray, phiNL: np.ndarray) -> None:
@@ -120,11 +118,9 @@ def _check_law(key: str, name: str, laws: Iterable[str]) -> None:
         raise InputError(f"{key} = {name!r}: must be one of {', '.join(laws)}.")
 
 
-def suggest(name: str, known: Iterable[str]) -> str:
-    """ "did you mean CA?": the known names nearest to a name."""
-    by_lower = {candidate.lower(): candidate for candidate in known}
-    close = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.4)]
-    return f"did you mean {' or '.join(close)}?" if close else "see the network file for the names."
+def _see(name: str, known: Iterable[str]) -> str:
+    """The remedy for an unknown name."""
+    return f"see the network file for the names{did_you_mean(name, known)}."
 
 
 def _check_references(network: Described) -> None:
@@ -135,7 +131,7 @@ def _check_references(network: Described) -> None:
     mentions += [(inlet.name, inlet.segment) for inlet in network.inlets]
     for where, segment in mentions:
         if segment not in names:
-            raise InputError(f"{where}: there is no segment {segment!r}; {suggest(segment, names)}")
+            raise InputError(f"{where}: there is no segment {segment!r}; {_see(segment, names)}")
 
 
 def _check_topology(network: Described) -> None:
@@ -212,7 +208,7 @@ def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
     for name, value in values.items():
         if name not in known:
             inflow = "the inflow is under [inlet] in the network file; change it there."
-            hint = inflow if name.startswith("inlet.") else suggest(name, known)
+            hint = inflow if name.startswith("inlet.") else _see(name, known)
             raise InputError(f"{name}: not a parameter of network {network.name}; {hint}")
         try:
             arrays[name] = np.asarray(value).ravel()

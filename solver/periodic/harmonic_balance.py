@@ -286,7 +286,7 @@ class Response:
 
             δA = τ s r,    r = -∂Q/∂x - g (P - P_venous) - ∂A/∂t
 
-        with s of :attr:`storage`. Leakage is nonlinear in the area; without leaks the corrections are exact.
+        with s of ``storage``. Leakage is nonlinear in the area; without leaks the corrections are exact.
         """
         model, left = self.model, list[Array]()
         for stage, y, rate, _ in moments.stages(waves, drive):
@@ -316,7 +316,7 @@ class Response:
 
             K δQ = -R + (δH at the ends),    ΣδQ = -net at the nodes,    δA = -τ s ∂δQ/∂x
 
-        with the Jacobian K of momentum in every element, and s of :attr:`storage`. means : number of rows of means.
+        with the Jacobian K of momentum in every element, and s of ``storage``. means : number of rows of means.
         """
         model, mesh, layout = self.model, self.model.mesh, self.model.layout
         Q = -np.einsum("beij,bej->bei", self.jacobian.K_inverse, R)

@@ -42,9 +42,9 @@ def significant(value: float, digits: int = 4) -> str:
     return short + ("" if "." in short else ".") + "0" * missing
 
 
-def signed(value: float, digits: int = 2) -> str:
-    """As :func:`number`, with its sign: a difference."""
-    short = number(value, digits)
+def signed(value: float) -> str:
+    """As :func:`number`, of two digits and with its sign: a difference."""
+    short = number(value, 2)
     return short if short[0] in "−–" or not value else f"+{short}"
 
 

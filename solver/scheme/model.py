@@ -16,6 +16,7 @@ from ..mesh.source_tables import NoTables, Tables
 from ..network.coefficients import Coefficients, Parameters, changes, coefficients
 from ..network.description import Network
 from ..network.validation import check_parameters
+from ..quantities.quantity import quantities, quantity
 from .damping import Damping, damping, undamped
 from .drag_and_leak import DragForce, Force, Leaking, NoForce, Storage, Tight
 from .inlet import Inlets
@@ -33,20 +34,14 @@ class Settings:
     correction of the flows in a stage, relative to the largest; ten times that for the nodal pressures.
     """
 
-    dt: float = 1e-3
-    element_length: float = 0.05
+    dt: float = quantity(1e-3, "s", "internal time step", 1e-7, 0.1, nominal=1e-3, display="ms", tunable=False)
+    element_length: float = quantity(0.05, "m", "longest element", 1e-4, 10.0, nominal=0.1, display="cm", tunable=False)
     degree: int = 3
-    tolerance: float = 3e-5
+    tolerance: float = quantity(3e-5, "1", "tolerance of the iterations", 1e-13, 0.1)
 
     def __post_init__(self) -> None:
-        limits = (("dt", "s", 1e-7, 0.1), ("element_length", "m", 1e-4, 10.0), ("tolerance", "", 1e-13, 0.1))
-        for name, unit, low, high in limits:
-            value = getattr(self, name)
-            if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
-                allowed = f"[{low:g}, {high:g}] {unit}".rstrip()
-                raise InputError(
-                    f"settings: {name} = {value!r} must be a number in {allowed}, such as {getattr(Settings, name):g}."
-                )
+        for name, allowed in quantities(Settings).items():
+            allowed.check(f"settings: {name}", getattr(self, name))
         if not isinstance(self.degree, (int, np.integer)) or not 1 <= self.degree <= 12:
             raise InputError(f"settings: degree = {self.degree!r} must be an integer from 1 to 12.")
 

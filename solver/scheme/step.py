@@ -17,6 +17,7 @@ alike, so the answer is continuous as φ0 → 0, and it does not ring when an in
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -103,11 +104,7 @@ def adopt(model: Model, state: State) -> State:
     The stress of a wall without memory is that of its strain rate; a new memory of the fluid starts at 0. The state of
     one member serves a whole batch. Raises ValueError for a batch of another size.
     """
-    B, members = model.coefficients.B, len(state.y)
-    if members not in (1, B):
-        raise InputError(f"start: its state is of {members} parameter sets, not {B}; start from member(i) of it.")
-    if members != B:
-        state = state.members(np.zeros(B, int))
+    B, state = model.coefficients.B, of_batch(state, model.coefficients.B)
     if state.layout.shapes == model.layout.shapes:
         return replace(state, layout=model.layout)
     A, Q, *memory = state.layout.split(state.y)
@@ -122,6 +119,14 @@ def adopt(model: Model, state: State) -> State:
         n = min(part.shape[1], model.layout.shapes[name][0])
         kept.append(np.concatenate([part[:, :n], fresh[:, n : model.layout.shapes[name][0]]], axis=1))
     return replace(state, y=model.layout.join(A, Q, *kept), layout=model.layout)
+
+
+def of_batch(state: Any, B: int) -> Any:
+    """A state of any scheme for B parameter sets; that of one serves all. Raises ValueError for another number."""
+    members = len(state.y)
+    if members not in (1, B):
+        raise InputError(f"start: its state is of {members} parameter sets, not {B}; start from member(i) of it.")
+    return state if members == B else state.members(np.zeros(B, int))
 
 
 def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> State:

@@ -13,8 +13,6 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from .recorder import Untraceable
 
-Array = np.ndarray
-
 
 def _of_each(name: str) -> Callable[..., Any]:
     """A method that does the same to both parts."""

@@ -29,8 +29,6 @@ from .program import Program, Shared, compiled
 from .recorder import Untraceable
 from .steps import CORE, PHASES, Recording
 
-Array = np.ndarray
-
 # phases after those of a model's program, in the order of native/fmu/component.h
 MORE = ("explain", "show")
 _PHASE = {name: number for number, name in enumerate((*PHASES, *MORE))}

@@ -137,7 +137,9 @@ class Bound:
 class Engine:
     """The steps of a model, of length dt [s]. Raises NoEngine if the engine cannot make them."""
 
-    def __init__(self, model: Model, dt: float) -> None:
+    def __init__(self, model: Any, dt: float) -> None:
+        if not isinstance(model, Model):
+            raise NoEngine("the engine has the staggered scheme alone")
         self.model, self.dt, self.library = model, dt, library()
         try:
             self.recorded, arrays = recorded(model, GAMMA * dt)
@@ -206,34 +208,26 @@ def _compare(model: Model, found: State, expected: State) -> None:
 
 class Backend:
     """The backend of a run: the engine, or None, which leaves the steps to NumPy. name : the backend, with the reason
-    if it is not the requested one."""
+    if it is not the requested one. Raises ValueError for an unknown one, and for "native" if the engine cannot run the
+    model."""
 
-    def __init__(self, asked: str, engine: Engine | None = None, reason: str = "") -> None:
-        self.asked, self.engine, self.reason = asked, engine, reason
+    def __init__(self, asked: str, model: Any, dt: float) -> None:
+        check_backend(asked)
+        self.asked, self.reason = asked, ""
+        self.engine: Engine | None = None
+        try:
+            if asked != "numpy":
+                self.engine = Engine(model, dt)
+        except NoEngine as reason:
+            self._without(reason)
 
     @property
     def name(self) -> str:
         return "native" if self.engine else f"numpy: {self.reason}" if self.reason else "numpy"
 
-    @staticmethod
-    def of(asked: str, model: Any, dt: float) -> Backend:
-        """The requested backend. Raises ValueError for an unknown one, and for "native" if the engine cannot run the
-        model."""
-        check_backend(asked)
-        made = Backend(asked)
-        if asked == "numpy":
-            return made
-        try:
-            if not isinstance(model, Model):
-                raise NoEngine("the engine has the staggered scheme alone")
-            made.engine = Engine(model, dt)
-        except NoEngine as reason:
-            made._without(reason)
-        return made
-
     def again(self, model: Any) -> Backend:
         """The same for another model with steps of equal length."""
-        return Backend.of(self.asked, model, self.engine.dt) if self.engine else self
+        return Backend(self.asked, model, self.engine.dt) if self.engine else self
 
     def steps(self, state: Any, drive: Array, table: Array) -> tuple[int, Any]:
         """As :meth:`Engine.steps`; no steps without an engine."""

@@ -48,10 +48,7 @@ class DefaultGroup(TyperGroup):
         return next(iter(self.commands.items()))
 
     def parse_args(self, context: Any, words: list[str]) -> list[str]:
-        if words:
-            named = words[0] in (*self.commands, "--help")
-        else:
-            named = self.no_args_is_help or context.resilient_parsing
+        named = words[0] in (*self.commands, "--help") if words else context.resilient_parsing
         return super().parse_args(context, words if named else [self._default[0], *words])
 
     def shell_complete(self, context: Any, incomplete: str) -> list[Any]:

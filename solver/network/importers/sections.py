@@ -79,7 +79,7 @@ def joined(edges: Iterable[Edge], further: Collection[str] = ()) -> tuple[str, l
     return roots[0].name, junctions, [e.name for e in free]
 
 
-def write(sections: Sections, path: Path, comment: str = "", force: bool = False) -> list[Path]:
+def write(sections: Sections, path: Path, force: bool = False) -> list[Path]:
     """Write a network file, and the table of its inlet beside it; return the written paths.
 
     Raises ValueError if one exists and may not be replaced (force), or cannot be written.
@@ -94,7 +94,7 @@ def write(sections: Sections, path: Path, comment: str = "", force: bool = False
         rows = [f"{t!r},{value!r}" for t, value in zip(times, inlet[signal], strict=True)]
         files[table] = "\n".join([f"time [s],{signal} [{unit}]", *rows]) + "\n"
         inlet[signal] = table.name
-    files[path] = comment + text({**sections, "inlet": inlet})
+    files[path] = text({**sections, "inlet": inlet})
     check_new(files, force)
     write_all(files)
     return list(reversed(files))
