@@ -30,11 +30,11 @@ from .findings.map_marks import of_sensor, plain
 from .findings.outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
 from .findings.recorded import pair_json
 from .findings.shown_map import SourceMapShown, gap_shares, shown_map
-from .name.individual_walls import implausible, odd_ones, walls_of
+from .name.individual_walls import odd_ones, walls_of
 from .name.intervals import stated
 from .name.verdict import Naming
 from .report.verdict_text import acts_as, joined, late_drive, low_passed, separating_measurement, stands_for
-from .show.fmu_validation import Run, met_only_with
+from .show.fmu_validation import Run
 from .show.gap import Gap, changed, left
 
 _SHOWN = 12  # candidates listed in the report
@@ -107,7 +107,7 @@ def summary(
         sentence=sentence(naming, shown.effects, *gaps, acting, reading, study.problem.kind, table.invisible),
         confidence=naming.confidence,
         complete=naming.complete,
-        met=_met(naming),
+        met=bool(naming.only_with),
         map=acting,
         walls=walls,
         record=record.path,
@@ -256,9 +256,8 @@ def sentence(
         text += f" The simplest reading: {reading}." if reading else ""
         if acting and somewhere and naming.verdict == "partial":
             text = f"{text} {acts_as(acting, 'All missing physics together')}"
-    elif _met(naming):
-        met = met_only_with(implausible(naming.base.fit))
-        text = f"{met[0].upper()}{met[1:]}: it is another subject, or the catalogue lacks the effect."
+    elif naming.only_with:
+        text = naming.only_with
     elif acting and somewhere and naming.verdict == "unknown":
         tried = _tried(naming)
         gap = f"the gap to held-out beats is {left(before)}"
@@ -301,11 +300,6 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str, kind: str
             other = "" if naming.of_one_site else f", and {loosely}"
             tail = f", but more than noise remains{other}" + (f"; {not_excluded}" if others else "")
     return f"{lacks} {labels}: with {'both' if len(effects) > 1 else 'it'} {gap}{tail}."
-
-
-def _met(naming: Naming) -> bool:
-    """True if the model explains the record only with implausible parameters."""
-    return naming.verdict == "unknown" and naming.base.explains and bool(implausible(naming.base.fit))
 
 
 def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from fitting.first.doubts import means_along
+from fitting.first.doubts import lost_on_the_way, means_along
 from fitting.first.spread import accuracy
 from fitting.inference.forward import Single
 from fitting.inference.hypothesis import PlacedEffect, candidates
@@ -26,7 +26,7 @@ from fitting.wall.site_fit import fit
 from solver import NonPhysicalState, NotPeriodic
 from solver.errors import InputError
 from solver.network.description import Network
-from solver.quantities.units import INFLOW
+from solver.quantities.units import INFLOW, MMHG
 
 from .. import thresholds
 
@@ -48,7 +48,8 @@ class Unjudged(Unusable):
 
 @dataclass(frozen=True)
 class Study:
-    """fitted, held_out : beats. problem : of the fitted ones. warnings : sentences on the record."""
+    """fitted, held_out : beats. problem : of the fitted ones. warnings : sentences on the record. losses : of mean
+    pressure under a first model, if no large artery has them, in words."""
 
     network: Network
     fitted: Beats
@@ -56,6 +57,7 @@ class Study:
     problem: Single
     terms: tuple[PlacedEffect, ...]
     warnings: tuple[str, ...] = ()
+    losses: tuple[str, ...] = ()
 
     @property
     def site(self) -> str | None:
@@ -78,29 +80,36 @@ def prepare(
     try:
         beats = align(record, period)
         fitted, kept, warnings = parts(beats)
+        losses: tuple[str, ...] = ()
         if INFLOW in record.channels:
             whole = network_problem(fitted, network, channels(record, network), runs, prior, accuracy(network))
             problem: Single = whole
-            warnings += *seam_note(fitted, whole.signals, whole.variation), *_means_along(beats, network)
+            doubts, losses = _means_along(beats, network)
+            warnings += *seam_note(fitted, whole.signals, whole.variation), *doubts
         else:
             site = bench_site(record, network)
             problem = bench(fitted, network, site)
             warnings += other_law(fitted, network, site)
         sensors = problem.signals if problem.site else (*problem.signals, INFLOW)
         terms = candidates(network, sensors, problem.site, prior.free if prior else ())
-        return Study(network, fitted, kept, problem, terms, warnings)
+        return Study(network, fitted, kept, problem, terms, warnings, losses)
     except Unusable:
         raise
     except (InputError, NonPhysicalState, NotPeriodic) as error:
         raise Unusable(str(error)) from None
 
 
-def _means_along(beats: Beats, network: Network) -> tuple[str, ...]:
-    """Doubts about the zeros of pressures under a first model, whose radii may compensate a wrong zero."""
+def _means_along(beats: Beats, network: Network) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Doubts about the zeros of pressures under a first model, whose radii may compensate a wrong zero; and the losses
+    of mean pressure that are too large for an artery."""
     at_inlet = [s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0]
     roots = [f"{name}.P" for name in at_inlet if f"{name}.P" in beats.values]
     sites = [s.name for s in network.sites if s.name not in at_inlet]
-    return tuple(means_along(beats, roots[0], sites)) if roots and accuracy(network) else ()
+    if not (roots and accuracy(network)):
+        return (), ()
+    lost = lost_on_the_way(beats, roots[0], sites)
+    words = (f"{x / MMHG:.2g} mmHg of the mean pressure is lost on the way to {site}" for site, x in lost.items())
+    return tuple(means_along(beats, roots[0], sites)), tuple(words)
 
 
 def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:

@@ -39,7 +39,8 @@ class Naming:
     the gap. reason : for unknown; for partial, the remaining gap. complete : the search was completed. reaches :
     profile intervals of the best by unknown (:func:`discrepancy.name.intervals.profiled`). map : source map of a
     network; None for a first model that an effect, or none, explains. nearest : the best model without effect if that
-    is far from the record; a name must do better (:mod:`discrepancy.name.model_selection`).
+    is far from the record; a name must do better (:mod:`discrepancy.name.model_selection`). only_with : for unknown, a
+    sentence on the implausible values with which alone the model fits the record, and their consequence.
     """
 
     verdict: str
@@ -55,6 +56,7 @@ class Naming:
     reaches: Mapping[str, Reach] = field(default_factory=dict)
     map: SourceMap | None = None
     nearest: Fit | None = None
+    only_with: str = ""
 
     @property
     def adds(self) -> bool:
