@@ -19,14 +19,14 @@ from .drawing import model_png, network_svg
 
 
 def documents(network: Network, table: tuple[Variable, ...], version: str, fmi: int = 0) -> dict[str, bytes]:
-    """The files by their path in the FMU. fmi : version of the standard of one that needs no Python, 0 of others."""
+    """The files by their path in the FMU. fmi : version of the standard of an FMU that needs no Python, 0 of others."""
     html = of_standard(index_html(network, table, version), fmi, NATIVE_HOST)
     return {"documentation/index.html": html.encode(), "model.png": model_png(network), **licences(not fmi)}
 
 
 def of_standard(html: str, fmi: int, host: str) -> str:
-    """A page of pythonfmu's FMU as that of one that needs no Python. fmi : as for :func:`documents`. host : what the
-    host needs."""
+    """A page of pythonfmu's FMU, adapted to an FMU that needs no Python. fmi : as for :func:`documents`. host : what
+    the host needs."""
     if not fmi:
         return html
     return html.replace(HOST, host).replace(_CRASHES, _REFUSES).replace("(FMI 2.0)", f"(FMI {fmi}.0)")
