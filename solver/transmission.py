@@ -1,4 +1,4 @@
-"""Small waves along segments: what pressure and flow at a place are of those at the middle of its segment.
+"""Small waves along segments: pressure and flow at a place relative to those at the middle of its segment.
 
 With time dependence e^{iωt} about a state at rest, `momentumConserv_AQ` and `sheep_constitutive` become
 

@@ -66,7 +66,7 @@ def _root(network: Network) -> str:
 
 
 def _left(problem: Problem, ended: Ended, root: str) -> tuple[float, float]:
-    """rms of what is left of the pressure at the root, and of its pulsation, [Pa], over all recordings."""
+    """rms residual of the pressure at the root, and the rms of its pulsation, [Pa], over all recordings."""
     misfit, size = list[float](), list[float]()
     for part, rows in zip(problem.parts, problem.whole.rows, strict=True):
         misfit.append(float(part.rms(ended.fit.z[rows])[part.signals.index(root)]))

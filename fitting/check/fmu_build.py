@@ -60,7 +60,8 @@ def _built(network_file: Path, folder: Path, code: int, message: str) -> Path:
 
 @contextmanager
 def fmu_of(source: str | os.PathLike[str], backend: str) -> Iterator[Path]:
-    """The path of an FMU, as it is; of a network file or a bundled network its FMU, which exists until the end.
+    """The path of an FMU: the given one, or the one built of a network file or a bundled network, which exists until
+    the end of the context.
 
     backend : as in :func:`build_fmu`.
     """

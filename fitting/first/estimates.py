@@ -187,7 +187,7 @@ def speeds(beats: Beats, root: str, Z: FirstEstimate) -> Speeds | None:
 def delay(beats: Beats, root: str, site: str) -> FirstEstimate:
     """The delay of the upstroke at a site relative to the root [s], foot to foot: P to P, R to P, or Q to Q.
 
-    It contains that of one sensor against the other, and so does its error.
+    It includes the delay of one sensor against the other, and its error includes that error.
     """
     letter = next(letter for letter in "PRQ" if f"{site}.{letter}" in beats.values)
     pair = f"{site}.{letter}", INFLOW if letter == "Q" else root

@@ -4,12 +4,12 @@ With the impedance Z_c at the root, the wave speed c and the transit time t of a
 
     A = ρ c s/Z_c at its start,   L = c t,   E = 2 ρ c² (1 - η²) R0/h,   C_tube = A L/(ρ c²) = t/Z
 
-with c, R0 and Z at its middle for the last three: arteries narrow on their way (:mod:`fitting.first.tubes`), and each
-tube begins matched to the end of the one before. The storage of the tubes depends on times and Z_c alone. A Windkessel
-at each end has its share of the rest: R1 = Z at the end, R1 + R2 = R/s minus the friction of the tubes,
-C = s (C - Σ C_tube). From these estimates, lengths, walls, tapers and Windkessels are fitted to the mean beat
-(:mod:`fitting.first.fitted`), with side branches on the way to the farthest site while the record is more probable
-with them.
+with c, R0 and Z at its middle for the last three. Arteries narrow on their way (:mod:`fitting.first.tubes`), and each
+tube begins with the impedance at the end of the previous one. The compliance of the tubes depends on times and Z_c
+alone. A Windkessel at each end has its share of the remaining compliance and resistance: R1 = Z at the end, R1 + R2 =
+R/s minus the friction of the tubes, C = s (C - Σ C_tube). From these estimates, lengths, walls, tapers and Windkessels
+are fitted to the mean beat (:mod:`fitting.first.fitted`), with side branches on the way to the farthest site while the
+record is more probable with them.
 """
 
 from __future__ import annotations

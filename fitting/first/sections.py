@@ -74,8 +74,8 @@ def layouts(
 
 def with_side_branch(tubes: Sequence[Section], root: str) -> list[Section]:
     """The tubes with another side branch on the longest way to a site, in the middle of the last tube whose flow is not
-    measured, for half of what no measurement claims of it; none if all is claimed. The second half keeps the name, but
-    of a single tube without a site, whose end is ``<root>_end``."""
+    measured. The branch takes half of the flow that no measurement claims; there is none if all is claimed. The second
+    half of the tube keeps the name; that of a single tube without a site is called ``<root>_end``."""
     until = arrivals(tubes)
     ends = [each for each in tubes if each.end and each.site] or tubes
     last = max(ends, key=lambda each: until[each.name])
@@ -98,15 +98,15 @@ def with_side_branch(tubes: Sequence[Section], root: str) -> list[Section]:
 
 
 def shared(tubes: Sequence[Section]) -> list[Section]:
-    """The tubes with the flow that they carry: that measured, and the others in proportion to their shares what is
-    left."""
+    """The tubes with the flow that they carry: the measured flow, and in the others the remaining flow in proportion to
+    their shares."""
     flows = carried(tubes, {})
     return [replace(each, share=float(flows[each.name])) for each in tubes]
 
 
 def carried(tubes: Sequence[Section], odds: Mapping[str, Array]) -> dict[str, Array]:
-    """The share of the inflow in each tube. odds : by which the shares of tubes whose flow is not measured are
-    multiplied before they divide what is left."""
+    """The share of the inflow in each tube. odds : factors of the shares of tubes whose flow is not measured, before
+    these tubes divide the remaining flow."""
     found: dict[str, Array] = {"": np.ones(())}
     for each in tubes:
         siblings = [other for other in tubes if other.parent == each.parent]

@@ -1,12 +1,12 @@
 """Shares of the flow that no measurement gives, as unknowns of a fit.
 
-Where a tube forks, the branches whose flow is not measured divide what is left: the first takes the part
+Where a tube forks, the branches whose flow is not measured divide the remaining flow: the first takes the part
 
     f' = f e^u/(1 - f + f e^u)
 
-of it for an estimate f, and the others share the rest in the same ratio as before. A tube with r times the flow has √r
-times the radius and thickness, so that its impedance is 1/r of what it was, and its Windkessel has R1/r, r C and 1/r of
-the resistance.
+of it for an estimate f, and the others share the remainder in the same ratio as before. A tube with r times the flow
+has √r times the radius and thickness, so that its impedance is divided by r, and its Windkessel has R1/r, r C and 1/r
+of the resistance.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ class Fit:
 
 
 def taken_over(terms: tuple[PlacedEffect, ...], unknowns: tuple[Unknown, ...], start: Fit | None) -> Member:
-    """A start for one hypothesis: the values of another fit for shared unknowns, zero for the rest, within bounds."""
+    """A start for one hypothesis: the values of another fit for shared unknowns, zero for all others, within bounds."""
     known = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
     return Member(terms, unknowns, np.clip([known.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
 

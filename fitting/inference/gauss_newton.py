@@ -123,8 +123,8 @@ class Rules:
 class Point:
     """The linear problem at some x. z : (n,) whitened residual, J : (n, q) its derivatives by the requested unknowns.
 
-    log_volume : the cost beside |z|² and the priors: log det of the covariance of z, if it depends on x, or what hidden
-    unknowns have still to gain. memory : data of the caller.
+    log_volume : the cost beside |z|² and the priors: log det of the covariance of z, if it depends on x, or the
+    decrease that hidden unknowns have yet to bring. memory : data of the caller.
     """
 
     z: Array

@@ -181,7 +181,7 @@ def parameter_values(unknowns: Sequence[Coordinate], network: Network, x: Array)
 
 
 def _numbers(network: Network) -> tuple[dict[str, float], dict[str, Quantity]]:
-    """The parameters of a network and the zeros of its outputs: their values, and what they are."""
+    """The parameters of a network and the zeros of its outputs: their values, and their quantities."""
     return network.parameters() | zero_values(network), network.parameter_quantities() | zero_quantities(network)
 
 

@@ -1,8 +1,8 @@
 """The text of an unknown, as a calibration is asked for it: "all.E", "CA+FA.outlet.R_t:none", "CA.phi0:0.1".
 
 A number that cannot be negative is scaled, x being its logarithm; one that may change sign is shifted in its own unit
-(R_t, P_venous), or as the ratio to what it is counted relative to (phiNL/phi0 in s, ENL/E) at the network's own values:
-that is how the paper compares segments. Priors are the spread between animals that quantities state.
+(R_t, P_venous), or as its ratio to another number (phiNL/phi0 in s, ENL/E) at the network's own values, as the paper
+compares segments. Priors are the spread between animals that quantities state.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ def stream(function: Callable[[Task], Answer], tasks: Sequence[Task], scheduler:
     If a worker dies, the scheduler gives its tasks to others, including finished ones whose result was not yet
     returned; returned results are not computed again. Linear algebra uses one thread: start one worker per core. Raises
     ValueError if distributed is not installed, no scheduler answers, it has no workers, or they have another version of
-    this package; and what the function raises.
+    this package. Exceptions of the function are raised, too.
     """
     try:
         from distributed import Client, as_completed

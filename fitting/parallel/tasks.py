@@ -22,7 +22,7 @@ def done(
     jobs : number of processes on this computer, including this one; None: one per core. This process does the
     unfinished tasks of a worker that dies. scheduler : the address of a scheduler of dask.distributed, whose workers do
     the tasks instead (:mod:`.cluster`). Raises ValueError for an invalid number of jobs, or a scheduler that does not
-    answer; and what the function raises.
+    answer. Exceptions of the function are raised, too.
     """
     if scheduler is not None:
         from .cluster import stream

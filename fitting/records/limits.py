@@ -1,4 +1,4 @@
-"""Every number that decides what a record says: where beats begin, which are used, what is noise, what is rejected.
+"""Every number that decides on a record: where beats begin, which beats are used, what is noise, what is rejected.
 
 "Simulated" names a rate that was counted on synthetic records; "by" a derivation. All others are judgement, held by
 benchmarks/periods.py, none of whose recordings has a wrong period without a note, and by benchmarks/real_pressure.py.

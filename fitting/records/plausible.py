@@ -1,7 +1,8 @@
 """Whether the numbers of a record can be those of an artery: a wrong unit is named before anything is computed.
 
-A factor of 7.5 between kPa and mmHg, or of 10 between mm and cm, goes into E whole, and no fit shows it. So every
-channel is held against what arteries of mammals have, and a unit in which its numbers would fit is proposed.
+A factor of 7.5 between kPa and mmHg, or of 10 between mm and cm, changes E by the full factor, and no fit shows it.
+Every channel is therefore compared with the range of arteries of mammals, and a unit in which its numbers would be
+plausible is proposed.
 
 The mean arterial pressure of mammals is about 100 mmHg whatever their size, 200 mmHg in giraffes; their aortic peak
 velocity is about 1 m/s whatever their size (Nichols, O'Rourke & Vlachopoulos, McDonald's Blood Flow in Arteries, 6th

@@ -137,7 +137,7 @@ def _at_rest(viscous_stress: Callable[[Array, Array], Array], P: Array) -> Array
 
 
 def _strain_rates(phi0: Array, phiNL: Array, monotone: Array) -> Callable[[Array], Array]:
-    """ε̇ by σ_v(ε̇), of walls with the monotone or the quadratic law; what no wall of them has is not computed."""
+    """ε̇ by σ_v(ε̇), of walls with the monotone or the quadratic law; only the laws that occur are computed."""
     r = phiNL / phi0
     straight, quadratic = r == 0.0, not monotone.all()
     twice, fourfold, divisor = 2.0 * r, 4.0 * r, np.where(straight, 1.0, 2.0 * r)

@@ -2,7 +2,8 @@
 priors.
 
 The search (:mod:`fitting.inference.gauss_newton`) minimises -2 ln of the joint likelihood of the parameters and of the
-true radius, which is a hidden unknown: |z|² of the linear problem, and what the radius has still to move.
+true radius, which is a hidden unknown: |z|² of the linear problem, plus the cost of the change that the radius has yet
+to make.
 """
 
 from __future__ import annotations

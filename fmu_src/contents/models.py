@@ -37,10 +37,10 @@ _STEPS = ("dt", "element_length")  # of the settings that are variables
 class FMUContents:
     """The contents of one FMU.
 
-    name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class.
-    table : its variables. resources, documents : further files by path, text in ``resources/`` and bytes in the whole
-    archive. subject : what the slave makes of the resources, of hearts and bodies. fmi : version of the standard that
-    their documents are for, 0 where the FMU needs Python.
+    name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class. table : its variables.
+    resources, documents : further files by path, text in ``resources/`` and bytes in the whole archive. subject : the
+    object that the slave of a heart or body makes of the resources. fmi : version of the standard that their documents
+    are for, 0 where the FMU needs Python.
     """
 
     name: str
@@ -79,7 +79,7 @@ def given_arteries(network: Network, settings: Settings, given: Starts) -> tuple
 
 
 def heart_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> FMUContents:
-    """A left heart. fmi : version of the standard of one that needs no Python, 0 of others.
+    """A left heart. fmi : version of the standard of a model that needs no Python, 0 of others.
 
     Raises ValueError for an unknown species.
     """

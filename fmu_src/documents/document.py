@@ -19,7 +19,7 @@ from .drawing import model_png, network_svg
 
 
 def documents(network: Network, table: tuple[Variable, ...], version: str, fmi: int = 0) -> dict[str, bytes]:
-    """The files by their path in the FMU. fmi : version of the standard of one that needs no Python, 0 of others."""
+    """The files by their path in the FMU. fmi : version of the standard of an FMU that needs no Python, 0 of others."""
     html = index_html(network, table, version, fmi)
     return {"documentation/index.html": html.encode(), "model.png": model_png(network), **licences(not fmi)}
 

@@ -1,4 +1,4 @@
-"""What the doctor finds of an FMU that needs no Python: rows of what, how it stands, what was found, and what to do."""
+"""The findings of the doctor for an FMU that needs no Python: rows of subject, state, finding and remedy."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def _libraries(name: str, fmi: int, platforms: Sequence[str]) -> dict[str, bytes
 
 
 def _complete(about: About, table: Sequence[Variable], own_files: Mapping[str, bytes], fmi: int) -> dict[str, bytes]:
-    """With what every FMU has: sources, description, GUID."""
+    """With the contents of every FMU: sources, description, GUID."""
     found = {**own_files, **{f"sources/{path}": text for path, text in sources().items()}}
     describe = native_description.fmi2 if fmi == 2 else native_description.fmi3
     found[DESCRIPTION] = describe(about, table)

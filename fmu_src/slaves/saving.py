@@ -26,7 +26,8 @@ _INSTANCES: weakref.WeakSet[SavingSlave] = weakref.WeakSet()  # that the host ha
 
 @dataclass
 class Snapshot:
-    """A saved state: what ``_KEPT`` names of the slave, and the component's attributes. blob : the same in bytes."""
+    """A saved state: the attributes of the slave that ``_KEPT`` names, and those of the component. blob : the same in
+    bytes."""
 
     guid: str
     slave: dict[str, Any]

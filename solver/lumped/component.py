@@ -46,7 +46,7 @@ class Component(ABC):
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
         """Advance from t to t + h [s] with the values of the inputs; ValueError or NonPhysicalState where it cannot.
 
-        The slave then brings the attributes back to what they were.
+        The slave then restores the attributes.
         """
 
     @abstractmethod
@@ -65,7 +65,8 @@ class Component(ABC):
         return {}
 
     def resumed(self) -> None:  # noqa: B027
-        """Make what a state does not hold; the other attributes are there, if there were any when it was saved."""
+        """Make the attributes that a state does not contain; the others are there, if there were any when it was
+        saved."""
 
 
 class Arithmetic(Component):

@@ -23,7 +23,7 @@ Residuals = Callable[[Number, Number], tuple[Number, Number]]
 def newton(correction: Correction, Q_m: Number, Q_a: Number) -> tuple[Number, Number, Number]:
     """Newton iterations with damped steps from the flows Q_m, Q_a [m³/s]: whether they converge, and the flows.
 
-    correction : what Newton's method adds to two flows, and the size of the residuals there.
+    correction : the change of two flows by Newton's method, and the size of the residuals there.
     """
 
     def part_of_it(s: _Newton) -> _Newton:

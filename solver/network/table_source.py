@@ -1,4 +1,4 @@
-"""A table of what acts at one place: a periodic source of model.toml, which describes and explains nothing.
+"""A table of an additional term at one place: a source of model.toml, which describes without explaining.
 
     [[sources]]
     kind = "outlet"   segment = "CA"   T = "0.5 s"   Q_mean = 0   Q_cos = ["0.1 mL/s"]   Q_sin = [0]

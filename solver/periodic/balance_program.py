@@ -89,7 +89,7 @@ def past_of(model: Model, stress: Any, history: Any, tau: float) -> list[Any]:
 
 
 class _Past(Memory):
-    """The memories by what a stage needs of them : (B, …) of :func:`past_of`."""
+    """The memories by the number that a stage needs of them : (B, …) of :func:`past_of`."""
 
     def __init__(self, past: Any) -> None:
         self.past = past

@@ -49,7 +49,7 @@ _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
 class NoSteadyState(InputError):
-    """The network has no steady state under the mean of its drive; the message says where, and what to do."""
+    """The network has no steady state under the mean of its drive; the message names the place and the remedy."""
 
 
 def storable(model: Model) -> int:

@@ -45,9 +45,9 @@ _NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+
 def parse_quantity(value: str | float, unit: str, name: str) -> float:
     """The value in ``unit`` of a number in that unit or of text with its own unit: ("4 cm", "m", "AA.L") -> 0.04.
 
-    value : a number, or text with a number and optionally a unit as pint spells it ("1 mmHg*s/mL").
-    unit : as in :class:`solver.network.description.Quantity` ("Pa.s", "1"). name : what the number is, for the error.
-    Raises ValueError, one sentence, if it is not a finite number or the unit is unknown or of another kind.
+    value : a number, or text with a number and optionally a unit as pint spells it ("1 mmHg*s/mL"). unit : as in
+    :class:`solver.network.description.Quantity` ("Pa.s", "1"). name : the meaning of the number, for the error. Raises
+    ValueError, one sentence, if it is not a finite number or the unit is unknown or of another kind.
     """
     assignment = f"{name} = {json.dumps(value, ensure_ascii=False, default=str)}"
     wanted = "a number without unit" if unit == "1" else f"a number in {pint_spelling(unit)}"

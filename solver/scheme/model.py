@@ -110,7 +110,7 @@ class Model:
 
     @property
     def damps_itself(self) -> bool:
-        """True if the viscosity of all walls damps what the elements do not resolve."""
+        """True if the viscosity of all walls damps the waves that the elements do not resolve."""
         Z = undamped(self.mesh, self.wall, self.A_rest, -2.0 / self.minus_J_inverse[..., :1])
         return bool((Z <= 0.0).all())
 

@@ -2,8 +2,8 @@
 
     ρ/A (∂Q/∂t + C_f Q/A) + ∂/∂x (P + ½ρα U²) + ρα (U/A) ∂Q/∂x + ρ f(U) = 0,     U = Q/A
 
-It is tested with the Lobatto polynomials v; the pressure enters as natural boundary flux: at the ends of an element
-stands what its nodes say, H, of :class:`~solver.scheme.step.State`. A term is (B, n_e, N+1) [Pa]; its derivative with
+It is tested with the Lobatto polynomials v; the pressure enters as natural boundary flux: at the ends of an element it
+is the pressure H of its nodes, of :class:`~solver.scheme.step.State`. A term is (B, n_e, N+1) [Pa]; its derivative with
 respect to the flows of its element, A following Q by ∂A/∂t = -∂Q/∂x, is (B, n_e, N+1, N+1).
 """
 
@@ -41,7 +41,7 @@ class Start(NamedTuple):
         return self.A + self.tau * A_t
 
     def supply(self, Q: Array) -> Array:
-        """-∂Q/∂x, what flows in where the flow is Q : (B, n_e, N) [m²/s]."""
+        """-∂Q/∂x, the net inflow per length where the flow is Q : (B, n_e, N) [m²/s]."""
         return (Q @ self.model.mesh.element.d_xi) * self.model.minus_J_inverse
 
     def area_rate(self, Q: Array) -> Array:

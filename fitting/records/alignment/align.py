@@ -26,11 +26,11 @@ from .variable_beats import VariableBeats, cut_variable
 def align(record: Record, period: float | None = None) -> Beats:
     """The record as whole beats that start at its first sample, moved onto the strict period where they jitter.
 
-    period : [s], by default found. Where beats are equal it is taken as it is, or several beats long; where they
-    vary it says which beats are meant, and each is cut by itself. Equal beats have N = round(T/dt) samples; where T is
-    no multiple of dt they are resampled by a harmonic model. Jitter is removed if it is significant.
-    Raises ValueError if there is no period, or another one than the given, fewer than two whole beats, or a phase that
-    a channel never measured.
+    period : [s], by default found. A period of equal beats is used exactly, and may span several beats. If beats vary,
+    it only identifies the beats, and each is cut by itself. Equal beats have N = round(T/dt) samples; where T is no
+    multiple of dt they are resampled by a harmonic model. Jitter is removed if it is significant. Raises ValueError if
+    there is no period, or another one than the given, fewer than two whole beats, or a phase that a channel never
+    measured.
     """
     if period is not None:
         _check(period, record)
@@ -68,9 +68,9 @@ def _check(period: float, record: Record) -> None:
 def _cut(
     record: Record, period: float | None, steps: Mapping[str, float]
 ) -> tuple[VariableBeats | Grid, float, tuple[str, ...]]:
-    """How the record is cut, its period [s], and what is doubtful.
+    """The cut of the record, its period [s], and notes on doubts.
 
-    Raises ValueError if the period cannot be told, or is not the given one or a whole part of it.
+    Raises ValueError if the period cannot be determined, or is neither the given one nor a whole part of it.
     """
     channels, dt, source, n = record.channels, record.dt, record.path, len(record.time)
     try:

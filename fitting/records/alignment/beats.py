@@ -1,4 +1,4 @@
-"""Beats of one length: their ensemble mean, and what its scatter says of the mean's error."""
+"""Beats of one length: their ensemble mean, and the error of the mean from their scatter."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Beats:
     source, sha256, told : of the record. T : period [s]. shifts : (n_beats,) [s], how much later than the strict period
     each beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel.
     steps : of the channels' converters, in SI. variable : the record that variable beats were cut from, each at the end
-    of diastole; without, phase 0 is the record's first sample. said : what is doubtful of the period.
+    of diastole; without, phase 0 is the record's first sample. said : notes on doubts about the period.
     """
 
     source: str

@@ -41,10 +41,10 @@ class Grid:
 
         Samples as they are if the beats keep step with them, else the harmonic model plus the residual of the nearest
         one. The model carries the pulse exactly; the residual is moved by less than half a sample but not averaged, so
-        that white noise keeps its variance. At high harmonics that little motion is a large part of a turn and would
-        add noise to the mean beat; there the residual's mean is taken out again, and the mean beat is the model. At low
-        harmonics it is needed: drift leaks into the model of a record that is no whole number of beats, the residual
-        makes up for it.
+        that white noise keeps its variance. At high harmonics this small shift is a large part of a period and would
+        add noise to the mean beat; the mean of the residual is therefore removed there, and the mean beat is the model.
+        At low harmonics the residual is needed: drift leaks into the model of a record that is no whole number of
+        beats, and the residual compensates this.
         """
         if self.in_step:
             return _without_slope(x[self.samples])

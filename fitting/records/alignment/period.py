@@ -1,9 +1,9 @@
-"""The period of a record: the shortest lag after which all channels go on alike.
+"""The period of a record: the shortest lag after which all channels repeat.
 
-A stretch of one lag L, in all channels, is compared with what follows it one, two and three lags later, where they fit
-best together. Each channel is scaled by its own power. If any channel repeats worse after L than after 2 L or 3 L, then
-L is a part of a beat. Stretches may come early or late, so that a heart whose rate varies has a
-period, too; a strict one is told by the timing of its beats (:mod:`fitting.records.alignment.equal_beats`).
+A stretch of one lag L, in all channels, is compared with the signal one, two and three lags later, shifted to the best
+fit. Each channel is scaled by its own power. If any channel repeats worse after L than after 2 L or 3 L, then L is a
+part of a beat. Stretches may come early or late, so that a heart whose rate varies also has a period; the timing of the
+beats gives a strict one (:mod:`fitting.records.alignment.equal_beats`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SAMPLES, _STRETCHES = 40, 80  # of a stretch; of a record
 
 @dataclass(frozen=True)
 class PeriodFound:
-    """A period [s], and what makes it doubtful, in sentences.
+    """A period [s], and sentences on its doubts.
 
     other : the period [s] if several beats are one or a beat is several, as they differ in turn; else NaN.
     """
@@ -130,7 +130,7 @@ def _whole(x: Array, lag: float, candidates: Array) -> bool:
 
 
 def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
-    """What follows stretches of one lag [samples], in the middle of the record, after it and after up to four of it.
+    """The continuation of stretches of one lag [samples], in the middle of the record, after one and up to four lags.
 
     An intervention in the middle may change the rate: if stretches go on less alike there than at the beginning or the
     end, where they are those of one steady heart, the part is taken from there.
@@ -147,10 +147,10 @@ def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
 
 
 def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step: float) -> PeriodFound:
-    """The period that this lag [samples] is, or two to four of it, by whether what comes every lag differs in turn.
+    """The period: this lag [samples], or two to four of it if successive stretches of one lag differ in turn.
 
-    If it differs in its timing, too, or much, it is a part of a beat. Else a part of a beat cannot be told from a heart
-    that alternates: a whole beat is assumed, and that is said.
+    If they also differ in timing, or differ much, the lag is a part of a beat. Otherwise a part of a beat is
+    indistinguishable from a heart that alternates: the lag is taken for a whole beat, with a note.
     """
     T, (first, *more) = lag * step, _around(x, lag, candidates)
     differ = [(*_differ(first, each), each, round(each.lag / lag)) for each in more]
@@ -183,8 +183,8 @@ def _passed_over(
 ) -> PeriodFound:
     """With a note where the period is several of the lags [samples] that were tried before, or short for a heart.
 
-    Two or three upstrokes may be a beat, if a channel shows that what comes every lag differs in turn. Four are none:
-    they are beats of one breath, if half of the power went on alike after the lag.
+    Two or three upstrokes may be one beat if a channel shows that successive lags differ in turn. Four are no beat:
+    they are beats of one breath, if half of the power repeats after one lag.
     """
     for lag, score in passed:
         count = round(found.T / (lag * step))
@@ -269,7 +269,7 @@ def _screened(channels: Mapping[str, Array], dt: float) -> tuple[list[str], Arra
 
 
 def _without_wander(x: Array, step: float) -> Array:
-    """Without its straight line, and without what is slower than any heart where the record can tell."""
+    """Without its straight line, and without frequencies below any heart rate that the record can resolve."""
     index = np.arange(len(x)) - (len(x) - 1) / 2.0
     x = x - x.mean()
     x = x - index * (index @ x) / (index @ index)

@@ -1,9 +1,8 @@
-"""The inflow that drives a simulation: what the flow meter shows, or what flowed if that is not quite true.
+"""The inflow that drives a simulation: the reading of the flow meter, or the true flow if the meter has a known filter.
 
-A filter H of the meter that the network's file knows is undone, Q = q/H, at the harmonics of which it leaves a tenth or
-more, and at those of q that stand above the scatter of beats; the others, which 1/H would make of noise, stay as they
-are shown. What the inflow may have there all the same is in the weights: the channels' response to the noise of the
-meter is divided by H, too.
+A filter H of the meter that the network file states is inverted, Q = q/H, at the harmonics where |H| is a tenth or
+more, or where q is above the scatter of beats. At the others, where 1/H would amplify noise, the reading is used. The
+weights include the unknown inflow there: the channels' response to the noise of the meter is also divided by H.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ class Inflow:
         return X
 
     def true(self, H: Array, offset: Array) -> Inflow:
-        """What flowed if this is what a meter with transfer function H : (…, n) and an ``offset`` (…, 1) showed.
+        """The true flow if this is the reading of a meter with transfer function H : (…, n) and an ``offset`` (…, 1).
 
         Q = (q - o)/H where q stands above the noise, which 1/H of a slow meter would only enlarge.
         """
@@ -74,9 +73,10 @@ class Inflow:
 
 
 def inflow(beats: Beats, dt: float, network: Network | None = None, channel: str = INFLOW) -> Inflow:
-    """Q(t) [m³/s] of the mean beat by Fourier interpolation, with what steps of dt [s] can follow; periodic.
+    """Q(t) [m³/s] of the mean beat by Fourier interpolation, with the harmonics that steps of dt [s] can follow;
+    periodic.
 
-    network : says what filter the channel has; None: it has none.
+    network : states the filter of the channel; None: there is none.
     """
     X = coefficients(beats.mean(channel))
     if beats.N % 2 == 0:
@@ -93,23 +93,23 @@ def inflow(beats: Beats, dt: float, network: Network | None = None, channel: str
 
 
 def undoable(network: Network, channel: str, omega: Array) -> Array:
-    """The filter of a channel that can be divided by : (n,) at omega : (n,) [rad/s]."""
+    """The filter of a channel, bounded so that a flow can be divided by it : (n,) at omega : (n,) [rad/s]."""
     H = filtered(network, channel, omega)
     return np.asarray(H / np.minimum(1.0, np.abs(H) / limits.UNDONE))
 
 
 def undone(network: Network, channel: str, drive: Inflow) -> Array:
-    """The filter that is divided by : (n,), :func:`undoable` or 1.
+    """The filter by which the flow is divided : (n,), :func:`undoable` or 1.
 
-    What is shown is signal above 3 standard deviations of the mean of beats. Of beats that differ these are wide, and
-    all harmonics that the filter leaves a tenth of are taken for signal, too.
+    ``drive.shown`` marks the harmonics above 3 standard deviations of the mean beat. If beats differ, these are wide;
+    all harmonics of which the filter leaves a tenth are therefore taken for signal, too.
     """
     H = undoable(network, channel, drive.omega)
     return np.asarray(np.where(drive.shown | (np.abs(H) >= limits.SAFE), H, 1.0))
 
 
 def flowed(beats: Beats, network: Network, channel: str = INFLOW) -> Array:
-    """(N,) what the mean beat of a channel was before its filter."""
+    """(N,) the mean beat of a channel before its filter."""
     if filtered(network, channel, np.array([beats.omega])) == 1.0 and zero_of(network, channel) == 0.0:
         return beats.mean(channel)
     return inflow(beats, 0.5 * beats.T / beats.N, network, channel)(beats.time)

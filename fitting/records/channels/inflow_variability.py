@@ -5,8 +5,8 @@ periodic response to the mean beat q̄:
 
     change_b = C_b(h ∗ q) - mean_b C_b(h ∗ q),      seam = mean_b C_b(h ∗ q) - h ∗ q̄.
 
-The seam is what a simulation of the mean beat cannot know: ends that do not meet, and beats that remember the one
-before them.
+A simulation of the mean beat cannot contain the seam: the ends of the mean beat do not meet, and each beat depends on
+the previous one.
 """
 
 from __future__ import annotations

@@ -147,9 +147,9 @@ def inflow_noise(
 ) -> Array:
     """Variance S (n,) of the mean inflow's coefficients by the noise of its meter alone; response : H (n, m).
 
-    weights : C⁻¹ (n, m, m), the inverse covariance of the channels. C contains S H H†, so that S is at most
-    1/(H† C⁻¹ H). Without this bound S may be too large: channels of beats that differ follow their flow to a few per
-    cent only, and the rest looks like noise of the meter.
+    weights : C⁻¹ (n, m, m), the inverse covariance of the channels. C contains S H H†, so that S is at most 1/(H† C⁻¹
+    H). Without this bound S may be too large: channels of beats that differ follow their flow to a few per cent only,
+    and the remainder looks like noise of the meter.
     """
     share = noise_share(beats, names, following(beats, response, variation), len(response))
     most = np.einsum("ki,kij,kj->k", response.conj(), weights, response).real
@@ -157,8 +157,8 @@ def inflow_noise(
 
 
 def following(beats: Beats, response: Array, variation: BeatVariation | None, drive: str = INFLOW) -> Array:
-    """(m, n_beats, N) what channels of that response (n, m) would do from beat to beat if they followed the drive as it
-    was measured."""
+    """(m, n_beats, N) the variation from beat to beat of channels with that response (n, m) if they followed the
+    measured drive."""
     if variation is not None:
         return variation.change
     change = np.nan_to_num(beats.values[drive] - beats.mean(drive), nan=0.0)
@@ -247,7 +247,8 @@ def response(network: Network, names: Sequence[str], T: float, K: int, parameter
 
 
 def solver_error(X: Array, X_finer: Array, pulse: Array) -> Array:
-    """Standard deviation (K+1, m) of the solver's own error: what half the elements, and half the step, change.
+    """Standard deviation (K+1, m) of the solver's own error, from the change with elements and steps of half the
+    length.
 
     Neighbouring harmonics are taken together.
     X, X_finer : (K+1, m). The scheme is of second order or better, so the change is 3/4 of the error or more.
@@ -266,8 +267,8 @@ def scaled(x: Array, h: Array) -> Array:
 def noise_share(beats: Beats, names: Sequence[str], following: Array, n: int) -> Array:
     """The part (n,) of the drive's variance from beat to beat that no channel follows: noise of its meter.
 
-    By regression of the channels on what they would do, each weighted by its own variance: 0 if the drive is measured
-    exactly, 1 if it is the same in every beat and all change is noise.
+    By regression of the channels on their expected variation, each weighted by its own variance: 0 if the drive is
+    measured exactly, 1 if it is the same in every beat and all change is noise.
     """
     m = len(names)
     moved = dict(zip((f"{name} follows" for name in names), following, strict=True))
@@ -297,7 +298,7 @@ def _scatter(beats: Beats, names: Sequence[str]) -> Array:
 
 
 def _hidden(beats: Beats, names: Sequence[str]) -> Array:
-    """Size (N//2+1, m) of what the sampling hides in the coefficients of mean beats."""
+    """Size (N//2+1, m) of the errors of sampling in the coefficients of mean beats."""
     variance = np.einsum("kii->ki", beats.covariance(names)).real
     return np.stack([_aliased(beats.mean(name), v) for name, v in zip(names, variance.T, strict=True)], axis=1)
 
@@ -319,7 +320,7 @@ def _shrunk(S: Array, dof: float) -> Array:
 
 
 def _aliased(mean: Array, variance: Array) -> Array:
-    """Size (N//2+1,) of what frequencies beyond half the sampling rate add to each coefficient of a mean beat.
+    """Size (N//2+1,) of the aliases of frequencies beyond half the sampling rate in each coefficient of a mean beat.
 
     A kink (the start of an ejection) gives a tail C/k². Sampled, coefficient k holds Σ_m C/(k + mN)², which is
     C (π/N)²/sin²(πk/N), of which C/k² is its own; C is read from the last quarter of the spectrum, over its noise.

@@ -98,7 +98,7 @@ class Reading:
 
     @property
     def told(self) -> dict[str, Any]:
-        """What was said beside the file, plain, for where a result comes from; empty if nothing was."""
+        """The options of the reading as plain data, for the provenance of a result; empty without options."""
         decimal = {} if self.decimal is None else {"decimal": self.decimal}
         shifts = {file: _START if shift is None else shift for file, shift in self.shifts.items()}
         return decimal | ({"map": dict(self.names)} if self.names else {}) | ({"shift": shifts} if shifts else {})
@@ -186,8 +186,8 @@ def which_is_which(n: int, timed: bool = True) -> str:
 
 
 def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
-    """Of each column whether it is understood, and what it is read as, or what is to be said before it can be; for
-    people."""
+    """For each column whether it is understood, and its meaning, or the option that must be given before it can be
+    read; for people."""
     found = []
     titles = [column.title for column in table.columns]
     targets = _targets(table.columns, reading, table.place, False)

@@ -1,4 +1,4 @@
-"""The kinds of file that a record may come in, and what to do with those that are not read.
+"""The kinds of file that a record may come in, and advice for those that cannot be read.
 
 A further kind is a function from a path to a :class:`.table.Table`, and a line of ``_KINDS``.
 """
@@ -37,7 +37,7 @@ _KINDS: tuple[tuple[tuple[str, ...], tuple[bytes, ...], Callable[[Path, str | No
 def read_table(path: str | os.PathLike[str], decimal: str | None = None) -> Table:
     """The columns of a file of any kind. decimal : mark of a text file, comma or point; by default found.
 
-    Raises ValueError, one sentence that names the file, what was found and what to do.
+    Raises ValueError, one sentence that names the file, its content and the remedy.
     """
     path = Path(path)
     check_readable(path)

@@ -15,7 +15,7 @@ _FIRST = 3  # values
 
 
 def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
-    """The columns of a file: title, unit ("" unknown), first values, min, max, gaps, and what each is read as; plain.
+    """The columns of a file: title, unit ("" unknown), first values, min, max, gaps and meaning; plain.
 
     Raises ValueError, one sentence, for a file that cannot be read.
     """
@@ -49,7 +49,7 @@ def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
 
 
 def preview_questions(found: dict[str, Any]) -> list[str]:
-    """What is to be said of a column before it can be read, a line each: options to copy, which no table cuts."""
+    """The options without which a column cannot be read, a line each: to copy, so that no table cuts them."""
     open_ones = [each for each in found["columns"] if not each["understood"]]
     if open_ones and not found["titled"]:
         return [f"The file has no header; {which_is_which(len(found['columns']), found['timed'])}"]

@@ -54,8 +54,8 @@ class Record:
 
     path as given; sha256 of the file's bytes. Names end in .P [Pa], .Q [m³/s] or .R [m]. resting : flows that do not
     pulsate, such as that of a closed outlet, and their value; nothing can be fitted to them, so they are no channels.
-    told : what was said of the columns, as ``Reading.told``, and what was done to the samples; said : that for people.
-    scales : of each channel, SI over the unit that was read.
+    told : the options of the reading, as ``Reading.told``, and the changes of the samples; said : these changes as
+    sentences. scales : of each channel, SI over the unit that was read.
     """
 
     path: str
@@ -95,7 +95,7 @@ def require(available: Iterable[str], names: Iterable[str], source: str) -> None
 
 
 def read_record(path: str | os.PathLike[str], reading: Reading | None = None) -> Record:
-    """The record in a file, and in those beside it; reading : which column is what, where their titles do not say it.
+    """The record in a file, and in those beside it; reading : the meaning of columns whose titles do not state it.
 
     Raises ValueError, one sentence with file, line and column, if a file cannot be read, and UnusableRecord, which is
     one, if it can be and no fit can use what it holds.
@@ -222,8 +222,8 @@ def _one(
 
 
 def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
-    """Several files on one axis, over the time that all have: time (n,) [s], the channels of all parts (n,), and what
-    was done, for people.
+    """Several files on one axis, over the time that all have: time (n,) [s], the channels of all parts (n,), and a
+    sentence on the alignment.
 
     The axis is that of the slowest file, the first of equals. Samples of a faster one are low-passed before they are
     taken there, lest noise beyond half the slow rate folds into the pulse. The other way round, harmonics that no
@@ -280,7 +280,7 @@ def _at(part: Record, values: Array, base: Record, at: Array) -> Array:
 
 
 def _low_passed(values: Array, ratio: float) -> Array:
-    """Without what a rate ``ratio`` times slower cannot show, and without delay."""
+    """Without the frequencies that a rate ``ratio`` times slower cannot show, and without delay."""
     from scipy.signal import firwin, oaconvolve  # takes half a second
 
     half = min(int(np.ceil(_HALF * ratio)), len(values) - 1)

@@ -71,7 +71,7 @@ def may_rest(name: str) -> bool:
 
 
 def without_plateaus(values: Array, name: str, title: str, place: Place, dt: float) -> tuple[Array, tuple[str, ...]]:
-    """A channel with gaps where its sensor was saturated for a while, and what was done. dt [s].
+    """A channel with gaps where its sensor was saturated for a while, and notes on them. dt [s].
 
     Raises UnusableRecord where that is in most stretches of the longest beat.
     """

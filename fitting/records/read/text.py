@@ -60,7 +60,7 @@ def read_text_table(path: Path, decimal: str | None) -> Table:
 
 
 def _prepared(lines: list[str], form: Layout) -> list[str]:
-    """The lines, with one blank between fields for many and seconds for what a clock shows."""
+    """The lines, with one blank between fields for several and seconds for clock times."""
     head, samples = lines[: form.first - 1], lines[form.first - 1 :]
     if form.separator == SPACE:
         samples = [" ".join(line.split()) for line in samples]
@@ -77,7 +77,7 @@ def _lines(text: str) -> list[str]:
 
 
 def _encoding(head: bytes, source: str) -> str:
-    """UTF-8, UTF-16 by its mark, or what Windows writes: of that only letters of names and units can be wrong."""
+    """UTF-8, UTF-16 by its mark, or the encoding of Windows, in which only letters of names and units can be wrong."""
     for mark, name in _MARKS.items():
         if head.startswith(mark):
             return name

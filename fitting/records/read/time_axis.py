@@ -1,10 +1,10 @@
-"""The uniform time axis behind the stamps of a record: its rate by regression, what jitters, and what is lost.
+"""The uniform time axis behind the stamps of a record: its rate by regression, jitter and lost samples.
 
 Stamps t_j of samples number m_j lie on a line t_j = t_0 + m_j/f + d_j. Where all |d_j| are within the resolution of the
-stamps, the clock is uniform and its samples stay as they are. Else stamps are taken at their word: the samples are
-moved, once, onto the line by a cubic spline. Samples that are missing on the line become gaps. Stamps that go back are
-those of a clock that jitters by more than a sample, since a converter takes its samples in order: the running median of
-t_j - j dt takes their place, which keeps lost samples and a drift.
+stamps, the clock is uniform and its samples stay as they are. Otherwise the stamps are trusted: a cubic spline moves
+the samples onto the line, once. Samples that are missing on the line become gaps. Stamps that go back are those of a
+clock that jitters by more than a sample, since a converter takes its samples in order: the running median of t_j - j dt
+takes their place, which keeps lost samples and a drift.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ _ROUNDS = 5  # of counting lost samples by the interval and finding the interval
 @dataclass(frozen=True)
 class Axis:
     """time : (n,) [s], uniform. stamps : (k,) [s] as given; number : (k,) of each of them on the axis, None where all
-    stand for themselves. moved : whether samples are interpolated. said, told : what happened, for people and plain."""
+    stand for themselves. moved : whether samples are interpolated. said, told : the treatment of the stamps, as
+    sentences and as plain data."""
 
     time: Array
     stamps: Array
@@ -67,7 +68,7 @@ def between(t: Array, x: Array, at: Array) -> Array:
 
 
 def longest_block(given: Array, factor: float, place: Place) -> tuple[slice, tuple[str, ...]]:
-    """The samples of the longest block of a file, and what is said of the others; all samples of a file of one block.
+    """The samples of the longest block of a file, and a note on the others; all samples of a file with one block.
 
     A recorder that is started again begins its times anew, or leaves a pause. Such a step parts blocks if the stamps
     have no axis together: they go back by more than jitter, or more samples are missing than are there.

@@ -1,4 +1,5 @@
-"""The titles of columns: name and unit in the spellings of laboratories, and what one that is no variable may be."""
+"""The titles of columns: name and unit in the spellings of laboratories, and proposals for titles that are no
+variables."""
 
 from __future__ import annotations
 
@@ -42,7 +43,7 @@ _BARE = re.compile(
 def name_and_unit(title: str) -> tuple[str, str]:
     """Name and unit of "name [unit]", "name (unit)", "name_unit", "name / unit" or "name in unit"; "" if there is none.
 
-    In round brackets, and without brackets, only what is a unit of a time, pressure, flow or length is one.
+    In round brackets, and without brackets, only units of time, pressure, flow or length count as units.
     """
     title = title.strip()
     if match := re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", title, re.DOTALL):
@@ -100,7 +101,7 @@ def factor(unit: str, kind: Kind) -> float | None:
 
 
 def proposed(unknown: Sequence[Column]) -> list[str]:
-    """A variable for each column, by unit and title; "" for what is none. Each of a kind has a site of its own."""
+    """A variable for each column, by unit and title; "" if it is none. Each of a kind has a site of its own."""
     targets, taken, pressures = list[str](), set[str](), 0
     for column in unknown:
         name, unit = name_and_unit(column.title)
