@@ -21,7 +21,7 @@ endif
 
 help:
 	@echo "make demo      build dist/sheep.fmu, run it elastic and viscoelastic, draw the figures"
-	@echo "make loop      heart, human arteries and veins in a closed loop, one minute; draw the figure"
+	@echo "make loop      heart, human arteries and veins in a closed loop, two minutes; draw the figure"
 	@echo "make discover  find what is missing in a model: two synthetic records, one minute"
 	@echo "make test      run the tests: five to seven minutes on two cores"
 	@echo "make test-slow run the long ones that make test leaves out: examples, snippets, generators"

@@ -96,7 +96,7 @@ class Host:
         report, state = reporter(model), initial_state(model)
         inside: Any = next(
             module for name, module in sys.modules.items()
-            if name.startswith("_arterial_") and name.endswith("fmu_src.cosimulation.stretch")
+            if name.startswith("_arterial_") and name.endswith("fmu_src.cosimulation.communication_step")
         )  # fmt: skip
         taken, inside.parts = inside.parts, lambda model, state, *_: (state,)
         times = np.empty((steps, 3))

@@ -30,11 +30,11 @@ from .findings.map_marks import of_sensor, plain
 from .findings.outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
 from .findings.recorded import pair_json
 from .findings.shown_map import SourceMapShown, gap_shares, shown_map
-from .name.individual_walls import implausible, odd_ones, walls_of
+from .name.individual_walls import odd_ones, walls_of
 from .name.intervals import stated
 from .name.verdict import Naming
 from .report.verdict_text import acts_as, joined, late_drive, low_passed, separating_measurement, stands_for
-from .show.fmu_validation import Run, met_only_with
+from .show.fmu_validation import Run
 from .show.gap import Gap, changed, left
 
 _SHOWN = 12  # candidates listed in the report
@@ -107,7 +107,7 @@ def summary(
         sentence=sentence(naming, shown.effects, *gaps, acting, reading, study.problem.kind, table.invisible),
         confidence=naming.confidence,
         complete=naming.complete,
-        met=_met(naming),
+        met=bool(naming.only_with),
         map=acting,
         walls=walls,
         record=record.path,
@@ -153,8 +153,8 @@ def summary(
 
 
 def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
-    """The source map, with each place's share of the gap if something acts; None without a map. Several recordings
-    have that of the first."""
+    """The source map, with each place's share of the gap if something acts; None without a map. With several
+    recordings it is that of the first."""
     if naming.map is None:
         return None
     whole = study.problem if naming.map.signals else None
@@ -237,37 +237,35 @@ def sentence(
 ) -> str:  # fmt: skip
     """The verdict in one sentence, and a second one if the search was incomplete or no law explains everything.
 
-    acting : the source map, which then describes what is missing. reading : the simplest one of a sensor, as a delay of
-    the drive or a low-pass, or "".
-    kind : of the study. An effect that leaves more than noise may itself stand for what the model lacks. invisible :
-    effects that would not show in the record.
+    acting : the source map, which then describes the missing physics. reading : the simplest interpretation by a
+    sensor, such as a delay of the drive or a low-pass, or "". kind : of the study. An effect that leaves more than
+    noise may itself stand for what the model lacks. invisible : effects that would not show in the record.
     """
     somewhere = acting is not None and acting.acting
     if naming.verdict == "none":
-        what = "Nothing that this record would show is missing" if invisible else "Nothing is missing"
-        what = "Nothing is missing that held-out beats show" if naming.reason else what
+        verdict = "Nothing that this record would show is missing" if invisible else "Nothing is missing"
+        verdict = "Nothing is missing that held-out beats show" if naming.reason else verdict
         within = (
             f" to {number(100.0 * naming.accuracy)} % of its pulsation at each harmonic, as well as a first model can"
         )
         fits = f"the model fits the record{within if naming.accuracy else ''}"
-        said = f"{what}: {fits}, with a gap to held-out beats of {left(before)}."
-        said += f" Too small to show at typical size: {', '.join(map(plain, invisible))}." if invisible else ""
+        text = f"{verdict}: {fits}, with a gap to held-out beats of {left(before)}."
+        text += f" Too small to show at typical size: {', '.join(map(plain, invisible))}." if invisible else ""
     elif naming.adds and after:
-        said = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}", kind)
-        said += f" The simplest reading: {reading}." if reading else ""
+        text = _added(naming, effects, f"the gap to held-out beats {changed(before, after)}", kind)
+        text += f" The simplest reading: {reading}." if reading else ""
         if acting and somewhere and naming.verdict == "partial":
-            said = f"{said} {acts_as(acting, 'All missing physics together')}"
-    elif _met(naming):
-        met = met_only_with(implausible(naming.base.fit))
-        said = f"{met[0].upper()}{met[1:]}: it is another subject, or the catalogue lacks the effect."
+            text = f"{text} {acts_as(acting, 'All missing physics together')}"
+    elif naming.only_with:
+        text = naming.only_with
     elif acting and somewhere and naming.verdict == "unknown":
         tried = _tried(naming)
         gap = f"the gap to held-out beats is {left(before)}"
-        said = f"Something is missing: {gap}. {tried[0].upper()}{tried[1:]}. {acts_as(acting)}"
+        text = f"Something is missing: {gap}. {tried[0].upper()}{tried[1:]}. {acts_as(acting)}"
     else:
-        said = f"Something is missing, and {_tried(naming)}: the gap to held-out beats is {left(before)}."
+        text = f"Something is missing, and {_tried(naming)}: the gap to held-out beats is {left(before)}."
     ended = "" if naming.complete else "The time limit ended the search before all candidates were compared."
-    return joined(said, ended)
+    return joined(text, ended)
 
 
 def _tried(naming: Naming) -> str:
@@ -283,30 +281,25 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str, kind: str
     labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
     sensors, others = all(of_sensor(e.name) for e in effects), max(len(naming.members) - 1, 0)
     each = "pair" if naming.verdict == "several" else "candidate"
-    rest = f"{others} other {each}{'s' if others > 1 else ''} cannot be ruled out"
+    not_excluded = f"{others} other {each}{'s' if others > 1 else ''} cannot be ruled out"
     lacks, tail = "The model lacks", ""
     loosely = f"{'both' if len(effects) > 1 else 'it'} may stand for {stands_for(kind)} that the model lacks"
     match naming.verdict:
         case _ if naming.accuracy and naming.verdict != "partial" and not sensors:
-            lacks, tail = "Something acts like", f", and {loosely}" + (f"; {rest}" if others else "")
+            lacks, tail = "Something acts like", f", and {loosely}" + (f"; {not_excluded}" if others else "")
         case "effect" if sensors:
             return f"The sensor is at fault, not the arteries: {labels}; with it {gap}."
         case "several" if others:
-            lacks, tail = "The model lacks two effects, most likely", f", but {rest}"
+            lacks, tail = "The model lacks two effects, most likely", f", but {not_excluded}"
         case "ambiguous" if naming.of_one_site:
-            lacks, tail = _ONE_SITE, f"; {rest}" if others else ""
+            lacks, tail = _ONE_SITE, f"; {not_excluded}" if others else ""
         case "ambiguous":
-            lacks, tail = "The model lacks something like", f", but {rest}"
+            lacks, tail = "The model lacks something like", f", but {not_excluded}"
         case "partial":
             lacks = _ONE_SITE if naming.of_one_site else "Something acts like"
             other = "" if naming.of_one_site else f", and {loosely}"
-            tail = f", but more than noise remains{other}" + (f"; {rest}" if others else "")
+            tail = f", but more than noise remains{other}" + (f"; {not_excluded}" if others else "")
     return f"{lacks} {labels}: with {'both' if len(effects) > 1 else 'it'} {gap}{tail}."
-
-
-def _met(naming: Naming) -> bool:
-    """True if the model explains the record only with implausible parameters."""
-    return naming.verdict == "unknown" and naming.base.explains and bool(implausible(naming.base.fit))
 
 
 def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:
@@ -333,15 +326,15 @@ def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
 
 def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
     """The best hypotheses with the gap that each leaves on the held-out beats."""
-    shown = naming.ranked[:_SHOWN]
+    listed = naming.ranked[:_SHOWN]
     kept = naming.problem.held_out(study.held_out, study.fitted)
     found = []
-    for n, (chi2, size) in zip(shown, kept.predict([n.fit for n in shown]), strict=True):
+    for n, (chi2, size) in zip(listed, kept.predict([n.fit for n in listed]), strict=True):
         parameters = {name: e for t in n.fit.terms for name, e in stated(study.network, naming, n, t).items()}
         names = " + ".join(t.effect for t in n.fit.terms)
         where = tuple(dict.fromkeys(place for t in n.fit.terms for place in t.where))
-        per_dof, left = n.fit.chi2 / max(1, len(n.fit.z) - len(n.fit.x)), float(np.sqrt(chi2 / size))
+        per_dof, chi = n.fit.chi2 / max(1, len(n.fit.z) - len(n.fit.x)), float(np.sqrt(chi2 / size))
         in_class = any(n is member for member in naming.members)
         walls = "individual" if n.individual else "common"
-        found.append(Candidate(names, where, parameters, n.above_best, per_dof, left, n.separation, in_class, walls))
+        found.append(Candidate(names, where, parameters, n.above_best, per_dof, chi, n.separation, in_class, walls))
     return tuple(found)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fitting.inference.fit import Fit
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.loop import Loop
@@ -29,7 +29,7 @@ from fitting.inference.unknown import Unknown
 from fitting.records.alignment.beats import Beats
 from fitting.records.alignment.variable_beats import VariableBeats
 from fitting.records.channels.inflow import Inflow
-from fitting.records.channels.inflow_variability import Felt
+from fitting.records.channels.inflow_variability import BeatVariation
 from fitting.records.channels.noise import Target
 from solver import Settings
 from solver.errors import InputError
@@ -46,13 +46,14 @@ from .show.gap import Gap
 
 Result = TypeVar("Result")
 
-_FORMAT = 2  # of the stages: another one makes those of an earlier program invalid
+_FORMAT = 3  # of the stages: another one makes those of an earlier program invalid
 
 # classes that stages contain
 _KINDS = dataclasses(
-    Naming, Named, Fit, Term, Unknown, Run, Gap,
+    Naming, Named, Fit, PlacedEffect, Unknown, Run, Gap,
     SourceMap, Signal, Law, Rival, Place, Learnt, *sources.ALL,
-    NetworkProblem, Bench, Several, Simulator, Forced, Settings, Inflow, Loop, Beats, VariableBeats, Target, Felt,
+    NetworkProblem, Bench, Several, Simulator, Forced, Settings, Inflow, Loop, Beats, VariableBeats, Target,
+    BeatVariation,
 )  # fmt: skip
 _KINDS[Network] = Kind(lambda it: {"text": json.dumps(to_dict(it))}, lambda text: from_dict(json.loads(text)))
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fitting.first.options import FirstOptions
 from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
@@ -27,7 +28,8 @@ class Asked:
     """period : of the beat [s], estimated by default. walls : "common" or "individual"; by default the more probable.
     prior : file of a calibration. time_limit : for naming and every later refit [s]. jobs : number of simulating
     processes. filters : known ones, by channel. further, hold_out : other recordings of the subject.
-    varies : parameters that each recording has of its own. backend : of the FMUs that are built and run."""
+    varies : parameters that each recording has of its own. backend : of the FMUs that are built and run. first : of the
+    first model, if no model is given."""
 
     period: float | None = None
     walls: str | None = None
@@ -39,6 +41,7 @@ class Asked:
     varies: tuple[str, ...] = ()
     hold_out: tuple[str | os.PathLike[str], ...] = ()
     backend: str = "auto"
+    first: FirstOptions = FirstOptions()
 
     @property
     def others(self) -> tuple[str | os.PathLike[str], ...]:
@@ -100,6 +103,7 @@ class Asked:
             "varies": list(self.varies),
             "hold_out": [os.fspath(each) for each in self.hold_out],
             "prior": prior,
+            "first": self.first.given,
         }
         return {
             "walls": walls,

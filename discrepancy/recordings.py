@@ -17,7 +17,7 @@ import numpy as np
 
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit, Member
-from fitting.inference.hypothesis import Term, rewired
+from fitting.inference.hypothesis import PlacedEffect, rewired
 from fitting.inference.joint.joint_record import Several
 from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
@@ -91,9 +91,9 @@ class Recordings:
         return found
 
     @property
-    def terms(self) -> tuple[Term, ...]:
+    def terms(self) -> tuple[PlacedEffect, ...]:
         """Candidates for the channels of all recordings."""
-        found: dict[str, Term] = {}
+        found: dict[str, PlacedEffect] = {}
         for study in self.studies:
             found = {t.label: t for t in study.terms} | found
         return tuple(found.values())
@@ -134,7 +134,8 @@ class Recordings:
         ran = naming.adds and all(last for _, last in fitted)
         gaps = joined([first for first, _ in fitted]), joined([last for _, last in fitted if last]) if ran else None
         each = tuple(recorded for recorded, _, _ in found)
-        naming = confirmed(naming, each, *gaps)
+        losses = tuple(dict.fromkeys(loss for study in self.studies for loss in study.losses))
+        naming = confirmed(naming, each, *gaps, losses)
         _, first, last = found[0]
         if not naming.adds:
             last, gaps = None, (gaps[0], None)
@@ -182,14 +183,14 @@ class Recordings:
         found = self._through(i, record, study, without, best, before, after, given)
         if best is None or not (whole and fitted) or found[2] is None:
             return found
-        seen = whitened_response(naming.best.fit, best.terms)[whole.rows[i]]
-        return replace(found[0], d=float(np.linalg.norm(seen))), *found[1:]
+        response = whitened_response(naming.best.fit, best.terms)[whole.rows[i]]
+        return replace(found[0], d=float(np.linalg.norm(response))), *found[1:]
 
     def unseen_by(
         self, base: Fit, law: Fit, there: Callable[[Study], Study], before: FreeRun, after: FreeRun
     ) -> list[Recorded]:
-        """The free runs of the recordings that are held out whole, without and with a learned law. Those that cannot be
-        simulated are left out: the verdict has said so.
+        """The free runs of the recordings that are held out whole, without and with a learned law. Recordings that
+        cannot be simulated are omitted: a warning of the verdict already reports them.
 
         base : fit without the law. there : the study of a recording with the ranges of the law in its network.
         """
@@ -243,10 +244,10 @@ class Recordings:
         except RunFailed as error:
             return replace(recorded, failed=f"its FMU does not run with this record: {error}"), first, None
         fallen, sd = fall(study, first.X, last.X)
-        seen = whitened_response(best, best.terms)
+        response = whitened_response(best, best.terms)
         recorded = replace(
             recorded, gap_after=last.gap.total, rms_after=held_out(last.gap.rms), fallen=fallen, sd=sd,
-            d=float(np.linalg.norm(seen)),
+            d=float(np.linalg.norm(response)),
         )  # fmt: skip
         return recorded, first, last
 
@@ -277,13 +278,13 @@ def recordings_of(
     for other in records[1:]:
         _check_alike(record, other)
     made = [alike(other) for other in records[1:n]]
-    held, warnings = [], [f"{s.fitted.source}: {text}" for s in made for text in s.warnings]
+    held_out, warnings = [], [f"{s.fitted.source}: {text}" for s in made for text in s.warnings]
     for other in records[n:]:
         try:
-            held.append((other, alike(other)))
+            held_out.append((other, alike(other)))
         except InputError as error:
             warnings.append(not_judged(other.path, error))
-    found = Recordings(tuple(records[:n]), (study, *made), tuple(held), asked.varies, tuple(warnings))
+    found = Recordings(tuple(records[:n]), (study, *made), tuple(held_out), asked.varies, tuple(warnings))
     if not found.alone:
         _ = found.whole  # raises the error now
     return found
@@ -314,7 +315,8 @@ def _check_alike(record: Record, other: Record) -> None:
 
 
 def joined(gaps: Sequence[Gap]) -> Gap:
-    """The gap over several recordings: root mean squares over all, for a channel over those that have it."""
+    """The gap over several recordings: root mean squares over all recordings, of a channel over the recordings that
+    have it."""
 
     def mean(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
         fitted, held_out = np.sqrt(np.mean(np.square(pairs), axis=0))
@@ -323,10 +325,17 @@ def joined(gaps: Sequence[Gap]) -> Gap:
     def by_key(each: Sequence[Mapping[Key, tuple[float, float]]]) -> dict[Key, tuple[float, float]]:
         return {n: mean([own[n] for own in each if n in own]) for n in dict.fromkeys(n for own in each for n in own)}
 
-    rest = (by_key([g.channels for g in gaps]), by_key([g.rms for g in gaps]), by_key([g.pulsation for g in gaps]))
+    by_channel = (
+        by_key([g.channels for g in gaps]),
+        by_key([g.rms for g in gaps]),
+        by_key([g.pulsation for g in gaps]),
+    )
     in_error = [g.in_error for g in gaps if g.in_error is not None]  # of all, or none: they have one network
     return Gap(
-        mean([g.total for g in gaps]), *rest, by_key([g.above for g in gaps]), mean(in_error) if in_error else None
+        mean([g.total for g in gaps]),
+        *by_channel,
+        by_key([g.above for g in gaps]),
+        mean(in_error) if in_error else None,
     )
 
 
@@ -351,20 +360,20 @@ def drives(study: Study, base: Fit, best: Fit | None) -> tuple[Array, Array]:
 
 
 def _refitted(whole: Several, study: Study, fit: Fit) -> Fit:
-    """A fit to the fitted recordings as one to a held-out one: the common unknowns are fixed, and those that vary are
-    fitted to it, from their mean."""
+    """A fit to the fitted recordings, transferred to a held-out one: the common unknowns stay fixed, and the varying
+    ones are fitted to it, from their mean."""
     each = [whole.own(fit.unknowns, i) for i in range(len(whole.parts))]
     unknowns, x = each[0][0], np.mean([fit.x[which] for _, which in each], axis=0)
     present = {v for u in unknowns for v in u.variables}
     more = tuple(u for u in whole.added if not set(u.variables) & present)
     effects = [u for t in fit.terms for u in t.unknowns]
-    held = (
+    kept = (
         u if whole.differs(u) and u not in effects else replace(u, low=float(value), high=float(value))
         for u, value in zip(unknowns, x, strict=True)
     )
-    member = Member(fit.terms, (*held, *more), np.append(x, np.zeros(len(more))))
-    one = Several((study.problem,), (f"{study.fitted.source} alone",))
-    (found,) = one.searched_from([member], Runs())
+    member = Member(fit.terms, (*kept, *more), np.append(x, np.zeros(len(more))))
+    single = Several((study.problem,), (f"{study.fitted.source} alone",))
+    (found,) = single.searched_from([member], Runs())
     if found is None:
         raise InputError("the model cannot be simulated with it")
     return found

@@ -2,7 +2,7 @@
 
 Each comment states its basis: a derivation, a simulated error rate, or judgement. Numbers that only limit time, lay out
 a report or define when sensors see an effect stand where they are used, and so do those by which
-:mod:`discrepancy.find.plausibility` refuses a record.
+:mod:`discrepancy.find.plausibility` rejects a record.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from typing import Any
 from fitting.calibrate.calibration_prior import Prior
 from fitting.check.fmu_build import build_fmu
 from fitting.check.fmu_run import RunFailed, read_fmu
+from fitting.first.options import FirstOptions
 from fitting.first.spread import is_first, spread
 from fitting.inference.extended_network import extended
 from fitting.inference.fit import Array, Fit
@@ -84,37 +85,40 @@ def discover(
     filters: Iterable[str] = (),
     as_measured: bool = False,
     backend: str = "auto",
+    first: FirstOptions | None = None,
     progress: Progress = lambda fraction, label: None,
 ) -> Outcome:
     """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and model.toml and model.fmu
     if an effect was added.
 
     record : a file; ``reading`` assigns its columns. filters : of its channels, "inlet.Q=lowpass 10 Hz", beside those
-    of the model. as_measured : accept values that are implausible for an artery.
-    further : other recordings of the same subject. Walls, geometry, sensors and effects are common; ``varies``,
-    "*.outlet.R2", names parameters that each recording has of its own. hold_out : recordings that no fit uses, for
-    validation.
-    model : a network file, the name of a bundled network, or an FMU; None: a first model is made from the record and
+    of the model. as_measured : accept values that are implausible for an artery. further : other recordings of the same
+    subject. Walls, geometry, sensors and effects are common; ``varies``, "*.outlet.R2", names parameters of which each
+    recording has its own value. hold_out : recordings that no fit uses, for validation. model : a network file, the
+    name of a bundled network, or an FMU; None: a first model is made from the record, with the options ``first``, and
     written as ``<out>/first.toml``. period : of the beat [s], estimated by default. walls : "common" or "individual";
     by default the more probable. prior : the result of ``arterial-fmu calibrate``; its values and covariance replace
-    those of the network file and the stated spreads.
-    time_limit : for naming and every later refit [s]; after it the best answer so far is given. Learning a law of the
-    remaining misfit may take three tenths of it more. Single simulations for set-up and validation (FMUs, candidates on
-    held-out beats) are not included. backend : of the FMUs that validate, "numpy", "native" or "auto"
-    (:func:`fitting.check.fmu_build.build_fmu`); model.fmu is in any case the one that ``arterial-fmu build`` makes.
-    jobs : number of simulating processes, this one included. The others import this package and nothing of the calling
-    script, which needs no ``if __name__ == "__main__"``. progress : called with the fraction done and the stage. An
-    interrupted study continues where it stopped.
-    Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
-    readable record that cannot be used gives the verdict "unusable", which does not overwrite the study of a usable
-    record; without a model it is refused.
+    those of the network file and the stated spreads. time_limit : for naming and every later refit [s]; after it the
+    best answer so far is given. Learning a law of the remaining misfit may take three tenths of it more. Single
+    simulations for set-up and validation (FMUs, candidates on held-out beats) are not included. backend : of the FMUs
+    that validate, "numpy", "native" or "auto" (:func:`fitting.check.fmu_build.build_fmu`); model.fmu is in any case the
+    one that ``arterial-fmu build`` makes. jobs : number of simulating processes, this one included. The others import
+    this package and nothing of the calling script, which needs no ``if __name__ == "__main__"``. progress : called with
+    the fraction done and the stage. An interrupted study continues where it stopped. Raises ValueError for a file, a
+    model or a prior that cannot be read and for a folder that cannot be written. A readable record that cannot be used
+    gives the verdict "unusable", which does not overwrite the study of a usable record; without a model it is rejected.
     """
     started = time.perf_counter()
     asked = Asked(
         period, walls, prior, time_limit, jobs, tuple(filters), tuple(further), tuple(varies), tuple(hold_out),
-        backend,
+        backend, first or FirstOptions(),
     )  # fmt: skip
     asked.check()
+    if model is not None and asked.first.given:
+        raise InputError(
+            f"{', '.join(asked.first.given)}: these are options of a first model, which is made if no model is given; "
+            f"leave them out, or --model {os.fspath(model)}."
+        )
     check_one(reading.beside if reading else (), len(asked.others) + 1)
     outcome, fmu, journal = _studied(record, model, Path(out), asked, reading, as_measured, progress)
     outcome = replace(outcome, seconds=time.perf_counter() - started)
@@ -134,7 +138,7 @@ def _studied(
     notes: list[str] = []
     if model is None:
         check_folder(folder, [record, asked.prior, *asked.others])
-        model, notes = first_of(measured, folder, asked.period, as_measured)
+        model, notes = first_of(measured, folder, asked.period, as_measured, asked.first)
     network = with_filters(described or read_model(model), asked.filters)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     if known is None and asked.walls != COMMON and is_first(network):
@@ -240,10 +244,10 @@ class _Work:
         self.progress(0.92, "comparing the candidates with the held-out beats")
         shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
         outcome = with_law(summary(self.record, self.model, self.study, naming, shown), law)
-        said = (*outcome.warnings, *judged.warnings)
+        warnings = (*outcome.warnings, *judged.warnings)
         ran = {"FMUs run": " and ".join(dict.fromkeys(read_fmu(each).tool for each in (given, fmu)))}
         origin = {**outcome.provenance, **ran}
-        return replace(outcome, recordings=judged.recordings, warnings=said, provenance=origin), shown.archive
+        return replace(outcome, recordings=judged.recordings, warnings=warnings, provenance=origin), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 

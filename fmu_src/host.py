@@ -6,7 +6,7 @@ import os
 import sys
 from importlib.util import find_spec
 
-TESTED = ((3, 10), (3, 13))  # first and last Python that the FMUs were run under; an older one is refused
+TESTED = ((3, 10), (3, 13))  # first and last Python that the FMUs were run under; an older one is rejected
 OLDEST = TESTED[0]
 PYTHONS = " to ".join(".".join(map(str, version)) for version in TESTED)
 PACKAGES = "numpy"

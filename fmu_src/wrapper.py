@@ -42,7 +42,7 @@ def _loaded() -> set[str]:
     return set(re.findall(r"/\S.*/binaries/linux64/.*\.so$", maps, flags=re.MULTILINE))
 
 
-@lru_cache(maxsize=None)  # noqa: UP033, older Pythons get as far as the sentence that refuses them
+@lru_cache(maxsize=None)  # noqa: UP033, older Pythons get as far as the sentence that rejects them
 def _end_in_time(library: str) -> None:
     try:
         wrapper = ctypes.CDLL(library, mode=os.RTLD_NOLOAD | os.RTLD_NOW)

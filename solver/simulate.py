@@ -71,7 +71,7 @@ def simulate(
     A batch shares one mesh, made for the longest of each segment, and stops at the first member that fails.
     scheme : "staggered", or "muscl", the paper's finite volumes (:mod:`~solver.muscl`), with its settings.
     backend : "auto", the compiled engine (:mod:`~solver.tracing.native`) if it is available and supports this run, else
-    NumPy, which computes the same steps; "numpy"; "native", which refuses to run without the engine.
+    NumPy, which computes the same steps; "numpy"; "native", which raises an error without the engine.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution fails.
     """
     check_network(network)

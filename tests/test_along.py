@@ -13,7 +13,7 @@ from small_network import NETWORK, term, terms
 
 from discrepancy.name.scoring import Compared, Named, apart, whitened_response
 from fitting.inference.fit import Fit
-from fitting.inference.hypothesis import Term, term_at
+from fitting.inference.hypothesis import PlacedEffect, placed_effect
 from fitting.inference.unknown import Unknown, with_prior
 from solver.laws import effects
 from solver.laws.effect import Effect
@@ -24,7 +24,9 @@ Array = np.ndarray
 OWN = Unknown("A.E of its own", SHIFT, (("A.E", 1.0),), -1.0, 1.0, group="E")
 
 
-def fit_of(z: Array, effects: Sequence[Term] = (), more: Sequence[Unknown] = (), x: Sequence[float] = ()) -> Fit:
+def fit_of(
+    z: Array, effects: Sequence[PlacedEffect] = (), more: Sequence[Unknown] = (), x: Sequence[float] = ()
+) -> Fit:
     """A hypothesis with this residual and these values of its unknowns, which change nothing more."""
     unknowns = (*more, *(u for t in effects for u in t.unknowns))
     values = np.array(x) if len(x) else np.zeros(len(unknowns))
@@ -53,7 +55,7 @@ def test_where_an_effect_lies_is_no_size() -> None:
     """An effect whose size changes the data by 3, and whose place would by 40 more, 4 steps off the middle: d' is 3."""
     size = with_prior(Coordinate("A.K", SHIFT, (("A.K", 1.0),), 0.0, math.inf), 10.0, of_size=True)
     place = with_prior(Coordinate("A.K_position", SHIFT, (("A.K_position", 0.15),), -3.0, 3.0), 4.0)
-    across = [Term("stenosis", "A", ("A",), (size, place)), term("channel_gain", "B.P")]
+    across = [PlacedEffect("stenosis", "A", ("A",), (size, place)), term("channel_gain", "B.P")]
     fit = fit_of(np.zeros(3), across, x=(1.5, 4.0, 100.0))
     fit.J[:] = [[2.0, 0.0, 0.0], [0.0, 10.0, 0.0], [0.0, 0.0, 1.0]]
     assert min(np.linalg.norm(whitened_response(fit, [t])) for t in across) == pytest.approx(3.0)
@@ -63,7 +65,7 @@ def test_where_an_effect_lies_is_no_size() -> None:
 def test_every_effect_has_a_size(sheep: Network, effect: Effect) -> None:
     """Without one it would never show."""
     channel = effect.owner == "channel"
-    found = [term_at(sheep, effect, place) for place in (["CA.P", "CA.Q"] if channel else effect.where(sheep))]
+    found = [placed_effect(sheep, effect, place) for place in (["CA.P", "CA.Q"] if channel else effect.where(sheep))]
     assert all(any(u.of_size for u in t.unknowns) for t in found if t is not None)
 
 

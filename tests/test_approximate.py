@@ -20,7 +20,7 @@ from fitting.first.data import ACCURACY
 from fitting.first.model import first_model
 from fitting.first.spread import accuracy, spread
 from fitting.inference.fit import Member
-from fitting.inference.hypothesis import Term, candidates
+from fitting.inference.hypothesis import PlacedEffect, candidates
 from fitting.inference.joint.joint_record import Several
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
@@ -44,7 +44,7 @@ def recorded(late: float, bump: float = 0.0, T: float = T) -> Beats:
 
 
 @cache
-def tube(late: float, bump: float = 0.0, T: float = T) -> tuple[NetworkProblem, tuple[Term, ...]]:
+def tube(late: float, bump: float = 0.0, T: float = T) -> tuple[NetworkProblem, tuple[PlacedEffect, ...]]:
     """The tube compared with the first model of its beats of T. bump : an error of the fifth harmonic of the pressure
     that no model has, as a fraction of the pulsation."""
     record, network = recorded(late, bump, T), first_model(recorded(late, bump)).network

@@ -10,7 +10,7 @@ from forked import NETWORK, clean, record
 from small_network import term
 
 from fitting.inference.fit import Member
-from fitting.inference.hypothesis import Term, placed
+from fitting.inference.hypothesis import PlacedEffect, placed
 from fitting.inference.models.batches import kind_of
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
@@ -25,13 +25,13 @@ def problem() -> NetworkProblem:
     return network_problem(record(clean()), NETWORK)
 
 
-def anywhere(effect: str, place: str) -> Term:
+def anywhere(effect: str, place: str) -> PlacedEffect:
     found = placed(NETWORK, term(effect, place), [ALONG[effect]])
     assert found is not None
     return found
 
 
-def member(problem: NetworkProblem, *terms: tuple[Term, Sequence[float]]) -> Member:
+def member(problem: NetworkProblem, *terms: tuple[PlacedEffect, Sequence[float]]) -> Member:
     """Terms with these values, and no nuisance."""
     unknowns = problem.hypothesis([t for t, _ in terms])
     own = np.concatenate([x for _, x in terms])

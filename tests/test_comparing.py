@@ -18,7 +18,7 @@ from discrepancy.name.scoring import Compared, Named, choice, ranked, shares
 from discrepancy.name.verdict import Naming, _discrepancy_candidates, _exact_verdict, _partial, decided
 from discrepancy.show.gap import Gap
 from fitting.inference.fit import Fit
-from fitting.inference.hypothesis import EVERY, Term
+from fitting.inference.hypothesis import EVERY, PlacedEffect
 from fitting.results.estimate import Estimate
 from solver import load
 from solver.network.description import Site
@@ -27,7 +27,7 @@ from solver.network.description import Site
 def named(effect: str, cost: float, log_volume: float) -> Named:
     """A hypothesis of one effect that leaves this cost beside ln det C."""
     nothing = np.zeros(1, int)
-    fit = Fit((Term(effect, "A", ("A",), ()),), (), np.zeros(0), np.array([math.sqrt(cost)]), np.zeros((1, 0)),
+    fit = Fit((PlacedEffect(effect, "A", ("A",), ()),), (), np.zeros(0), np.array([math.sqrt(cost)]), np.zeros((1, 0)),
               nothing, nothing, log_volume=log_volume)  # fmt: skip
     return Named(fit, fit.cost, 10.0)
 
@@ -43,7 +43,7 @@ NETWORK = replace(SHEEP, sites=(*SHEEP.sites, Site("root", SHEEP.inlet.segment, 
 def pair(*effects: tuple[str, str]) -> Named:
     """A hypothesis of effects, each with its place."""
     one = named("none", 1.0, 0.0)
-    return replace(one, fit=replace(one.fit, terms=tuple(Term(e, place, (place,), ()) for e, place in effects)))
+    return replace(one, fit=replace(one.fit, terms=tuple(PlacedEffect(e, place, (place,), ()) for e, place in effects)))
 
 
 @pytest.mark.parametrize(
@@ -206,7 +206,7 @@ def test_less_than_half_of_the_gap_is_no_part() -> None:
 
 def test_a_name_pays_for_the_choice_among_effects_and_places() -> None:
     """One of two effects, at one of its three places: a prior of 1/6, -2 ln of it."""
-    terms = [Term(*each, (), ()) for each in (("leak", "A"), ("leak", "B"), ("leak", "C"), WALL)]
+    terms = [PlacedEffect(*each, (), ()) for each in (("leak", "A"), ("leak", "B"), ("leak", "C"), WALL)]
     assert choice(terms[0], terms) == pytest.approx(2.0 * math.log(6.0), rel=1e-14)
     assert choice(terms[3], terms) == pytest.approx(2.0 * math.log(2.0), rel=1e-14)
 

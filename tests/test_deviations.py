@@ -9,7 +9,7 @@ from small_network import term
 
 from fitting.inference.extended_network import estimates, extended
 from fitting.inference.fit import Fit
-from fitting.inference.hypothesis import Term, about_common, candidates, deviations, nuisances
+from fitting.inference.hypothesis import PlacedEffect, about_common, candidates, deviations, nuisances
 from fitting.inference.unknown import Unknown, interval, values
 from solver import Network, load
 from solver.quantities.coordinate import SCALE, SHIFT
@@ -19,7 +19,7 @@ ELASTIC = NETWORK.with_parameters({f"{s}.phi0": 0.0 for s in "ABC"})
 SPREADS = {"R0": 0.02, "E": 0.08, "phi0": 0.2, "R_t": 0.03}
 
 
-def viscous() -> Term:
+def viscous() -> PlacedEffect:
     """Viscosity of all walls of an elastic network."""
     return next(t for t in candidates(ELASTIC, ()) if t.label == "wall_viscosity at all")
 
@@ -71,7 +71,7 @@ def test_about_what_is_common() -> None:
 @pytest.mark.parametrize(
     ("asked", "x"), [(term("wall_stiffness", "B"), 0.5), (term("channel_gain", "A.P"), 0.5), (viscous(), 0.0)]
 )
-def test_nothing_to_differ(asked: Term, x: float) -> None:
+def test_nothing_to_differ(asked: PlacedEffect, x: float) -> None:
     """An effect of one place, a sensor, and one of no size have no sizes of their own."""
     assert about_common(ELASTIC, asked, (x,)) is None
 

@@ -9,7 +9,7 @@ from small_network import NAMES, term
 
 from fitting.inference.extended_network import estimates, extended
 from fitting.inference.fit import Fit
-from fitting.inference.hypothesis import Term, candidates, followers, nuisances
+from fitting.inference.hypothesis import PlacedEffect, candidates, followers, nuisances
 from fitting.inference.unknown import interval
 from solver.laws import effects
 from solver.network.files import dumps, loads
@@ -37,7 +37,7 @@ def test_extended_has_the_values_of_the_fit() -> None:
 
 
 @pytest.mark.parametrize("t", candidates(NETWORK, ("A.P", "C.R")), ids=lambda t: t.label)
-def test_verdict_and_model_have_the_same_values(t: Term) -> None:
+def test_verdict_and_model_have_the_same_values(t: PlacedEffect) -> None:
     """Every term at x = 0.3 beside nuisances at 0.1, 0.2, -0.3: what verdict.json says is in the extended network."""
     fit = moved(t)
     network = extended(NETWORK, fit)
@@ -55,7 +55,7 @@ def test_verdict_and_model_have_the_same_values(t: Term) -> None:
         assert told.ci95[0] < told.value < told.ci95[1]
 
 
-def moved(t: Term) -> Fit:
+def moved(t: PlacedEffect) -> Fit:
     """The term at 0.3 with the nuisances moved, each known to a hundredth of its unit."""
     unknowns, x = (*nuisances(NETWORK), *t.unknowns), np.concatenate([[0.1, 0.2, -0.3], np.full(len(t.unknowns), 0.3)])
     if t.rewires:
@@ -65,7 +65,7 @@ def moved(t: Term) -> Fit:
 
 
 @pytest.mark.parametrize("t", candidates(NETWORK, ("A.P", "C.R")), ids=lambda t: t.label)
-def test_every_term_survives_the_file(t: Term) -> None:
+def test_every_term_survives_the_file(t: PlacedEffect) -> None:
     """Each candidate at x = 0.3 with the nuisances moved: written as TOML and read back, it is the same network."""
     network = extended(NETWORK, moved(t))
     assert network != NETWORK

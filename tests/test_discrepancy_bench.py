@@ -20,7 +20,7 @@ from discrepancy.find.study import prepare
 from discrepancy.name.verdict import Naming
 from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit, Member
-from fitting.inference.hypothesis import Term, candidates
+from fitting.inference.hypothesis import PlacedEffect, candidates
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.bench_observation import chain
 from fitting.inference.models.loop import Loop, fourier, leading, linearise
@@ -53,7 +53,7 @@ def noise_free(case: Case, nuisance: Nuisance, dB: float = 80.0) -> tuple[Bench,
     return problem, truth
 
 
-def term_of(problem: Bench, effect: Effect) -> Term:
+def term_of(problem: Bench, effect: Effect) -> PlacedEffect:
     found = candidates(problem.network, problem.signals, SITE)
     return next(t for t in found if (t.effect, t.place) == (effect.name, effect.where[0]))
 

@@ -27,7 +27,7 @@ from discrepancy.findings.outcome import Isolability, NamedEffect, Outcome, OwnN
 from discrepancy.plan.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
 from fitting.check.fmu_build import build_fmu
 from fitting.inference.fit import Fit
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.models.bench_network import on_bench
 from fitting.parallel.workers import cores
 from fitting.records.read.record import write_record
@@ -350,7 +350,7 @@ def test_the_meter_of_the_inflow_is_a_sensor_too(monkeypatch: pytest.MonkeyPatch
     there. All of the inflow's show in that pressure."""
     judged: list[dict[str, float]] = []
 
-    def kept(base: Fit, columns: Mapping[str, np.ndarray], seen: Sequence[Term]) -> Isolability:
+    def kept(base: Fit, columns: Mapping[str, np.ndarray], seen: Sequence[PlacedEffect]) -> Isolability:
         sensors = [t.label for t in seen if t.is_sensor]
         judged.append({label: float(np.linalg.norm(columns[label])) for label in sensors})
         return isolability(base, columns, seen)

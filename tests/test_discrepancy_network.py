@@ -22,7 +22,7 @@ from discrepancy.name.model_selection import name
 from discrepancy.name.verdict import Naming
 from fitting.inference.extended_network import estimates, extended, sensor_parameters
 from fitting.inference.fit import Fit, Member
-from fitting.inference.hypothesis import Term, candidates, joins, sensor_terms
+from fitting.inference.hypothesis import PlacedEffect, candidates, joins, sensor_effects
 from fitting.inference.models.bench_observation import sense
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
@@ -71,7 +71,7 @@ def stiff() -> Naming:
     return name(network_problem(beats(1.25), NETWORK), terms(*EFFECTS), walls="common")
 
 
-def at(problem: NetworkProblem, x: list[float], *added: Term) -> Fit:
+def at(problem: NetworkProblem, x: list[float], *added: PlacedEffect) -> Fit:
     """A hypothesis at a point, without data."""
     empty = np.zeros(0)
     return Fit(added, problem.hypothesis(added), np.array(x), empty, empty, empty, empty)
@@ -289,7 +289,7 @@ def test_sense_is_the_catalogue() -> None:
     rng = np.random.default_rng(1)
     X = rng.normal(size=(6, len(NAMES))) + 1j * rng.normal(size=(6, len(NAMES)))
     omega = 2.0 * np.pi / T * np.arange(6)
-    for t in sensor_terms(NETWORK, "C.R"):
+    for t in sensor_effects(NETWORK, "C.R"):
         x = np.full(len(t.unknowns), 0.7)
         found = sense(Member((t,), t.unknowns, x), NAMES, X, T)
         fit = Fit((t,), t.unknowns, x, x, x, x, x)

@@ -297,7 +297,7 @@ def test_own_numbers_are_of_the_model_that_stands() -> None:
     """Where the FMUs do not bear the name out, a recording's own numbers are those without the effect."""
     each = replace(one("A", 3.0, 20.0), own={"CA.E": 2e6}, own_before={"CA.E": 1e6})
     runs = [Run(np.zeros((1, 1)), {}, gap) for gap in (BEFORE, AFTER)]
-    several: Any = SimpleNamespace(each=lambda *_: ([(each, *runs)], []), warnings=(), alone=False)
+    several: Any = SimpleNamespace(each=lambda *_: ([(each, *runs)], []), warnings=(), alone=False, studies=())
     base: Any = object()
     judged = Recordings.judged(several, named(RELAXATION, 1)[2], base, base, base)
     (found,) = judged.recordings
@@ -326,7 +326,7 @@ def test_an_fmu_that_does_not_run_bears_no_name_out() -> None:
     base: Any = object()
 
     def judged(each: list[tuple[Recorded, Run, Run | None]]) -> Judged:
-        several: Any = SimpleNamespace(each=lambda *_: (each, []), warnings=(), alone=False)
+        several: Any = SimpleNamespace(each=lambda *_: (each, []), warnings=(), alone=False, studies=())
         return Recordings.judged(several, named(RELAXATION, 1)[2], base, base, base)
 
     for each in ([(failed, runs[0], None)], [(ran, *runs), (failed, runs[0], None)]):
@@ -389,7 +389,7 @@ def test_rms_beside_a_gap_of_all_is_not_of_one() -> None:
     each = [one("A", 1.0, 1.0), one("B", 1.0, 1.0), one("C", 1.0, 1.0, False)]
     outcome: Any = SimpleNamespace(gap_before=(9.0, 5.0), gap_after=None, channels=(channel,), provenance={})
     outcome.recordings = each[::2]
-    assert "held-out beats; rms 2.3 mmHg of CA.P" in gap_text(outcome)
+    assert "held-out beats; rms with the means: 2.3 mmHg of CA.P" in gap_text(outcome)
     outcome.recordings = each
     assert "rms 2.3" not in gap_text(outcome)
 

@@ -18,7 +18,7 @@ from discrepancy.find.disagreement import find
 from discrepancy.findings.isolability import DETECTABLE, isolability, smallest
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.gauss_newton import bounded_step
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.unknown import Unknown, precision
 
 # --- misfit ----------------------------------------------------------------------------------------------------------
@@ -146,8 +146,8 @@ def test_wall_balance_of_a_site_with_a_name_of_its_own(name: str) -> None:
 # --- angles between effects ------------------------------------------------------------------------------------------
 
 
-def term(effect: str, place: str = "A") -> Term:
-    return Term(effect, place, (place,), (Unknown(f"{place}.{effect}", "shift", ((effect, 1.0),), -9.0, 9.0),))
+def term(effect: str, place: str = "A") -> PlacedEffect:
+    return PlacedEffect(effect, place, (place,), (Unknown(f"{place}.{effect}", "shift", ((effect, 1.0),), -9.0, 9.0),))
 
 
 def base(nuisances: np.ndarray, prior: float) -> Fit:

@@ -40,7 +40,7 @@ from discrepancy.show.fmu_validation import Run, compared, parity
 from discrepancy.show.gap import Gap
 from discrepancy.workflow import discover
 from fitting.check.fmu_run import RunFailed
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.models.bench_network import bench_network, on_bench
 from fitting.inference.runs import Runs
 from fitting.records.read.record import Record
@@ -423,7 +423,7 @@ def test_when_naming_ends_at_the_latest(monkeypatch: pytest.MonkeyPatch, limit: 
 
 def two(naming: Naming) -> Named:
     """A hypothesis of two effects, with numbers that are made up."""
-    terms = tuple(Term(e, place, (place,), ()) for e, place in (("stenosis", "MD"), ("channel_gain", "CA.P")))
+    terms = tuple(PlacedEffect(e, place, (place,), ()) for e, place in (("stenosis", "MD"), ("channel_gain", "CA.P")))
     return replace(naming.base, fit=replace(naming.base.fit, terms=terms))
 
 
@@ -431,7 +431,7 @@ def test_a_class_holds_hypotheses(healthy: tuple[Record, Prepared, Naming]) -> N
     """Of two pairs that share an effect: which belong together is kept."""
     record, study, naming = healthy
     one = two(naming)
-    other = replace(one, fit=replace(one.fit, terms=(Term("taper", "PD", ("PD",), ()), one.fit.terms[1])))
+    other = replace(one, fit=replace(one.fit, terms=(PlacedEffect("taper", "PD", ("PD",), ()), one.fit.terms[1])))
     X = np.stack([np.fft.rfft(study.fitted.mean(n), norm="forward") for n in study.problem.signals], axis=1)
     run = compared(study, naming.base.fit, X)
     outcome = summary(record, "base.toml", study, replace(naming, members=(one, other)), ValidationRuns(run, run))

@@ -523,5 +523,5 @@ def test_walls_are_drawn_from_what_is_assumed() -> None:
     assumed = {key: known[key].individual for key in INDIVIDUAL}
     assert assumed == INDIVIDUAL | {"R_t": 0.03}
     assert GROUPS["walls"].walls == (0.5, 1.0, 1.5)
-    said = "E 8 %, φ0 20 %, R0 2 %; of R_t 0.02, where 0.03 is assumed"
+    said = "E 8 %, φ0 20 %, R0 2 %, R_t 0.02 (the workflow assumes 0.03)"
     assert said in (bank.ROOT / "docs" / "hidden-effects.md").read_text(encoding="utf-8")

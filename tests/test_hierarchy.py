@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import APART, DECADES, LARGE, LOG_RANGE, Linear, beforehand, score, with_widths
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.jackknife import jackknife
 from fitting.inference.model_discrepancy import Block, estimated, widened
 from fitting.inference.source_maps.source_evidence import marginal
@@ -25,7 +25,7 @@ def unknown(name: str, group: str = "", prior_sd: float = 1.0, of_size: bool = F
     return Unknown(name, SHIFT, ((name, 1.0),), -1e3, 1e3, prior_sd=prior_sd, group=group, of_size=of_size)
 
 
-def fitted(J: Array, y: Array, unknowns: tuple[Unknown, ...], terms: tuple[Term, ...] = ()) -> Fit:
+def fitted(J: Array, y: Array, unknowns: tuple[Unknown, ...], terms: tuple[PlacedEffect, ...] = ()) -> Fit:
     """The linear problem y + J x at its most probable x under Gaussian priors; those of effects are flat."""
     prior = np.array([0.0 if u.of_size else u.prior_sd**-2.0 for u in unknowns if u.prior_sd])
     x = -np.linalg.solve(J.T @ J + np.diag(prior), J.T @ y)
@@ -90,7 +90,7 @@ def test_size_of_an_effect_is_integrated_over_its_logarithm(size: float) -> None
     """One number of d' = 8, in typical sizes: ∫ N(z) dx/(2 |x| (1 + (x/10)²) ln 1000) over both signs. Laplace's value
     is off by 0.03 of -2 ln where x is small, and by 0.23 where it is many typical sizes, which are unlikely."""
     J, y = np.array([[8.0 / size]]), np.array([-8.0])
-    term = Term("toy", "here", ("here",), (unknown("size", of_size=True),))
+    term = PlacedEffect("toy", "here", ("here",), (unknown("size", of_size=True),))
     found = score(fitted(J, y, term.unknowns, (term,)))
     x = size * np.linspace(1e-2, 2.5, 200001)
     density = np.exp(-0.5 * (y[0] + J[0, 0] * x) ** 2) / (2.0 * x * (1.0 + (x / LARGE) ** 2) * DECADES * math.log(10.0))

@@ -537,7 +537,7 @@ def test_fixed_blanks_group_thousands(tmp_path: Path, blank: str) -> None:
     ("cell", "advice"),
     [
         ("1.014,5", "if its point groups thousands, say --decimal comma"),
-        ("1 014,5", "export it without what groups its digits by thousands"),
+        ("1 014,5", "export it without separators of thousands"),
     ],
 )
 def test_grouped_digits_are_refused_with_what_helps(tmp_path: Path, cell: str, advice: str) -> None:

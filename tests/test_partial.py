@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.inference.hypothesis import placed, term_at
+from fitting.inference.hypothesis import placed, placed_effect
 from solver import Network, Settings, linear, simulate
 from solver.laws.effects import BY_NAME
 from solver.laws.localised import Partial
@@ -101,7 +101,7 @@ def test_where_a_search_begins_in_a_network_that_has_a_part(sheep: Network, effe
     there = effect.add(sheep, "MD", dict(effect.neutral) | {position: 0.3, length: 0.25})
     begun = []
     for network in (sheep, there):
-        term = term_at(network, effect, "MD")
+        term = placed_effect(network, effect, "MD")
         found = None if term is None else placed(network, term, [1.0])
         assert found is not None
         own = effect.coordinates_along(network, "MD")

@@ -367,13 +367,13 @@ def test_impedances_of_long_steps(aorta: Network, monkeypatch: pytest.MonkeyPatc
     """Three internal steps in place of 10 change Z, Z_0 and the outlets' Z by 2 % of Z at most (measured 0.4 %)."""
     component, _ = driven(aorta, interpolation, 10 * MS, 12)
     taken = []
-    real = ports.Stretch.run
+    real = ports.CommunicationStep.run
 
-    def run(self: ports.Stretch, *others: Any) -> Any:
+    def run(self: ports.CommunicationStep, *others: Any) -> Any:
         taken.append(self.steps)
         return real(self, *others)
 
-    monkeypatch.setattr(ports.Stretch, "run", run)
+    monkeypatch.setattr(ports.CommunicationStep, "run", run)
     few = ports.impedances(component.basis, interpolation)
     assert set(taken) == {3}
     monkeypatch.setattr(ports, "_STEPS", 10)

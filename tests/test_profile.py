@@ -24,7 +24,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Point, Rules, Search, Trial, search
 from fitting.inference.hierarchy import score
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.intervals.profile import reaches
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import Meter, OutOfTime, Runs
@@ -140,7 +140,7 @@ def test_what_one_profile_meets_lies_in_the_intervals_of_the_others(monkeypatch:
 
 
 @cache
-def springpot(seed: int = 5) -> tuple[Any, Fit, Term, dict[str, float]]:
+def springpot(seed: int = 5) -> tuple[Any, Fit, PlacedEffect, dict[str, float]]:
     """Share 0.3 of order 0.3 at 40 dB: problem, fit, term and truth."""
     made = make(Case("bench", "CA", 40.0, (Effect("fractional_viscosity", ("CA",), 0.3, 0.3),)), seed)
     study = prepare(Record("made", "", made.time, made.channels, {}), made.base)
@@ -254,7 +254,7 @@ class Valleys:
     def refine(self, fits: Sequence[Fit], runs: Runs) -> list[Fit | None]:
         return [_of_cost(fits[0], self.on.pop(0))]
 
-    def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None, runs: Runs) -> list[Fit | None]:
+    def refit(self, hypotheses: Sequence[tuple[PlacedEffect, ...]], start: Fit | None, runs: Runs) -> list[Fit | None]:
         assert start is None
         return [_of_cost(_searched(0.0), self.anew.pop(0))]
 
@@ -266,7 +266,13 @@ def _searched(x: float) -> Fit:
     J[0, 0], J[1, 1] = 10.0, 100.0
     order = np.zeros(50, int)
     return Fit(
-        (Term("stenosis", "CA", ("CA",), (size,)),), (wall, size), np.array([x, 1.0]), np.zeros(50), J, order, order
+        (PlacedEffect("stenosis", "CA", ("CA",), (size,)),),
+        (wall, size),
+        np.array([x, 1.0]),
+        np.zeros(50),
+        J,
+        order,
+        order,
     )
 
 

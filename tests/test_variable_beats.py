@@ -16,7 +16,7 @@ from fitting.inference.models.loop import mean_loop
 from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats
 from fitting.records.alignment.rounding import rounded_harmonics, rounding
-from fitting.records.channels.inflow_variability import Felt
+from fitting.records.channels.inflow_variability import BeatVariation
 from fitting.records.channels.noise import seam_note
 from fitting.records.read.record import Record
 from fitting.records.read.sensors import converter_step
@@ -197,7 +197,7 @@ def test_a_seam_beyond_the_noise_is_said() -> None:
     beats = Beats("made", "", 0.8, {"A.P": P}, np.zeros(25))
     size = 2e3 * np.sqrt(0.5) * np.sqrt(2.0) * np.sin(2.0 * phase)
     for part, said in ((0.02, True), (0.002, False)):
-        found = seam_note(beats, ("A.P",), Felt(np.zeros((1, 25, 50)), part * size[None], np.zeros((1, 50))))
+        found = seam_note(beats, ("A.P",), BeatVariation(np.zeros((1, 25, 50)), part * size[None], np.zeros((1, 50))))
         assert bool(found) == said
         if said:
             share, times = (float(x) for x in re.findall(r"[\d.]+(?= of its pulse| times)", found[0]))

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from fitting.records.alignment.beats import Beats
-from fitting.records.channels.wander import correlation_of_means, mean_wander
+from fitting.records.channels.wander import _correlation_of_means, _mean_wander
 
 Array = np.ndarray
 P, Q = "A.P", "B.P"
@@ -34,7 +34,7 @@ def drifts(rng: np.random.Generator, n: int, c: float) -> Array:
 def test_drifts_that_are_alike_by_chance(n: int, c: float) -> None:
     """Independent means, random walks included: the least correlation is above 0 in 5 % (4 to 6 % measured)."""
     rng = np.random.default_rng(3)
-    found = np.array([correlation_of_means(*parts(drifts(rng, n, c)), (P, Q))[0, 1] for _ in range(DRAWS)])
+    found = np.array([_correlation_of_means(*parts(drifts(rng, n, c)), (P, Q))[0, 1] for _ in range(DRAWS)])
     assert np.mean(found > 0.0) == pytest.approx(0.05, abs=FIVE_OF_DRAWS)
 
 
@@ -46,7 +46,7 @@ def test_the_least_correlation(c: float) -> None:
     for _ in range(DRAWS):
         first, other = drifts(rng, 64, c)
         both = np.stack([first, 0.9 * first + np.sqrt(1.0 - 0.81) * other])
-        found.append(correlation_of_means(*parts(both), (P, Q))[0, 1])
+        found.append(_correlation_of_means(*parts(both), (P, Q))[0, 1])
     assert np.mean(np.array(found) > 0.9) <= 0.05 + FIVE_OF_DRAWS
     assert np.median(found) == pytest.approx({0.0: 0.852, 0.8: 0.787}[c], abs=0.02)
 
@@ -56,7 +56,7 @@ def test_breathing_moves_means_but_not_their_difference() -> None:
     √2 is its true wander), the means to 2.8."""
     rng = np.random.default_rng(5)
     breath = 4.0 * np.sin(2.0 * np.pi * np.arange(64) / 4.3)
-    C = mean_wander(*parts(breath + 0.1 * rng.normal(size=(2, 64))), (P, Q))
+    C = _mean_wander(*parts(breath + 0.1 * rng.normal(size=(2, 64))), (P, Q))
     assert np.sqrt(np.diag(C)) == pytest.approx(np.full(2, 4.0 / np.sqrt(2.0)), rel=0.02)
     assert 0.1 * np.sqrt(2.0) < np.sqrt(C[0, 0] - 2.0 * C[0, 1] + C[1, 1]) < 0.18
 
@@ -69,12 +69,12 @@ def test_wander_of_means_with_gaps() -> None:
     values[::3, : N // 2] = np.nan
     values[5::50] = np.nan
     part, other = (Beats("", "", 1.0, {P: v}, np.zeros(len(v))) for v in (values[:100], values[100:]))
-    assert mean_wander(part, other, (P,)) == pytest.approx(np.var(level), rel=0.1)
+    assert _mean_wander(part, other, (P,)) == pytest.approx(np.var(level), rel=0.1)
 
 
 def test_a_channel_at_rest() -> None:
     """One without wander, or three beats: no correlation is known."""
     levels = np.stack([np.arange(12.0), np.zeros(12)])
-    assert correlation_of_means(*parts(levels), (P, Q)).tolist() == [[1.0, 0.0], [0.0, 1.0]]
+    assert _correlation_of_means(*parts(levels), (P, Q)).tolist() == [[1.0, 0.0], [0.0, 1.0]]
     short = parts(np.array([[1.0, 2.0, 4.0], [1.0, 2.0, 4.0]]))
-    assert correlation_of_means(*short, (P, Q)).tolist() == [[1.0, 0.0], [0.0, 1.0]]
+    assert _correlation_of_means(*short, (P, Q)).tolist() == [[1.0, 0.0], [0.0, 1.0]]

@@ -69,6 +69,11 @@ def discover_command(
             "is reported. The runs of the FMUs take additional time."
         ),
     ] = "5 min",
+    like: options.Like = None,
+    mass: options.Mass = None,
+    venous: options.Venous = None,
+    distance: options.Distances = None,
+    path: options.Paths = None,
     filters: options.Filters = None,
     mapped: options.Mapped = None,
     beside: options.Beside = None,
@@ -82,14 +87,15 @@ def discover_command(
 ) -> None:
     """Find, name and add the physics that a model lacks.
 
-    Exit codes: 0 verdict, 3 unusable record, 2 wrong input, 130 interrupted; the same command then continues the study.
+    Exit codes: 0 verdict, 3 unusable record, 2 wrong input, 130 interrupted. After an interruption the same command
+    continues the study.
     """
     with sentences():
         how = options.reading([record, *(further or ()), *(hold_out or ())], mapped, decimal, beside)
         asked = Asked(
             options.seconds(period, "--period"), walls, prior, parse_quantity(time_limit, "s", "--time-limit"),
             cores() if jobs is None else jobs, tuple(filters or ()), tuple(further or ()), tuple(varies or ()),
-            tuple(hold_out or ()), backend,
+            tuple(hold_out or ()), backend, options.first_options(like, mass, venous, distance, path),
         )  # fmt: skip
         asked.check()
         if model is not None:
@@ -127,7 +133,8 @@ def isolability_command(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Predict, before any experiment, the effects that sensors distinguish, those they cannot see, and which to add."""
+    """Predict, before any experiment, which effects a set of sensors can distinguish or cannot see, and the sensor to
+    add."""
     with sentences():
         find_network(network)
         check_destinations(out, given=[network])

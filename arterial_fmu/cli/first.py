@@ -12,11 +12,8 @@ from rich.table import Table
 from arterial_fmu.cli.terminal.console import conclude, right, sentences, show
 from arterial_fmu.cli.terminal.options import Force, Json, Quiet
 from arterial_fmu.cli.terminal.progress import bar
-from fitting.first.species import NAMES, typical
-from solver.errors import InputError
 from solver.io.writing import check_destinations, check_new, write_whole
 from solver.quantities.legible import number, significant
-from solver.quantities.text import typed_quantity
 from solver.quantities.units import of_signal
 
 from .terminal import record_options as options
@@ -30,17 +27,11 @@ def first_command(
         Path, typer.Argument(is_eager=True, help=f"{options.RECORD_HELP}, with `inlet.Q` and P at the root.")
     ],
     out: Annotated[Path | None, typer.Option(help="Network file to write.")] = None,
-    like: Annotated[str, typer.Option(help=f"Species of the typical aorta: {', '.join(NAMES)}.")] = "human",
-    mass: Annotated[str | None, typer.Option(help='Body mass, "35 kg"; default: typical of the species.')] = None,
-    venous: Annotated[str, typer.Option(help="Venous pressure at the end of all resistances.")] = "5 mmHg",
-    distance: Annotated[
-        list[str] | None,
-        typer.Option(help='Distance of a site from the root along the vessels, repeatable: "FA=45 cm".'),
-    ] = None,
-    path: Annotated[
-        list[str] | None,
-        typer.Option(help='Sites along a path, repeatable: "Ao,CA"; default: by the delays; side branches are found.'),
-    ] = None,
+    like: options.Like = None,
+    mass: options.Mass = None,
+    venous: options.Venous = None,
+    distance: options.Distances = None,
+    path: options.Paths = None,
     period: options.Period = None,
     beside: options.Beside = None,
     mapped: options.Mapped = None,
@@ -56,16 +47,13 @@ def first_command(
         how = options.reading([record], mapped, decimal, beside)
         T = options.seconds(period, "--period")
         check_destinations(out, given=[record, *how.beside])
-        typical(like)
-        kilograms = None if mass is None else typed_quantity(mass, "kg", "--mass")
-        P_venous = typed_quantity(venous, "Pa", "--venous")
-        distances = _distances(distance or [])
+        asked = options.first_options(like, mass, venous, distance, path)
     from fitting.first.model import first_model
 
     with sentences(), bar(quiet) as progress:
         progress(0.0, "reading")
         beats = options.beats_of(record, how, {}, as_measured, T)
-        found = first_model(beats, like, mass=kilograms, P_venous=P_venous, distances=distances, paths=path or [])
+        found = first_model(beats, **vars(asked))
         if out is not None:
             check_new({out: found.text}, force)
             write_whole(out, found.text)
@@ -98,16 +86,3 @@ def tables(model: FirstModel) -> tuple[Table, Table]:
         numbers = (significant(factor * x, 3) for x in (*row.mean, *row.pulse))
         shown.add_row(row.channel, unit, *numbers, number(factor * row.rms, 2))
     return found, shown
-
-
-def _distances(texts: list[str]) -> dict[str, float]:
-    """{"FA": 0.45} of ["FA=45 cm"]. Raises ValueError for a text that is none, or a length that is not positive."""
-    found = {}
-    for text in texts:
-        site, equals, length = (part.strip() for part in text.partition("="))
-        if not (site and equals):
-            raise InputError(f'--distance "{text}": must be SITE=LENGTH, such as --distance "FA=45 cm".')
-        found[site] = typed_quantity(length, "m", f"--distance {site}")
-        if not 0.0 < found[site] <= 10.0:
-            raise InputError(f"--distance {site} = {length}: must be more than 0 and at most 10 m; check its unit.")
-    return found

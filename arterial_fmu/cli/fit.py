@@ -141,8 +141,8 @@ def _notes(kept: WallFit) -> list[str]:
         return list(kept.warnings)
     lag, half = 1e3 * kept.lag[0], 1.96e3 * kept.lag[1]
     which = "late" if lag > 0.0 else "early"
-    said = f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); the results are corrected for it, "
-    return [f"{said}but check uses the record without this correction.", *kept.warnings]
+    note = f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); the results are corrected for it, "
+    return [f"{note}but check uses the record without this correction.", *kept.warnings]
 
 
 if __name__ == "__main__":

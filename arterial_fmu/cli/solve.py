@@ -101,7 +101,7 @@ def _assignments(network: Network, texts: list[str]) -> dict[str, float]:
     """{"CA.phi0": 0.0} from ["CA.phi0=0 kPa*s"]."""
     units = {name: (q.unit, q.display) for name, q in network.parameter_quantities().items()}
     found = assignments(texts, units)
-    return {name: float(value) if name in units else 0.0 for name, value in found.items()}  # others are refused
+    return {name: float(value) if name in units else 0.0 for name, value in found.items()}  # others are rejected
 
 
 def _run(

@@ -16,9 +16,9 @@ from .tables import table
 def html(outcome: Outcome) -> str:
     """The sentence of the verdict, the added effects with their parameters, and the statements of the terminal."""
     rows = [(f"{effect} at {where}", *rest) for effect, where, *rest in effect_rows(outcome)]
-    said = [*filter(None, statements(outcome)), *outcome.notes, *outcome.warnings]
+    sentences = [*filter(None, statements(outcome)), *outcome.notes, *outcome.warnings]
     title = f"{outcome.verdict}: {outcome.sentence}"
-    return table(title, ("effect", "parameter", "value", "95 % interval", "confidence"), rows, said)
+    return table(title, ("effect", "parameter", "value", "95 % interval", "confidence"), rows, sentences)
 
 
 def columns(outcome: Outcome) -> Mapping[str, Sequence[Any]]:

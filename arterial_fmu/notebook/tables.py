@@ -12,9 +12,9 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], notes:
     All are plain text: HTML markup is escaped.
     """
     body = "".join(f"<tr>{_cells('td', row)}</tr>" for row in rows)
-    said = "".join(f"<p>{escape(note)}</p>" for note in notes)
+    paragraphs = "".join(f"<p>{escape(note)}</p>" for note in notes)
     inside = f"<table><thead><tr>{_cells('th', head)}</tr></thead><tbody>{body}</tbody></table>" if body else ""
-    return f"<div><p><b>{escape(title)}</b></p>{inside}{said}</div>"
+    return f"<div><p><b>{escape(title)}</b></p>{inside}{paragraphs}</div>"
 
 
 def _cells(tag: str, texts: Sequence[str]) -> str:

@@ -47,11 +47,11 @@ def columns(result: Waveforms) -> Mapping[str, Array]:
 
 def figure(result: Waveforms, *names: str) -> Picture:
     """A panel for each variable; for a batch, a curve for each member, coloured from the first to the last."""
-    shown = _named(result, names) if names else _usual(result)
+    waveforms = _named(result, names) if names else _usual(result)
     size = _size(result) or 1
     colours = [BLUE] if size == 1 else colormaps["viridis"](np.linspace(0.0, 0.9, size))
     with rc_context(STYLE):
-        drawn, panels = by_place(shown)
+        drawn, panels = by_place(waveforms)
         for name, panel in panels.items():
             values = of_signal(name)[1] * np.broadcast_to(result[name], (size, len(result.time)))
             for curve, colour in zip(values, colours, strict=True):

@@ -107,6 +107,6 @@ def _table(study: Study) -> Table:
         text, factor = readable(unit)
         low, _, middle, _, high = (significant(factor * value) for value in study.found.percentiles[name])
         most: list[Any] = sorted(study.indices(name), key=lambda each: -each.ST)[:SHOWN]
-        told = (f"{each.varied} {each.total.replace(' ', '')}" for each in most)
-        table.add_row(name, text, low, middle, high, ", ".join(told) or DASH)
+        contributions = (f"{each.varied} {each.total.replace(' ', '')}" for each in most)
+        table.add_row(name, text, low, middle, high, ", ".join(contributions) or DASH)
     return table

@@ -74,8 +74,8 @@ def _tornado(study: Study, site: str, names: Sequence[str]) -> Drawing:
         Line2D([], [], color=BLACK, linewidth=0.8, label="95 % interval"),
     ]
     figure.legend(handles=handles, loc="outside upper left", ncols=3)
-    left = len(study.plan.varied) - bars
-    more = f" The {left} smallest are not drawn." if left > 0 else ""
+    omitted = len(study.plan.varied) - bars
+    more = f" The {omitted} smallest are not drawn." if omitted > 0 else ""
     return drawing(figure, f"{site}: the share of each number's variance that a parameter explains.{more}")
 
 

@@ -58,31 +58,31 @@ class Study:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on the study, in sentences."""
-        said, found, plan = [], self.found, self.plan
+        notes, found, plan = [], self.found, self.plan
         if self.differences:
             worst = max(self.differences, key=lambda name: float(self.differences[name].max()))
             largest, n = float(self.differences[worst].max()), len(self.differences[worst])
-            said.append(
+            notes.append(
                 f"{n} of the sets were also run with half the step and half the element length: the beats of P and Q "
                 f"differ by {number(largest, 2)} at most ({worst}; relative L2, P without its mean)."
             )
         if found.failures:
-            said.append(
+            notes.append(
                 f"{len(found.failures)} of {plan.size} parameter sets could not be simulated; they are kept with their "
                 f"sentences, and the {found.dropped} of {plan.base} groups of D + 2 sets that they belong to are left "
                 "out of the indices."
             )
         if found.groups and not found.indices:
-            said.append("there are too few whole groups for indices; allow more --samples, or narrow the ranges.")
+            notes.append("there are too few whole groups for indices; allow more --samples, or narrow the ranges.")
         widest = max(found.indices, key=lambda index: index.widest, default=None)
         if widest and widest.widest > WIDE:
             N = 2 ** math.ceil(math.log2(plan.base * (widest.widest / WIDE) ** 2))
-            said.append(
+            notes.append(
                 f"the intervals of the indices are too wide to rank the parameters, up to ± {widest.widest:.2f} "
                 f"({widest.varied} on {widest.measure}), because N = {plan.base} is small; --samples {N * plan.group} "
                 f"(N = {N}) would bring them to about ± {WIDE:g}."
             )
-        return tuple(said)
+        return tuple(notes)
 
 
 def summary(study: Study) -> dict[str, Any]:

@@ -115,6 +115,6 @@ def _difference(there: Any, asked: Mapping[str, Any]) -> str:
     for key in keys:
         mine, its = asked[key], there.get(key)
         short = isinstance(mine, int | str) and isinstance(its, int | str) and key != "base"
-        said = _OPTIONS.get(key, key)
-        found.append(f"{said} {its}, not {mine}" if short else f"another {said}")
+        option = _OPTIONS.get(key, key)
+        found.append(f"{option} {its}, not {mine}" if short else f"another {option}")
     return ", ".join(found)

@@ -1,4 +1,5 @@
-"""If no law is found: a network with the source map's signals as tables, which describe and explain nothing."""
+"""If no law is found: a network with the source map's signals as tables, which describe the record without explaining
+it."""
 
 from __future__ import annotations
 
@@ -54,14 +55,14 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
         after, archive = run(own, network, NOTHING)
     except (RunFailed, InputError):
         return None
-    if (left := gap_that_falls(study, before, after)) is None:
+    if (remaining_gap := gap_that_falls(study, before, after)) is None:
         return None
     return LearnedLaw(
         name="table_source",
         kind=study.problem.kind,
         where=tuple(dict.fromkeys(table.segment for table in tables)),
         formula=" and ".join(dict.fromkeys(s.place.label for s in found.signals if s.place.sources)),
-        before=left,
+        before=remaining_gap,
         after=after.gap.total,
         record=(record.path, record.sha256),
         network=network,
@@ -73,9 +74,9 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
 def gap_that_falls(study: Study, before: Run, after: Run, explains: bool = False) -> Pair | None:
     """The gap of the run ``before`` on (fitted, held-out) beats if that to the held-out beats falls by more than chance
     in the run ``after`` and, unless this ``explains`` the record, most of it closes; else None."""
-    left, (fallen, sd) = gap(study, before.X).total, fall(study, before.X, after.X)
-    closes = explains or after.gap.total[1] <= (1.0 - at.PART_CLOSED) * left[1]
-    return left if fallen > at.FALL * sd and closes else None
+    remaining, (fallen, sd) = gap(study, before.X).total, fall(study, before.X, after.X)
+    closes = explains or after.gap.total[1] <= (1.0 - at.PART_CLOSED) * remaining[1]
+    return remaining if fallen > at.FALL * sd and closes else None
 
 
 def with_network(problem: Single, network: Network) -> Single:

@@ -27,7 +27,7 @@ from fitting.inference import hierarchy
 from fitting.inference.extended_network import estimates, extended
 from fitting.inference.fit import Array, Fit, misfit
 from fitting.inference.forward import Single
-from fitting.inference.hypothesis import Term, effect_of, searched
+from fitting.inference.hypothesis import PlacedEffect, effect_of, searched
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import OutOfTime, Runs
@@ -73,7 +73,7 @@ class Learnt:
     instead: tuple[str, ...] = ()
 
     @property
-    def term(self) -> Term:
+    def term(self) -> PlacedEffect:
         return self.fit.terms[-1]
 
 
@@ -167,10 +167,10 @@ class _Path:
     choice: float
     runs: Runs
 
-    def term(self, keys: Sequence[str]) -> Term:
+    def term(self, keys: Sequence[str]) -> PlacedEffect:
         """A law with some library terms, all of them size parameters."""
         own = self.effect.learned(self.problem.network, self.place, keys)
-        return Term(self.effect.name, self.place, (self.place,), tuple(searched(self.effect, c) for c in own))
+        return PlacedEffect(self.effect.name, self.place, (self.place,), tuple(searched(self.effect, c) for c in own))
 
     def price(self, keys: Sequence[str]) -> float:
         """-2 ln of the prior of a law: its first term is priced as a first effect, each further one as a second."""
@@ -199,13 +199,13 @@ class _Path:
 
     def _promising(self, best: Fit, keys: Sequence[str]) -> list[str]:
         """The remaining terms whose columns promise the most evidence."""
-        left = [key for key in self.effect.library if key not in keys]
-        whole = self.term(left)
+        unused = [key for key in self.effect.library if key not in keys]
+        whole = self.term(unused)
         columns = self.problem.columns(best, [whole], self.runs).get(whole.label)
         if columns is None:
-            return left
+            return unused
         promised = []
-        for key, unknown, column in zip(left, whole.unknowns, columns.T, strict=True):
+        for key, unknown, column in zip(unused, whole.unknowns, columns.T, strict=True):
             J, x = np.column_stack([best.J, column]), np.append(best.x, 0.0)
             linear = hierarchy.Linear.of_columns(best.z, J, x, (*best.unknowns, unknown), best.log_volume)
             promised.append((linear.inferred().score, key))
@@ -232,7 +232,7 @@ def stands(
     if alike is not None and not alike.difference <= at.AGREE:
         return None
     explains = misfit(found.fit, own.problem.dof_of_noise) < at.MISFIT
-    if (left := gap_that_falls(own, before, after, explains)) is None:
+    if (remaining_gap := gap_that_falls(own, before, after, explains)) is None:
         return None
     elsewhere = tuple(unseen(found))
     if not_fallen(elsewhere):
@@ -246,7 +246,7 @@ def stands(
         seen=found.seen,
         beside=tuple(t.label for t in found.fit.terms[:-1]),
         instead=found.instead,
-        before=left,
+        before=remaining_gap,
         after=after.gap.total,
         record=(record.path, record.sha256),
         network=network,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fitting.check.fmu_run import read_fmu
 from fitting.first.model import first_model
+from fitting.first.options import FirstOptions
 from fitting.records.alignment.align import align
 from fitting.records.plausible import check_plausible
 from fitting.records.read.record import Record
@@ -40,10 +41,10 @@ def read_model(path: str | os.PathLike[str]) -> Network:
 
 
 def first_of(
-    record: Record | UnusableRecord, folder: Path, period: float | None, as_measured: bool
+    record: Record | UnusableRecord, folder: Path, period: float | None, as_measured: bool, options: FirstOptions
 ) -> tuple[Path, list[str]]:
-    """Write the first model of a record into the folder of the study; returns its file, and sentences: one about
-    it, and what ``first`` notes of the record.
+    """Write the first model of a record into the folder of the study; returns its file, a sentence about the
+    model, and the notes of ``first`` about the record.
 
     period : of the beat [s], estimated by default. as_measured : accept values that are implausible for an artery.
     Raises ValueError for an unusable record, one without flow and pressure at the root, and an existing file that was
@@ -53,7 +54,7 @@ def first_of(
         raise record
     if not as_measured:
         check_plausible(record, {})
-    found, path = first_model(align(record, period)), folder / FILE
+    found, path = first_model(align(record, period), **vars(options)), folder / FILE
     try:
         check_new({path: found.text}, force=False)
     except InputError:
@@ -62,8 +63,9 @@ def first_of(
             "remove it."
         ) from None
     write_whole(path, found.text)
-    said = (
-        f"no model was given: {path} was made from the record, with values of a typical human aorta where the record "
-        "says nothing; arterial-fmu first shows how each number was found, and makes models of other species."
+    animal = "the stated animal" if {"like", "mass"} & options.given.keys() else "a mammal of this stroke volume"
+    note = (
+        f"no model was given: {path} was made from the record, with values of {animal} where the record says nothing "
+        "(--like, --mass); arterial-fmu first shows how each number was found."
     )
-    return path, [said, *found.notes]
+    return path, [note, *found.notes]

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from fitting.first.doubts import means_along
+from fitting.first.doubts import lost_on_the_way, means_along
 from fitting.first.spread import accuracy
 from fitting.inference.forward import Single
-from fitting.inference.hypothesis import Term, candidates
+from fitting.inference.hypothesis import PlacedEffect, candidates
 from fitting.inference.models.bench import bench
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.prior import Calibrated
@@ -26,7 +26,7 @@ from fitting.wall.site_fit import fit
 from solver import NonPhysicalState, NotPeriodic
 from solver.errors import InputError
 from solver.network.description import Network
-from solver.quantities.units import INFLOW
+from solver.quantities.units import INFLOW, MMHG
 
 from .. import thresholds
 
@@ -48,14 +48,16 @@ class Unjudged(Unusable):
 
 @dataclass(frozen=True)
 class Study:
-    """fitted, held_out : beats. problem : of the fitted ones. warnings : sentences on the record."""
+    """fitted, held_out : beats. problem : of the fitted ones. warnings : sentences on the record. losses : of mean
+    pressure under a first model, if no large artery has them, in words."""
 
     network: Network
     fitted: Beats
     held_out: Beats
     problem: Single
-    terms: tuple[Term, ...]
+    terms: tuple[PlacedEffect, ...]
     warnings: tuple[str, ...] = ()
+    losses: tuple[str, ...] = ()
 
     @property
     def site(self) -> str | None:
@@ -78,29 +80,36 @@ def prepare(
     try:
         beats = align(record, period)
         fitted, kept, warnings = parts(beats)
+        losses: tuple[str, ...] = ()
         if INFLOW in record.channels:
             whole = network_problem(fitted, network, channels(record, network), runs, prior, accuracy(network))
             problem: Single = whole
-            warnings += *seam_note(fitted, whole.signals, whole.felt), *_means_along(beats, network)
+            doubts, losses = _means_along(beats, network)
+            warnings += *seam_note(fitted, whole.signals, whole.variation), *doubts
         else:
             site = bench_site(record, network)
             problem = bench(fitted, network, site)
             warnings += other_law(fitted, network, site)
         sensors = problem.signals if problem.site else (*problem.signals, INFLOW)
         terms = candidates(network, sensors, problem.site, prior.free if prior else ())
-        return Study(network, fitted, kept, problem, terms, warnings)
+        return Study(network, fitted, kept, problem, terms, warnings, losses)
     except Unusable:
         raise
     except (InputError, NonPhysicalState, NotPeriodic) as error:
         raise Unusable(str(error)) from None
 
 
-def _means_along(beats: Beats, network: Network) -> tuple[str, ...]:
-    """Doubts about the zeros of pressures under a first model, whose radii may take the place of one that is off."""
+def _means_along(beats: Beats, network: Network) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Doubts about the zeros of pressures under a first model, whose radii may compensate a wrong zero; and the losses
+    of mean pressure that are too large for an artery."""
     at_inlet = [s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0]
     roots = [f"{name}.P" for name in at_inlet if f"{name}.P" in beats.values]
     sites = [s.name for s in network.sites if s.name not in at_inlet]
-    return tuple(means_along(beats, roots[0], sites)) if roots and accuracy(network) else ()
+    if not (roots and accuracy(network)):
+        return (), ()
+    lost = lost_on_the_way(beats, roots[0], sites)
+    words = (f"{x / MMHG:.2g} mmHg of the mean pressure is lost on the way to {site}" for site, x in lost.items())
+    return tuple(means_along(beats, roots[0], sites)), tuple(words)
 
 
 def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
@@ -125,14 +134,14 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
             f"{beats.n_beats} beats have all channels, which is too few (at least {least}); cut the record to where "
             f"all were measured, record more beats, or leave the channel out."
         )
-    held = max(2, math.floor(thresholds.HELD_OUT * len(whole)))
-    fitted, kept = beats.select(whole[:-held]), beats.select(whole[-held:])
-    for part, what in ((fitted, "fitted"), (kept, "kept apart to judge by")):
+    n_held_out = max(2, math.floor(thresholds.HELD_OUT * len(whole)))
+    fitted, kept = beats.select(whole[:-n_held_out]), beats.select(whole[-n_held_out:])
+    for part, label in ((fitted, "fitted"), (kept, "kept apart to judge by")):
         for channel, values in part.values.items():
             if lost := float(np.isnan(values).all(axis=0).mean()):  # phases without a sample in any beat
                 raise Unusable(
                     f"{part.source}: {channel} lacks {1.0 - there[channel].mean():.0%} of its samples, and the "
-                    f"{part.n_beats} beats that are {what} have none of it over {lost:.0%} of a beat; cut the record "
+                    f"{part.n_beats} beats that are {label} have none of it over {lost:.0%} of a beat; cut the record "
                     f"to where it was measured, record more beats, or leave the channel out."
                 )
     check_scatter(fitted)
@@ -165,9 +174,9 @@ def channels(record: Record, network: Network) -> tuple[str, ...]:
     foreign = [n for n in names if n not in known]
     if foreign or not names:
         sites = ", ".join(site.name for site in network.sites)
-        what = f"its channel {foreign[0]} is no output of" if foreign else f"it has no channel but {INFLOW} of"
+        mismatch = f"its channel {foreign[0]} is no output of" if foreign else f"it has no channel but {INFLOW} of"
         raise Unusable(
-            f"{record.path}: {what} network {network.name} (sites {sites}); use the network that was recorded, add "
+            f"{record.path}: {mismatch} network {network.name} (sites {sites}); use the network that was recorded, add "
             f"the site to it, or leave the channel out."
         )
     return names

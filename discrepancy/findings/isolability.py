@@ -1,9 +1,9 @@
 """Isolability of effects by a sensor set: separations between effects of typical size, with or without data.
 
 For two effects with whitened columns a and b (the change of all data by an effect of typical size), the part that the
-nuisance parameters can absorb is projected out of both. The norm of the rest of a is its visibility d'; the least norm
-of a - s b over all sizes s is the separation of a from b. It is not symmetric: a strong effect may be far from a weak
-one that is near to it.
+nuisance parameters can absorb is projected out of both. The norm of the remainder of a is its visibility d'; the least
+norm of a - s b over all sizes s is the separation of a from b. It is not symmetric: a strong effect may be far from a
+weak effect that is itself near to the strong one.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fitting.inference.fit import Array, Fit, projected
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.unknown import Unknown, precision
 from solver.quantities.coordinate import SCALE
 
@@ -32,7 +32,7 @@ class Isolability:
     labels : names of effects, each at its most visible place. separation : (n, n) least d' of a row's effect, of
     typical size, after the refit of a column's effect at any of its places (0 on the diagonal). visibility : (n,) d' of
     each after the nuisance refit. invisible : effects below INVISIBLE. not_judged : effects without a derivative here,
-    as a change of outlet kind, or those that individual walls already contain.
+    such as a change of outlet kind, and effects that individual walls already contain.
     """
 
     labels: tuple[str, ...]
@@ -77,37 +77,37 @@ class Detectable:
     ratio: str = ""
 
 
-def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> Isolability:
+def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[PlacedEffect]) -> Isolability:
     """Isolability of every effect at its most visible place, against every other effect at its nearest place.
 
     Effects without a column at any place, as a change of outlet kind in a study, are not judged.
     """
     effects = list(dict.fromkeys(t.effect for t in terms if t.label in columns))
     not_judged = tuple(dict.fromkeys(t.effect for t in terms if t.effect not in effects))
-    left = {
+    projections = {
         t.label: projected(base.J, precision(base.prior, base.x), columns[t.label]) for t in terms if t.label in columns
     }
-    places = {e: [t for t in terms if t.effect == e and t.label in left] for e in effects}
-    size = {label: float(np.linalg.norm(_typical(x))) for label, x in left.items()}
+    places = {e: [t for t in terms if t.effect == e and t.label in projections] for e in effects}
+    size = {label: float(np.linalg.norm(_typical(x))) for label, x in projections.items()}
     best = {e: max((t.label for t in there), key=lambda label: size[label]) for e, there in places.items()}
     visibility = np.array([size[best[e]] for e in effects])
     separation = np.zeros((len(effects), len(effects)))
     for i, a in enumerate(effects):
         for j, b in enumerate(effects):
             if i != j:
-                separation[i, j] = min(_apart(_typical(left[best[a]]), left[t.label]) for t in places[b])
+                separation[i, j] = min(_apart(_typical(projections[best[a]]), projections[t.label]) for t in places[b])
     invisible = tuple(e for e, d in zip(effects, visibility, strict=True) if d < INVISIBLE)
     return Isolability(tuple(effects), separation, visibility, invisible, not_judged)
 
 
-def smallest(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, Detectable]:
+def smallest(base: Fit, columns: Mapping[str, Array], terms: Sequence[PlacedEffect]) -> dict[str, Detectable]:
     """The smallest detectable change of each effect, by its label at the place where that is smallest: d' = DETECTABLE,
     of either sign, within the allowed range; NaN if no allowed size would show at any place."""
-    found: dict[str, tuple[float, Term, Unknown]] = {}
+    found: dict[str, tuple[float, PlacedEffect, Unknown]] = {}
     for term in (t for t in terms if t.label in columns):
-        left = projected(base.J, precision(base.prior, base.x), columns[term.label])
-        i = _strongest(left)
-        unknown, d = term.unknowns[i], float(np.linalg.norm(left[:, i]))
+        projection = projected(base.J, precision(base.prior, base.x), columns[term.label])
+        i = _strongest(projection)
+        unknown, d = term.unknowns[i], float(np.linalg.norm(projection[:, i]))
         x = DETECTABLE / d if d > 0.0 else np.inf
         allowed = next((size for size in (x, -x) if unknown.low <= size <= unknown.high and np.isfinite(size)), np.nan)
         known = found.get(term.effect)
@@ -123,17 +123,17 @@ def _detectable(unknown: Unknown, x: float) -> Detectable:
     return Detectable(unknown.name, change, unit, relative, unknown.low <= -x <= unknown.high, unknown.ratio or "")
 
 
-def _strongest(left: Array) -> int:
+def _strongest(projection: Array) -> int:
     """The index of the unknown of an effect that shows most at its typical size."""
-    return int(np.argmax((left**2).sum(axis=0)))
+    return int(np.argmax((projection**2).sum(axis=0)))
 
 
-def _typical(left: Array) -> Array:
+def _typical(projection: Array) -> Array:
     """The change by the strongest unknown of an effect at typical size."""
-    return left[:, _strongest(left)]
+    return projection[:, _strongest(projection)]
 
 
 def _apart(a: Array, b: Array) -> float:
-    """The norm of the rest of a after a least-squares fit of the columns b."""
+    """The norm of the remainder of a after a least-squares fit of the columns b."""
     fit = np.linalg.lstsq(b, a, rcond=1e-10)[0]
     return float(np.linalg.norm(a - b @ fit))

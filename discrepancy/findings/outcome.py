@@ -180,8 +180,8 @@ class LearnedLaw:
     "network". is_law : False for tables of a source over the beat. elsewhere : the gap to held-out beats, before and
     after, of each recording that was held out whole.
 
-    Law and tables describe the one recording that they are from. Its held-out beats are in the same state: they cannot
-    tell a law from what else moves alike in this state, such as a branch that the network lacks.
+    A law and tables describe the recording from which they were learned. Its held-out beats are in the same state: they
+    cannot distinguish a law from other physics that acts alike in this state, such as a branch that the network lacks.
     """
 
     name: str

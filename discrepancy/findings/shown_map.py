@@ -91,8 +91,8 @@ class SourceMapShown:
     """All sources of a map.
 
     time : (N,) [s] of one beat of the period T [s]. explains : no more than noise is left with them.
-    chi2_per_datum : of the residual; 1 is noise. recording : the label of the one to which the map belongs, if there
-    are several, else "".
+    chi2_per_datum : of the residual; 1 is noise. recording : the label of the recording to which the map
+    belongs if there are several, else "".
     """
 
     acting: tuple[Acting, ...]
@@ -209,7 +209,7 @@ def _channel(place: Place, i: int, unit: str, network: Network, beats: Beats) ->
 
 
 def _rivals(place: Place, found: SourceMap) -> tuple[Rival, ...]:
-    """Alternatives to a place: those that replace it in sets of nearly the same evidence."""
+    """Alternatives to a place: the places that replace it in sets of nearly the same evidence."""
     known = {p.key for p in found.places}
     return tuple(
         Rival(tuple(p for p in rival.places if p.key not in known), rival.above)
@@ -224,9 +224,9 @@ def _rivals(place: Place, found: SourceMap) -> tuple[Rival, ...]:
 def gap_shares(problem: NetworkProblem, found: SourceMap) -> tuple[float, ...]:
     """The share of the gap, as χ², of every place of a map, in the order of its signals.
 
-    With the whitened residual y of the map's walls alone and y_i of these with place i alone, place i removes c_i = y -
-    y_i, and its share is yᵀc_i/|y|²; these and the share of the rest add up to 1. A share is negative if the place
-    compensates another one. Empty if a simulation breaks down.
+    Let y be the whitened residual of the map's walls alone, and y_i that of the walls with place i alone. Place i
+    removes c_i = y - y_i, and its share is yᵀc_i/|y|²; the shares of all places and of the residual add up to 1. A
+    share is negative if the place compensates another one. Empty if a simulation breaks down.
     """
     at = problem.at((), found.unknowns, found.x)
 

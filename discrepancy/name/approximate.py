@@ -1,10 +1,10 @@
 """Hypotheses of a network that is only approximately right, each with the model error that its own residual shows.
 
-If no hypothesis leaves only noise, noise is a wrong weight. Where harmonics are known to 0.01 mmHg and means to 0.5
-mmHg, it gives up the means, and every search ends in the minimum nearest to its start. So hypotheses are fitted as a
-calibration is (:mod:`fitting.inference.joint.model_error`): a random error of every channel, of the size that makes the
-residual most probable, stands for what the network lacks. A law that explains more leaves a smaller error, and the
-evidence contains its volume,
+If no hypothesis leaves only noise, the noise is a wrong weight. Where harmonics are known to 0.01 mmHg and means to 0.5
+mmHg, a fit weighted by it sacrifices the means, and every search ends in the minimum nearest to its start. Hypotheses
+are therefore fitted with the model error of a calibration (:mod:`fitting.inference.joint.model_error`): a random error
+of every channel, of the size that makes the residual most probable, stands for the physics that the network lacks. A
+law that explains more leaves a smaller error, and the evidence contains its volume,
 
     -2 ln p = zᵀ (1 + E)⁻¹ z + ln det(1 + E) + …,    E : covariance of the error, whitened as z is.
 """
@@ -21,7 +21,7 @@ from fitting.inference.extended_network import allowed
 from fitting.inference.fit import Fit, Member
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Trial
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.joint.model_error import Networks, covariances, granted, joint, log_volume, minimum
 from fitting.inference.model_discrepancy import PART, Beside
 from fitting.inference.runs import OutOfTime, Runs
@@ -58,12 +58,12 @@ class Comparison:
 
 
 def compared_first_model(
-    problem: Networks, terms: tuple[Term, ...], runs: Runs, likely: Sequence[tuple[Term, ...]] = ()
+    problem: Networks, terms: tuple[PlacedEffect, ...], runs: Runs, likely: Sequence[tuple[PlacedEffect, ...]] = ()
 ) -> Comparison:
-    """The comparison for a first model, which is approximate by its construction: no law is sought at single places, as
-    for a network whose arteries are those of the subject. If it fits within its stated accuracy, no law is compared
-    with it: that is a bound, not a random error which evidence could weigh, and recordings of one subject share it.
-    likely : hypotheses that are fitted in any case.
+    """The comparison for a first model, which is approximate by its construction: no law is sought at single places,
+    unlike for a network whose arteries are those of the subject. If the model fits within its stated accuracy, no law
+    is compared with it: the accuracy is a bound that recordings of one subject share, not a random error which evidence
+    could weigh. likely : hypotheses that are fitted in any case.
 
     Raises InputError if the model as given cannot be simulated with this record.
     """
@@ -97,7 +97,7 @@ def _with_errors(
     starts: Sequence[Fit],
     others: Sequence[Fit],
     runs: Runs,
-    likely: Sequence[tuple[Term, ...]] = (),
+    likely: Sequence[tuple[PlacedEffect, ...]] = (),
 ) -> Comparison:
     """starts : of the model without effect, which is fitted whatever the time limit. others : fits with effects. The
     derivatives at the model without effect, weighted with its model error, promise the evidence of every candidate."""
@@ -159,7 +159,7 @@ def _with_derivatives(problem: Forward, fit: Fit, runs: Runs) -> Fit | None:
 
 
 def _promising(
-    problem: Forward, base: Approximate, found: Compared, runs: Runs, likely: Sequence[tuple[Term, ...]]
+    problem: Forward, base: Approximate, found: Compared, runs: Runs, likely: Sequence[tuple[PlacedEffect, ...]]
 ) -> list[Fit]:
     """Likely hypotheses and the effects that promise more evidence than none, at most FEW, refitted with the model
     error of ``base``, the model without effect, at which ``found`` has its columns; whitened by the noise alone."""
@@ -174,7 +174,7 @@ def _promising(
     return problem.restated(there(wide.refit(best, none, runs, columns)), wide)
 
 
-def _fitted(problem: Networks, fit: Fit, terms: Sequence[Term], runs: Runs) -> Approximate | None:
+def _fitted(problem: Networks, fit: Fit, terms: Sequence[PlacedEffect], runs: Runs) -> Approximate | None:
     """A hypothesis refitted with its model error; None if a parameter left its range."""
     whole = joint(problem)
     ended = minimum(whole, fit, problem.rules, runs)
@@ -185,15 +185,15 @@ def _fitted(problem: Networks, fit: Fit, terms: Sequence[Term], runs: Runs) -> A
         return Approximate(ended.fit)
     wide = granted(problem, ended.errors)
     weighted: Forward = wide
-    (seen,) = weighted.restated([ended.fit], problem)
-    seen = replace(seen, log_volume=log_volume(wide) - log_volume(problem))
+    (restated,) = weighted.restated([ended.fit], problem)
+    restated = replace(restated, log_volume=log_volume(wide) - log_volume(problem))
     cost = PART * len({*ended.errors.tolist()} - {0.0})  # equal ones are one
-    return Approximate(ended.fit, with_errors(exact, Beside(seen, covariances(wide), cost)))
+    return Approximate(ended.fit, with_errors(exact, Beside(restated, covariances(wide), cost)))
 
 
 def _at_these_points(found: Compared, each: Sequence[Approximate]) -> Compared:
-    """The comparison of these hypotheses at these points, most probable first, and of all others that leave only noise:
-    elsewhere, what is left was minimised with other weights."""
+    """The comparison of these hypotheses at these points, most probable first, and of all others that leave only noise.
+    At other points the misfit was minimised with other weights."""
     best = dict[str, Named]()
     weighted = ((a, weighed(found.problem, a.fit, found.terms)) for a in each)
     for _, exact in sorted(weighted, key=lambda pair: (pair[0].score, pair[1].score)):

@@ -16,7 +16,7 @@ import numpy as np
 from fitting.inference.fit import Array, Fit, Member, sizes_of
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Trial
-from fitting.inference.hypothesis import Term, effect_of, joins, placed
+from fitting.inference.hypothesis import PlacedEffect, effect_of, joins, placed
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.runs import Runs
@@ -36,10 +36,10 @@ _ROUNDS = 3  # at most, of moves from the best hypothesis, while they find a bet
 _Key = tuple[str, str, float | None]  # of a place
 
 
-def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
+def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[PlacedEffect]) -> list[PlacedEffect]:
     """Candidate laws for the i-th place of the map: those of the place and its segment, and those of places that fit
     nearly as well beside the other places. Between two sites, only their laws distinguish a wall, a pressure drop, a
-    leak and an outlet. A place must fit better than having no i-th place at all."""
+    leak and an outlet. A place must fit better than a map without an i-th place."""
     mine, others = found.places[i], {p.key for j, p in enumerate(found.places) if j != i}
     most = min([at.NEAR, *(r.above for r in found.rivals if {p.key for p in r.places} == others)])
     near = [mine]
@@ -47,7 +47,7 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
         new = [p for p in rival.places if p.key not in others]
         if rival.above < most and len(new) == 1 and others <= {p.key for p in rival.places}:
             near.append(new[0])
-    chosen = dict[tuple[str, int], Term]()
+    chosen = dict[tuple[str, int], PlacedEffect]()
     for place in near:
         for t in terms:
             if acts_at(t, place) or (place is mine and in_segment(t, place)):
@@ -56,12 +56,12 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
     return list(chosen.values())
 
 
-def in_segment(term: Term, place: Place) -> bool:
+def in_segment(term: PlacedEffect, place: Place) -> bool:
     """True if a law acts in the segment of a place, or at its end."""
     return place.kind != CHANNEL and not term.is_sensor and term.place == place.segment
 
 
-def acts_at(term: Term, place: Place) -> bool:
+def acts_at(term: PlacedEffect, place: Place) -> bool:
     """True if a law can be the cause of the source at a place."""
     if place.kind == NUMBER:
         return in_segment(term, place)
@@ -73,7 +73,7 @@ def base(problem: NetworkProblem, found: SourceMap) -> Base:
     return Base(Member((), problem.hypothesis(()), found.x), problem.target.whiten(found.J))
 
 
-def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[Fit]:
+def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[PlacedEffect]], runs: Runs) -> list[Fit]:
     """Single laws of any place, refitted without the free sources of the map: one law may explain all of them."""
     every = {key_of(t): t for some in laws for t in some}
     plain, walls = found.forced(problem, []), found.standing_out(())
@@ -81,7 +81,9 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Te
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
-def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
+def alone(
+    problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[PlacedEffect]], runs: Runs
+) -> list[list[Fit]]:
     """For every place, the laws that may explain the record beside the sources of the other places (their courses are
     those of the map), refitted; lowest cost first."""
     every = range(len(laws))
@@ -89,7 +91,7 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Ter
 
 
 def _beside(
-    problem: NetworkProblem, found: SourceMap, others: Sequence[int], laws: Sequence[Term], runs: Runs
+    problem: NetworkProblem, found: SourceMap, others: Sequence[int], laws: Sequence[PlacedEffect], runs: Runs
 ) -> list[Fit]:
     """The laws that may explain the record beside the sources of other places (their courses are those of the map),
     refitted; lowest cost first."""
@@ -123,7 +125,7 @@ def together(
 
 
 def _near(fits: Sequence[Fit]) -> list[Fit]:
-    """Of the laws of a place, those that fit nearly as well as its best; none if that leaves more than noise."""
+    """The laws of a place that fit nearly as well as its best; none if the best leaves more than noise."""
     return [f for f in fits if f.cost < fits[0].cost + at.NEAR][: at.BRANCHES] if _explains(fits) else []
 
 
@@ -134,7 +136,7 @@ def _own(fit: Fit) -> Array:
 
 
 def refitted(
-    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs,
+    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[PlacedEffect, Array]]], runs: Runs,
     explaining: bool = False,
 ) -> list[Fit]:  # fmt: skip
     """Fit hypotheses from the walls of the map and the starting sizes of their laws: first with a model error, as in
@@ -147,12 +149,14 @@ def refitted(
     wide = problem.granted(at.AFAR)
     begin = base(wide, found)
     members = [begin.with_laws(problem, laws) for laws in hypotheses]
-    seen = there(wide.searched_from(members, runs, begin.columns))
-    seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
-    return there(problem.relaxed(problem.restated(seen, wide), runs, rough=True))
+    fits = there(wide.searched_from(members, runs, begin.columns))
+    fits = [f for f in fits if not explaining or is_noise(f.chi2, len(f.z))]
+    return there(problem.relaxed(problem.restated(fits, wide), runs, rough=True))
 
 
-def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+def named_at(
+    problem: NetworkProblem, found: SourceMap, terms: tuple[PlacedEffect, ...], runs: Runs
+) -> Iterator[Compared]:
     """The comparison after every stage. found : the source map of the problem's record."""
     none = refitted(problem, found, [[]], runs) or there(problem.refit([()], runs=runs))
     if not none:
@@ -166,39 +170,40 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := _also_promising(result, columns, runs))
     tried, known = set[str](), Responses()
     for turn in range(_ROUNDS):
-        best, left = result.best.key, _leaves(result)
-        if left and result.best.fit.terms:
+        best, unexplained = result.best.key, _leaves(result)
+        if unexplained and result.best.fit.terms:
             result = result.at_minimum(runs)
             yield (result := result.joined_by(_refined(result, runs)).polished(runs))
         first = result.none if result.none.explains else result.best
         if turn == 0 and _has_absorbed(first):
             yield (result := _from_plausible_walls(result, first.fit, found, runs))
-            best, left = result.best.key, _leaves(result)
+            best, unexplained = result.best.key, _leaves(result)
         if lawless and not result.best.explains and lawless & _needed(result):
             break
         # if one place accounts for all that acts, a law that explains only a part of it is the wrong one
-        more = left and not (found.explains and len(found.places) == 1 and not result.best.explains)
-        rests = _rests(_leading(result).terms, left, more)
-        yield (result := with_moves(result, runs, left, more, tried, known))
+        more = unexplained and not (found.explains and len(found.places) == 1 and not result.best.explains)
+        rests = _rests(_leading(result).terms, unexplained, more)
+        yield (result := with_moves(result, runs, unexplained, more, tried, known))
         if result.best.key == best:
             break
-        if not left:  # from there on, beside the same laws, the same others promise the same
+        if not unexplained:  # from there on, beside the same laws, the same others promise the same
             tried |= {names_of(rest) for rest in rests}
     yield result.at_minimum(runs)
 
 
 def _of_the_map(
-    problem: NetworkProblem, found: SourceMap, none: Sequence[Fit], terms: tuple[Term, ...], runs: Runs
+    problem: NetworkProblem, found: SourceMap, none: Sequence[Fit], terms: tuple[PlacedEffect, ...], runs: Runs
 ) -> Generator[Compared, None, tuple[Compared, set[_Key]]]:
     """The comparison after every stage with the laws that act at the places of the map. Returns the last one, and the
     places that rule out that laws of the catalogue explain the record.
 
-    A law is one course of the free source at its place, so the map bounds what laws can explain: if it leaves only
-    noise, and needs a source at each of its places, two laws explain the record only if one of them explains it in the
-    place of each source, beside the free sources of the other places; or if one acts everywhere, and explains it beside
-    the free source of the place where the other one acts. A place rules this out only if its laws leave more than noise
-    even with the model error of the first fit: what is less may have more evidence as a law of another place, which has
-    fewer numbers than a free source there. One place alone does not, as every other law is then cheaply compared.
+    The free source at a place may take any course, also that of every law there, so that the map bounds the laws.
+    Suppose that the map leaves only noise and needs a source at each of its places. Two laws then explain the record
+    only in two cases: if at each place one of them explains it instead of the source, beside the free sources of the
+    other places; or if one law acts everywhere, and explains it beside the free source of the place where the other law
+    acts. A place rules both out only if its laws leave more than noise even with the model error of the first fit: a
+    law of another place may explain a smaller misfit with more evidence, because it has fewer numbers than a free
+    source. A map with one place rules nothing out, because every other law is then cheaply compared.
 
     The sources of the other places have the courses of the map. Where several of them imitate one strong law, neither
     it nor a law at another place explains the record beside them. So a place counts only while the best hypothesis,
@@ -256,8 +261,8 @@ def _has_absorbed(first: Named) -> bool:
 
 def _from_plausible_walls(result: Compared, first: Fit, found: SourceMap, runs: Runs) -> Compared:
     """Add the laws that promise most beside those of a fit, and every change of outlet kind, from the walls of the map
-    without outliers; of the file if the map has no places. The walls of the fit, which have absorbed what else acts,
-    are no guide to a starting point."""
+    without outliers; from those of the file if the map has no places. The walls of the fit have absorbed other physics,
+    and so are no guide to a starting point."""
     problem, own = result.problem, dict(zip((u.name for u in first.unknowns), first.x, strict=True))
     assert isinstance(problem, NetworkProblem)
     plain, x = found.forced(problem, []), found.standing_out(()).x if found.places else np.zeros(len(found.x))
@@ -284,7 +289,7 @@ def _leaves(result: Compared) -> bool:
 def _refined(result: Compared, runs: Runs) -> list[Fit]:
     """Refinements of the best laws: a law that acts everywhere gets one size per segment, and a localised law a free
     position and length."""
-    first, problem, hypotheses = result.best.fit, result.problem, list[tuple[Term, ...]]()
+    first, problem, hypotheses = result.best.fit, result.problem, list[tuple[PlacedEffect, ...]]()
     for i, t in enumerate(first.terms):
         for finer in _finer(problem, first, t):
             hypotheses.append((*first.terms[:i], finer, *first.terms[i + 1 :]))
@@ -293,7 +298,7 @@ def _refined(result: Compared, runs: Runs) -> list[Fit]:
     return there(problem.refit(hypotheses, first, runs)) if hypotheses else []
 
 
-def _finer(problem: Forward, fit: Fit, term: Term) -> list[Term]:
+def _finer(problem: Forward, fit: Fit, term: PlacedEffect) -> list[PlacedEffect]:
     """The refinements of a law of a fit."""
     found = (problem.refined(fit, term), placed(problem.network, term, sizes_of(fit, term)))
     return [finer for finer in found if finer is not None]
@@ -306,21 +311,21 @@ def _finer(problem: Forward, fit: Fit, term: Term) -> list[Term]:
 
 
 def with_moves(
-    result: Compared, runs: Runs, left: bool = False, more: bool = False, tried: Collection[str] = (),
+    result: Compared, runs: Runs, unexplained: bool = False, more: bool = False, tried: Collection[str] = (),
     known: Responses | None = None,
 ) -> Compared:  # fmt: skip
     """Refit the laws that promise to explain the record instead of one law of the best hypothesis or all of them, and
     those whose search ended far above its predicted cost.
 
-    left : the best leaves something; searches then start with a model error, and the moves end as soon as another
-    hypothesis explains the record; the next round starts from it. more : another law may act beside it. tried : laws
-    beside which others were tried before. known : responses to laws in earlier moves; those of these are added.
+    unexplained : the best hypothesis leaves a misfit; searches then start with a model error, and the moves end as soon
+    as another hypothesis explains the record; the next round starts from it. more : another law may act beside it.
+    tried : laws beside which others were tried before. known : responses to laws in earlier moves; new ones are added.
     """
     best, first = _leading(result), result.best.key
     weights = result.problem
     assert isinstance(weights, NetworkProblem)
     problem, known = with_signals(weights, []), {} if known is None else known  # without free sources
-    for rest in _rests(best.terms, left, more):
+    for rest in _rests(best.terms, unexplained, more):
         if names_of(rest) in tried:
             continue
         if result.problem is not weights:  # fits of one comparison have the same weights
@@ -332,35 +337,34 @@ def with_moves(
         if base is None:
             continue
         most = best.cost - at.SECOND if rest == best.terms else result.none.fit.cost
-        chosen = _promising_beside(problem, result, best, base, most, left, runs, known)
+        chosen = _promising_beside(problem, result, best, base, most, unexplained, runs, known)
         if rest and names_of(rest) not in {n.key for n in result.every}:  # a pair must be better than each law alone
             chosen.append(base.member)
-        if chosen and left:
+        if chosen and unexplained:
             wide = problem.granted(at.AFAR)
             columns = base.rewhitened(wide, problem).columns
-            seen = problem.restated(there(wide.searched_from(chosen, runs, columns)), wide)
-            result = result.joined_by(problem.relaxed(seen, runs, rough=True)).polished(runs)
+            moved = problem.restated(there(wide.searched_from(chosen, runs, columns)), wide)
+            result = result.joined_by(problem.relaxed(moved, runs, rough=True)).polished(runs)
         elif chosen:
             result = result.joined_by(problem.searched_from(chosen, runs, best.columns, best.cost)).polished(runs)
-        if left and result.best.key != first and result.best.explains:
+        if unexplained and result.best.key != first and result.best.explains:
             break
     return result
 
 
 def _promising_beside(
-    problem: NetworkProblem, result: Compared, best: Fit, base: Base, most: float, left: bool, runs: Runs,
+    problem: NetworkProblem, result: Compared, best: Fit, base: Base, most: float, unexplained: bool, runs: Runs,
     responses: Responses,
 ) -> list[Member]:  # fmt: skip
-    """The starts of laws beside those of ``base`` that promise a cost below ``most``, and one below that known of
-    them."""
-    rest, labels = base.member.terms, {t.label for t in base.member.terms}
+    """The starts of laws beside those of ``base`` that promise a cost below ``most`` and below their known cost."""
+    others, labels = base.member.terms, {t.label for t in base.member.terms}
     known, members = {n.key: n.fit.cost for n in result.ranked}, dict[tuple[str, bool], Member]()
-    plain = [t for t in result.sought if t.label not in labels and joins(t, rest)]
+    plain = [t for t in result.sought if t.label not in labels and joins(t, others)]
     # a part of another segment may do what a part of one does
-    anywhere = left or any(t.moves_along for t in best.terms)
+    anywhere = unexplained or any(t.moves_along for t in best.terms)
     laws = [each for t in plain for each in along(problem, t)] if anywhere else plain
     for begun in nearest(problem, base, laws, runs, most, responses):
-        key = names_of((*rest, begun.term))
+        key = names_of((*others, begun.term))
         if begun.left < known.get(key, np.inf) - at.RULED_OUT:
             members.setdefault((key, begun.term.moves_along), base.promised(problem, begun))
     return list(members.values())
@@ -371,18 +375,18 @@ def _leading(result: Compared) -> Fit:
     return min(result.every, key=lambda n: n.score).fit
 
 
-def _rests(terms: tuple[Term, ...], left: bool, more: bool) -> list[tuple[Term, ...]]:
+def _rests(terms: tuple[PlacedEffect, ...], unexplained: bool, more: bool) -> list[tuple[PlacedEffect, ...]]:
     """The laws kept by each move: none, each one of a pair, and all if another one may act beside them."""
-    rests = [(), *((t,) for t in terms if len(terms) > 1)] if terms or left else []
+    rests = [(), *((t,) for t in terms if len(terms) > 1)] if terms or unexplained else []
     return [*rests, terms] if terms and more and len(terms) < at.MOST_EFFECTS else rests
 
 
-def without(problem: NetworkProblem, fit: Fit, rest: tuple[Term, ...], runs: Runs) -> Base | None:
-    """The point of a fit reduced to the laws ``rest``. Parameters of an outlet that a removed law had replaced return
+def without(problem: NetworkProblem, fit: Fit, remaining: tuple[PlacedEffect, ...], runs: Runs) -> Base | None:
+    """The point of a fit reduced to the remaining laws. Parameters of an outlet that a removed law had replaced return
     to nominal. None if that point cannot be simulated."""
-    unknowns, columns = problem.hypothesis(rest), fit.columns
+    unknowns, columns = problem.hypothesis(remaining), fit.columns
     x = dict(zip((u.name for u in fit.unknowns), fit.x, strict=True))
-    member = Member(rest, unknowns, np.array([x.get(u.name, 0.0) for u in unknowns]))
+    member = Member(remaining, unknowns, np.array([x.get(u.name, 0.0) for u in unknowns]))
     missing = np.flatnonzero([u.name not in columns for u in unknowns])
     if len(missing):
         (point,) = problem.points([Trial(member, missing, None, np.zeros(len(unknowns)))], runs)

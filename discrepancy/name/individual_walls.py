@@ -12,7 +12,7 @@ from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.hierarchy import Linear, with_widths
-from fitting.inference.hypothesis import Term, rewired
+from fitting.inference.hypothesis import PlacedEffect, rewired
 from fitting.inference.model_discrepancy import settled
 from fitting.inference.prior import CALIBRATION, calibrated
 from fitting.inference.runs import Runs
@@ -44,13 +44,13 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
     fit = with_widths(fit)
     whole = rewired(network, fit.terms)
     file, nominal, known = network.parameters(), whole.parameters(), whole.parameter_quantities()
-    arteries, told = {}, calibrated(fit.unknowns)
+    arteries, in_calibration = {}, calibrated(fit.unknowns)
     deviate = {variable for u, mine in zip(fit.unknowns, own, strict=True) if mine for variable in u.variables}
     for name in (name for name in nominal if name in deviate and known[name].individual > 0.0):
         now = interval(fit.unknowns, name, nominal[name], known[name], fit.x, fit.covariance, quantile)
         moved = np.array([dict(u.moves).get(name, 0.0) for u in fit.unknowns])[own] @ fit.x[own]
-        source = "calibration" if name in told and not is_first(network) else "file"
-        size = _prior_sd(fit, name) if name in told else known[name].individual
+        source = "calibration" if name in in_calibration and not is_first(network) else "file"
+        size = _prior_sd(fit, name) if name in in_calibration else known[name].individual
         arteries[name] = OwnNumber(file[name], now, float(moved / size), source)
     # of every quantity, the stated spread between arteries, and the one that maximises the evidence
     sizes = {name.rpartition(".")[2]: q.individual for name, q in known.items()}
@@ -67,11 +67,13 @@ def odd_ones(walls: Walls, network: Network) -> list[str]:
     """A sentence for each of the parameters farthest beyond the stated spread, and one for all the others."""
     odd = sorted((name for name, own in walls.arteries.items() if own.beyond),
                  key=lambda name: -abs(walls.arteries[name].deviation))  # fmt: skip
-    told, rest = odd[:_TOLD], odd[_TOLD:]
-    said = [_odd_text(name, walls.arteries[name], network) for name in told]
-    if rest:
-        said.append(f"Beyond their stated spreads, and this subject's own, are also {', '.join(rest)}; see its walls.")
-    return said
+    listed, unlisted = odd[:_TOLD], odd[_TOLD:]
+    sentences = [_odd_text(name, walls.arteries[name], network) for name in listed]
+    if unlisted:
+        sentences.append(
+            f"Beyond their stated spreads, and this subject's own, are also {', '.join(unlisted)}; see its walls."
+        )
+    return sentences
 
 
 def _odd_text(name: str, own: OwnNumber, network: Network) -> str:
@@ -95,8 +97,8 @@ def _odd_text(name: str, own: OwnNumber, network: Network) -> str:
 def standing_out(unknowns: Sequence[Unknown], x: Array) -> dict[str, float]:
     """The outliers among the parameters, by the name of their unknown, with the limit [stated spreads] of their kind.
 
-    The r farthest of a kind are outliers if the r-th is beyond the limit set by the rest, whatever the other r - 1 are
-    (B. Rosner, Technometrics 25 (1983) 165): two outliers do not mask each other.
+    The r farthest of a kind are outliers if the r-th is beyond the limit set by the remaining ones, whatever the other
+    r - 1 are (B. Rosner, Technometrics 25 (1983) 165): two outliers do not mask each other.
     """
     kinds: dict[str, list[int]] = {}
     for i, u in enumerate(unknowns):
@@ -106,8 +108,8 @@ def standing_out(unknowns: Sequence[Unknown], x: Array) -> dict[str, float]:
     for same in kinds.values():
         order = sorted(same, key=lambda i: -abs(x[i]))
         for r in range(max(1, len(order) // _MOST), 0, -1):
-            rest = x[order[r:]] if len(order) - r >= _FEWEST else np.zeros(1)
-            limit = max(at.OUTLIER, at.OUTLIER_OF_OTHERS * float(np.sqrt(np.mean(rest**2))))
+            within = x[order[r:]] if len(order) - r >= _FEWEST else np.zeros(1)
+            limit = max(at.OUTLIER, at.OUTLIER_OF_OTHERS * float(np.sqrt(np.mean(within**2))))
             if abs(x[order[r - 1]]) > limit:
                 found.update({unknowns[i].name: limit for i in order[:r]})
                 break
@@ -125,8 +127,8 @@ def implausible(fit: Fit) -> dict[str, float]:
 
 def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
     """If the model without effect is best but has outliers, bound these to the range of their kind, and add the effects
-    whose response is closest to that of the outliers. An outlier that no effect imitates stays free: then no effect is
-    an alias of that subject."""
+    whose response is closest to that of the outliers. An outlier that no effect imitates stays free, because no effect
+    is then an alias of this subject."""
     none = found.best.fit
     limits = {} if none.terms else standing_out(none.unknowns, none.x)
     if not limits:
@@ -141,23 +143,23 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
         return
     # bounded to the range of their kind, all of it: otherwise another one would become the outlier
     unknowns = tuple(u.within(kinds[u.group]) if u.group in kinds else u for u in none.unknowns)
-    held = replace(none, unknowns=unknowns, x=np.clip(none.x, *bounds(unknowns)))
+    start = replace(none, unknowns=unknowns, x=np.clip(none.x, *bounds(unknowns)))
     kept = [
         n.fit for n in found.every
         if all(abs(x) <= kinds.get(u.group, np.inf) for u, x in zip(n.fit.unknowns, n.fit.x, strict=True))
     ]  # fmt: skip
-    yield found.of_fits([*kept, settled(held)])
+    yield found.of_fits([*kept, settled(start)])
     effects = [[each for _, each in instead[i][:_TRIED]] for i in odd if none.unknowns[i].group in kinds]
-    hypotheses = [[one] for some in effects for one in some]
+    hypotheses = [[effect] for some in effects for effect in some]
     if len(effects) > 1 and all(effects[:2]):
         hypotheses.append([effects[0][0], effects[1][0]])
-    base, *fits = found.problem.refine([held, *(f for each in hypotheses for f in _with(held, each))], runs)
-    yield found.of_fits([*kept, base or settled(held), *there(fits)])
+    base, *fits = found.problem.refine([start, *(f for each in hypotheses for f in _with(start, each))], runs)
+    yield found.of_fits([*kept, base or settled(start), *there(fits)])
 
 
 def _derived(problem: Forward, fit: Fit, of: Sequence[int], runs: Runs) -> Fit:
-    """A fit with its derivatives by some unknowns simulated at its point, as those of effects beside it are: the ones
-    that its search ended with may be of an earlier point."""
+    """A fit with its derivatives by some unknowns simulated anew at its point, as the derivatives of effects beside it
+    are. The derivatives of its search may belong to an earlier point."""
     (point,) = problem.points([Trial(fit.member, np.array(of), None, np.zeros(len(fit.x)))], runs)
     J = fit.J.copy()
     if point is not None:
@@ -187,8 +189,8 @@ def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
     and no gap can distinguish them. Evidence did.
     """
     own = {u.name: u for u in problem.first.individual().deviations}
-    held = any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns)
-    if not held and not standing_out(none.unknowns, none.x) and not _aliases_a_parameter(problem, fit):
+    informed = any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns)
+    if not informed and not standing_out(none.unknowns, none.x) and not _aliases_a_parameter(problem, fit):
         return None
     mine = np.array([not any(u in t.unknowns for t in fit.terms) for u in fit.unknowns], bool)
     unknowns = tuple(u for u, keep in zip(fit.unknowns, mine, strict=True) if keep)
@@ -203,8 +205,8 @@ def _aliases_a_parameter(problem: Forward, fit: Fit) -> bool:
     place = fit.terms[0].place
     others = [i for i, u in enumerate(fit.unknowns) if u.group and i not in effect and _owner(u) == place]
     moved, *each = _derived(problem, fit, [*effect, *others], Runs()).J[:, [*effect, *others]].T
-    left = [moved - other * ((other @ moved) / (other @ other)) for other in each if other.any()]
-    return any(np.linalg.norm(rest) < _SAME * np.linalg.norm(moved) for rest in left)
+    residuals = [moved - other * ((other @ moved) / (other @ other)) for other in each if other.any()]
+    return any(np.linalg.norm(rest) < _SAME * np.linalg.norm(moved) for rest in residuals)
 
 
 def subject_without(naming: Naming) -> Fit:
@@ -217,10 +219,14 @@ def subject_without(naming: Naming) -> Fit:
     return alone or naming.base.fit
 
 
-Instead = tuple[Term, int, Array]  # an effect, the index of the parameter that it replaces, and its starting point
+Instead = tuple[
+    PlacedEffect, int, Array
+]  # an effect, the index of the parameter that it replaces, and its starting point
 
 
-def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Array]) -> list[tuple[float, Instead]]:
+def _instead(
+    none: Fit, i: int, terms: Sequence[PlacedEffect], columns: Mapping[str, Array]
+) -> list[tuple[float, Instead]]:
     """Effects at the artery of unknown i, each fitted to its response (least squares) and sorted by the relative
     residual. Empty if the unknown has no influence."""
     found = []
@@ -231,23 +237,23 @@ def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Arr
         column = columns.get(t.label)
         if t.place == _owner(none.unknowns[i]) and column is not None and column.shape[1] == len(t.unknowns):
             x = np.linalg.lstsq(column, moved, rcond=None)[0]
-            left = float(np.linalg.norm(moved - column @ x) / np.linalg.norm(moved))
-            found.append((left, (t, i, np.clip(x, *bounds(t.unknowns)))))
+            residual = float(np.linalg.norm(moved - column @ x) / np.linalg.norm(moved))
+            found.append((residual, (t, i, np.clip(x, *bounds(t.unknowns)))))
     return sorted(found, key=lambda f: f[0])
 
 
-def _with(held: Fit, effects: Sequence[Instead]) -> list[Fit]:
+def _with(fit: Fit, effects: Sequence[Instead]) -> list[Fit]:
     """Starting points with effects in place of outliers. For a kind of few parameters also with the values of the file:
     the common value may have moved instead of the outlier."""
-    x, groups = held.x.copy(), [u.group for u in held.unknowns]
+    x, groups = fit.x.copy(), [u.group for u in fit.unknowns]
     x[[i for _, i, _ in effects]] = 0.0
     few = {groups[i] for _, i, _ in effects if groups.count(groups[i]) <= _FEWEST}
-    moved = {variable for u in held.unknowns if u.group in few for variable in u.variables}
-    as_in_file = np.where([bool(moved & set(u.variables)) for u in held.unknowns], 0.0, x)
+    moved = {variable for u in fit.unknowns if u.group in few for variable in u.variables}
+    as_in_file = np.where([bool(moved & set(u.variables)) for u in fit.unknowns], 0.0, x)
     terms = tuple(t for t, _, _ in effects)
-    unknowns = (*held.unknowns, *(u for t in terms for u in t.unknowns))
+    unknowns = (*fit.unknowns, *(u for t in terms for u in t.unknowns))
     return [
-        replace(held, terms=terms, unknowns=unknowns, x=np.concatenate([walls, *(own for _, _, own in effects)]))
+        replace(fit, terms=terms, unknowns=unknowns, x=np.concatenate([walls, *(own for _, _, own in effects)]))
         for walls in ([x, as_in_file] if few else [x])
     ]
 

@@ -12,7 +12,7 @@ import numpy as np
 from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
-from fitting.inference.hypothesis import Term, effect_of, rewired
+from fitting.inference.hypothesis import PlacedEffect, effect_of, rewired
 from fitting.inference.intervals.profile import reaches
 from fitting.inference.intervals.selection import conditioned
 from fitting.inference.jackknife import jackknife
@@ -34,7 +34,7 @@ _GAIN = 0.05  # of the cost: a smaller gain counts as none
 
 def profiled(naming: Naming, runs: Runs) -> Naming:
     """Polish the best fit, then profile the likelihood of effects with 2 to 4 parameters. Effects with more parameters,
-    narrow intervals, and those left when time runs out keep the intervals of the covariance."""
+    with narrow intervals, or not reached within the time limit keep the intervals of the covariance."""
     if not naming.adds:
         return naming
     with suppress(OutOfTime):
@@ -50,7 +50,7 @@ def profiled(naming: Naming, runs: Runs) -> Naming:
 def _at_minimum(naming: Naming, runs: Runs) -> Naming:
     """The best fit polished: refitted from the file's walls if its own are implausible, then with fresh derivatives
     until the cost falls no more."""
-    problem, (best, *rest) = naming.problem, naming.ranked
+    problem, (best, *others) = naming.problem, naming.ranked
     fit = best.fit
     if fit.odd:
         fit = _lower(fit, problem.refit([fit.terms], None, runs))
@@ -62,7 +62,7 @@ def _at_minimum(naming: Naming, runs: Runs) -> Naming:
         return naming
     found = best.moved_to(fit, problem.dof_of_noise)
     members = tuple(found if m is best else m for m in naming.members)
-    return replace(naming, ranked=(found, *rest), members=members)
+    return replace(naming, ranked=(found, *others), members=members)
 
 
 def _lower(fit: Fit, others: Sequence[Fit | None]) -> Fit:
@@ -83,7 +83,7 @@ def _wide(fit: Fit, unknown: Unknown, half: float) -> bool:
     return not narrow or x - reach <= unknown.low or x + reach >= unknown.high
 
 
-def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[str, Estimate]:
+def stated(network: Network, naming: Naming, named: Named, term: PlacedEffect) -> dict[str, Estimate]:
     """Estimates with 95 % intervals, within their ranges, of a term of a hypothesis. The spread of the walls is that
     estimated from the record.
 
@@ -105,7 +105,7 @@ def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[s
     return {key: e.within(known[key].low, known[key].high) if key in known else e for key, e in found.items()}
 
 
-def _wider(naming: Naming, fit: Fit, term: Term) -> float:
+def _wider(naming: Naming, fit: Fit, term: PlacedEffect) -> float:
     """The factor by which model discrepancy widens an interval beyond its covariance.
 
     It is the scatter of the estimate when one site, or on a bench one harmonic, is left out (jackknife), at least 1.
@@ -118,6 +118,6 @@ def _wider(naming: Naming, fit: Fit, term: Term) -> float:
     return float(max(1.0, *(jackknife(fit, parts)[mine] / sd)))
 
 
-def _scaled(told: Estimate, factor: float) -> Estimate:
-    low, high = (told.value + factor * (end - told.value) for end in told.ci95)
-    return replace(told, ci95=(low, high))
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    low, high = (estimate.value + factor * (end - estimate.value) for end in estimate.ci95)
+    return replace(estimate, ci95=(low, high))

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.inference.fit import Array, Fit, Member
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.joint.joint_record import Several, derivatives
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import bounds
@@ -28,7 +28,7 @@ from .model_selection import coupled
 from .scoring import Compared, exact, last_of, names_of, promised, there
 from .verdict import Naming, decided
 
-Terms = tuple[Term, ...]
+Terms = tuple[PlacedEffect, ...]
 
 
 def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs) -> Naming:
@@ -117,7 +117,7 @@ def _with_base(found: Compared, base: Fit, runs: Runs) -> Compared:
 
 
 def _hypotheses(
-    found: Compared, alone: Sequence[Naming], columns: tuple[float, list[tuple[float, Term]]]
+    found: Compared, alone: Sequence[Naming], columns: tuple[float, list[tuple[float, PlacedEffect]]]
 ) -> list[Terms]:
     """The hypotheses near the best of each recording, and those that promise most on all together."""
     chosen = dict[str, Terms]()
@@ -145,7 +145,7 @@ def _refitted(
 
 
 def _with_one_more(found: Compared, runs: Runs) -> Iterator[Compared]:
-    """Add a second effect beside the best: those whose derivatives promise most."""
+    """Add second effects beside the best: the effects whose derivatives promise most."""
     first, problem = found.best.fit, found.problem
     if len(first.terms) >= at.MOST_EFFECTS:
         return

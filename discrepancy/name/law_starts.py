@@ -18,7 +18,7 @@ import numpy as np
 
 from fitting.inference.fit import Array, Member
 from fitting.inference.gauss_newton import bounded_step
-from fitting.inference.hypothesis import Term, effect_of, placed
+from fitting.inference.hypothesis import PlacedEffect, effect_of, placed
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.runs import Runs
@@ -52,7 +52,7 @@ class Base:
         moved = replace(self, member=replace(self.member, x=self.member.x + begun.step))
         return moved.with_laws(problem, [(begun.term, begun.x)])
 
-    def with_laws(self, problem: NetworkProblem, laws: Sequence[tuple[Term, Array]]) -> Member:
+    def with_laws(self, problem: NetworkProblem, laws: Sequence[tuple[PlacedEffect, Array]]) -> Member:
         """A hypothesis at this point with laws at their starting values."""
         terms = (*self.member.terms, *(t for t, _ in laws))
         x = dict(zip((u.name for u in self.member.unknowns), self.member.x, strict=True))
@@ -67,7 +67,7 @@ class Begun:
     """A law with its starting values x, predicted from simulated ones, ``tried``. step : (p,) of the unknowns of the
     base. left : the cost predicted after the step."""
 
-    term: Term
+    term: PlacedEffect
     x: Array
     tried: Array
     step: Array
@@ -78,9 +78,10 @@ class Begun:
 Responses = dict[tuple[str, int], list[tuple[Array, Array]]]
 
 
-def along(problem: NetworkProblem, term: Term, place: Place | None = None) -> list[Term]:
-    """A law at its usual position and, if it can act on a part of a segment, with free position: started at that of the
-    place, or at each of its starts. A part of a wall only if no place is given: mostly a whole wall differs."""
+def along(problem: NetworkProblem, term: PlacedEffect, place: Place | None = None) -> list[PlacedEffect]:
+    """A law at its usual position and, if it can act on a part of a segment, with free position: started at the
+    position of the place, or at each of its starts. A wall law acts on a part of the segment only if no place is given,
+    because mostly a whole wall differs."""
     whole = place is not None and (place.kind == NUMBER or effect_of(term).source == WALL)
     moved = None if whole else placed(problem.network, term, [0.0] * len(term.unknowns))
     if moved is None:
@@ -97,16 +98,16 @@ def along(problem: NetworkProblem, term: Term, place: Place | None = None) -> li
 
 
 def nearest(
-    problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, most: float = math.inf,
+    problem: NetworkProblem, base: Base, laws: Sequence[PlacedEffect], runs: Runs, most: float = math.inf,
     known: Responses | None = None,
 ) -> list[Begun]:  # fmt: skip
     """The laws to refit (:func:`fewest`), at the size of lowest predicted cost, which must be below ``most``.
 
     A prediction is linear in the size and in the unknowns of the base, so one simulation of a law gives it, but it is
-    inaccurate for strong effects. So the best laws, three times as many as are refitted, are simulated again at the
-    predicted size, and start at the better of both predictions. problem : with the sources that act beside them.
-    known : responses to laws about other points, which suffice for the first prediction; those to the other laws are
-    added.
+    inaccurate for strong effects. Therefore three times as many laws as are refitted, the best ones, are simulated
+    again at the predicted size, and start at the better of both predictions. problem : with the sources that act beside
+    them. known : responses to laws about other points, which suffice for the first prediction; the responses to new
+    laws are added.
     """
     known = {} if known is None else known
     new = [t for t in laws if key_of(t) not in known]
@@ -123,25 +124,27 @@ def nearest(
     return fewest(sorted(found, key=lambda b: b.left), most)
 
 
-def key_of(term: Term) -> tuple[str, int]:
+def key_of(term: PlacedEffect) -> tuple[str, int]:
     """The identity of a law; one with free position has more unknowns than the usual one."""
     return term.label, len(term.unknowns)
 
 
 def _simulated(
-    problem: NetworkProblem, base: Base, trials: Sequence[tuple[Term, Array]], runs: Runs, known: Responses
+    problem: NetworkProblem, base: Base, trials: Sequence[tuple[PlacedEffect, Array]], runs: Runs, known: Responses
 ) -> Responses:
     """``known`` with the responses to laws at some sizes; those without a beat have none."""
     members = [base.with_laws(problem, []), *(base.with_laws(problem, [each]) for each in trials)]
     near = [i if any(t.rewires for t in member.terms) else 0 for i, member in enumerate(members)]
-    none, *shown = problem.observe(members, runs, near) if trials else [None]
-    for (t, x), X in zip(trials, shown, strict=True):
+    none, *observed = problem.observe(members, runs, near) if trials else [None]
+    for (t, x), X in zip(trials, observed, strict=True):
         if none is not None and X is not None:
             known.setdefault(key_of(t), []).append((x, X - none))
     return known
 
 
-def _predicted(problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: Runs, known: Responses) -> list[Begun]:
+def _predicted(
+    problem: NetworkProblem, base: Base, laws: Sequence[PlacedEffect], runs: Runs, known: Responses
+) -> list[Begun]:
     """Every law with a response at its best predicted size; lowest predicted cost first."""
     (none,) = problem.observe([base.with_laws(problem, [])], runs) if laws else [None]
     if none is None:
@@ -154,14 +157,14 @@ def _predicted(problem: NetworkProblem, base: Base, laws: Sequence[Term], runs: 
 
 
 def fewest(begun: Sequence[Begun], most: float = math.inf, n: int = at.FEW) -> list[Begun]:
-    """The laws to refit. Of those that promise to leave less than ``most``: the n best, and all that could not be ruled
-    out against the best, because few sensors leave many laws similar. Every outlet of another kind, whatever it
-    promises, because it starts far from the record."""
+    """The laws to refit: of the laws with a predicted cost below ``most`` the n best, and all that could not be ruled
+    out against the best, because few sensors make many laws similar; and every outlet of another kind, whatever its
+    predicted cost, because it starts far from the record."""
     near = begun[0].left + at.RULED_OUT if begun else 0.0
     return [b for k, b in enumerate(begun) if b.term.rewires or (b.left < most and (k < n or b.left < near))]
 
 
-def _promised(base: Base, z0: Array, z: Array, term: Term, x: Array) -> Begun:
+def _promised(base: Base, z0: Array, z: Array, term: PlacedEffect, x: Array) -> Begun:
     """A law with residual z at its start x, and z0 without it: size and base unknowns moved to the predicted
     minimum."""
     unknowns, now = base.member.unknowns, base.member.x
@@ -174,11 +177,11 @@ def _promised(base: Base, z0: Array, z: Array, term: Term, x: Array) -> Begun:
     size = x[lead] + step[-1]
     size = math.copysign(np.clip(abs(size), *(abs(x[lead]) * np.array([1.0 / _FARTHER, _FARTHER]))), size)
     begin = np.where(sizes, x * (size / x[lead] if x[lead] else 1.0), x)
-    left = z + base.J @ step[:-1] + column * step[-1]
-    return Begun(term, begin, x, step[:-1], float(left @ left) + penalty(prior[:-1], now + step[:-1]))
+    residual = z + base.J @ step[:-1] + column * step[-1]
+    return Begun(term, begin, x, step[:-1], float(residual @ residual) + penalty(prior[:-1], now + step[:-1]))
 
 
-def _sizes(term: Term, size: float) -> list[Array]:
+def _sizes(term: PlacedEffect, size: float) -> list[Array]:
     """Starting values of a law: its own starts, and a size with both signs where the bounds allow them."""
     low, high = bounds(term.unknowns)
     found = [np.array(start) for start in term.starts if len(start) == len(term.unknowns)]
@@ -194,7 +197,7 @@ def _sizes(term: Term, size: float) -> list[Array]:
     return inside or [np.clip(found[0], low, high)]
 
 
-def _starts(term: Term) -> list[Array]:
+def _starts(term: PlacedEffect) -> list[Array]:
     """One of the starting values for each set of other parameters: that of the most typical size, positive if
     possible."""
     size, found = np.array([u.of_size for u in term.unknowns]), dict[tuple[Any, ...], Array]()
@@ -203,7 +206,7 @@ def _starts(term: Term) -> list[Array]:
     return list(found.values())
 
 
-def _which(term: Term) -> list[list[int]]:
+def _which(term: PlacedEffect) -> list[list[int]]:
     """Index sets of the size parameters of a law: each by itself, and all together."""
     sizes = [i for i, u in enumerate(term.unknowns) if u.of_size]
     return [*([i] for i in sizes), *([sizes] if len(sizes) > 1 else [])]

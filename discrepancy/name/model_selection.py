@@ -25,7 +25,7 @@ from itertools import combinations
 from fitting.inference.extended_network import extended
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
-from fitting.inference.hypothesis import Term, followers, joins
+from fitting.inference.hypothesis import PlacedEffect, followers, joins
 from fitting.inference.model_discrepancy import Beside
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
@@ -48,7 +48,7 @@ _MAPPED = 0.6  # of that: most that the source map may take
 _NO_SIZE = 0.05  # of x: a smaller effect did not lower the cost itself
 
 
-def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, walls: str | None = None) -> Naming:
+def name(problem: Forward, terms: Sequence[PlacedEffect], runs: Runs | None = None, walls: str | None = None) -> Naming:
     """The verdict on one record.
 
     walls : COMMON or INDIVIDUAL (default). The spread of individual walls is estimated from the record and may be zero.
@@ -79,7 +79,7 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     return replace(profiled(naming, runs), map=found, nearest=near)
 
 
-def _verdict_on_first_model(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> Naming:
+def _verdict_on_first_model(problem: NetworkProblem, terms: tuple[PlacedEffect, ...], runs: Runs) -> Naming:
     """The verdict on a first model. The source map only shows where something acts that no law explains."""
     last, found = compared_first_model(problem, terms, runs.part(_SEARCHED)), None
     naming = decided(last.found, terms, lambda n: None, last.complete, last.named)
@@ -117,7 +117,7 @@ def _with_outliers(search: Iterator[Compared], runs: Runs) -> Iterator[Compared]
 # --- one wall ---------------------------------------------------------------------------------------------------------
 
 
-def _of_bench(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+def _of_bench(problem: Forward, terms: tuple[PlacedEffect, ...], runs: Runs) -> Iterator[Compared]:
     """The comparison for one wall after every stage."""
     (base,) = problem.refit([()], runs=runs)
     if base is None:

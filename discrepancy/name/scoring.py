@@ -20,7 +20,7 @@ import numpy as np
 from fitting.inference import hierarchy
 from fitting.inference.fit import Array, Fit, misfit, projected
 from fitting.inference.forward import Forward
-from fitting.inference.hypothesis import Term, effect_of
+from fitting.inference.hypothesis import PlacedEffect, effect_of
 from fitting.inference.model_discrepancy import Beside, settled
 from fitting.inference.places import Place
 from fitting.inference.runs import OutOfTime, Runs
@@ -84,12 +84,12 @@ class Named:
         return replace(self, fit=fit, score=score, misfit=misfit(fit, dof_of_noise))
 
 
-def names_of(terms: Sequence[Term]) -> str:
+def names_of(terms: Sequence[PlacedEffect]) -> str:
     """The labels of effects in alphabetical order."""
     return " + ".join(sorted(term.label for term in terms))
 
 
-def whitened_response(fit: Fit, terms: Sequence[Term]) -> Array:
+def whitened_response(fit: Fit, terms: Sequence[PlacedEffect]) -> Array:
     """(n,) whitened response to the sizes of some effects of a fit, with all its other free unknowns projected out. Its
     norm is their d'."""
     names = {u.name for t in terms for u in t.unknowns}  # some of which may be fixed
@@ -104,7 +104,9 @@ def whitened_response(fit: Fit, terms: Sequence[Term]) -> Array:
 # --- evidence and prior -----------------------------------------------------------------------------------------------
 
 
-def promised(base: Fit, terms: Sequence[Term], columns: Mapping[str, Array]) -> tuple[float, list[tuple[float, Term]]]:
+def promised(
+    base: Fit, terms: Sequence[PlacedEffect], columns: Mapping[str, Array]
+) -> tuple[float, list[tuple[float, PlacedEffect]]]:
     """-2 ln evidence without effect, and that predicted by the columns of every effect, best first."""
     found = []
     for term, column in ((t, columns[t.label]) for t in terms if t.label in columns):
@@ -115,18 +117,18 @@ def promised(base: Fit, terms: Sequence[Term], columns: Mapping[str, Array]) -> 
     return hierarchy.Linear.of(base).inferred().score, sorted(found, key=lambda each: each[0])
 
 
-def choice(term: Term, terms: Sequence[Term]) -> float:
+def choice(term: PlacedEffect, terms: Sequence[PlacedEffect]) -> float:
     """-2 ln of the prior odds of one effect and place among all."""
     effects, places = {t.effect for t in terms}, sum(t.effect == term.effect for t in terms)
     return 2.0 * math.log(max(len(effects), 1) * max(places, 1))
 
 
-def price(fit: Fit, terms: Sequence[Term]) -> float:
+def price(fit: Fit, terms: Sequence[PlacedEffect]) -> float:
     """-2 ln of the prior of a hypothesis: its effects and places among all."""
     return sum(choice(t, terms) + (at.FIRST if i == 0 else at.SECOND) for i, t in enumerate(fit.terms))
 
 
-def found_from(terms: Sequence[Term], term: Term, named: Named) -> float:
+def found_from(terms: Sequence[PlacedEffect], term: PlacedEffect, named: Named) -> float:
     """The d' from which the evidence of a one-parameter effect of a hypothesis exceeds its price.
 
     Each effect of a pair counts as the second one, with the pair's price less the other's, and must be detectable.
@@ -138,7 +140,7 @@ def found_from(terms: Sequence[Term], term: Term, named: Named) -> float:
     return max(d, at.VISIBLE) if beside and named.visible else d
 
 
-def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
+def weighed(problem: Forward, fit: Fit, terms: Sequence[PlacedEffect]) -> Named:
     """An exact hypothesis with its score."""
     score = hierarchy.score(fit) + price(fit, terms)
     return Named(fit, score, misfit(fit, problem.dof_of_noise), shown=problem.shows(fit))
@@ -190,13 +192,13 @@ class Compared:
     none: Named
     ranked: tuple[Named, ...]
     columns: Mapping[str, Array]
-    terms: tuple[Term, ...]
+    terms: tuple[PlacedEffect, ...]
 
     @classmethod
     def of(
-        cls, problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...]
+        cls, problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[PlacedEffect, ...]
     ) -> Compared:
-        """Score fits, one without effect among them; of two fits of one hypothesis, the more probable one counts."""
+        """Score fits, among them one without effect. Of two fits of one hypothesis the more probable one counts."""
         known: dict[str, Named] = {}
         for n in (weighed(problem, f, terms) for f in fits):
             if n.key not in known or n.score < known[n.key].score:
@@ -220,8 +222,8 @@ class Compared:
         return min((n for n in self.every if n.shown), key=lambda n: n.score)
 
     @property
-    def sought(self) -> tuple[Term, ...]:
-        """The candidates. With individual walls, those that are mere parameters of the subject are excluded."""
+    def sought(self) -> tuple[PlacedEffect, ...]:
+        """The candidates. With individual walls, effects that are mere parameters of the subject are excluded."""
         if not self.none.individual:
             return self.terms
         return tuple(t for t in self.terms if not effect_of(t).of_animal(self.problem.network, t.place))
@@ -272,25 +274,25 @@ def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
 
 
 def exact(
-    problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...], runs: Runs
+    problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[PlacedEffect, ...], runs: Runs
 ) -> Compared:
     """Hypotheses near the best are refitted under weights for the best one; the others keep their linear minimum."""
     order = sorted((weighed(problem, f, terms).score, i) for i, f in enumerate(fits))
     sharp = problem.sharpened(fits[order[0][1]], runs)
     fits = sharp.restated(fits, problem)
     found = {i: settled(f) for i, f in enumerate(fits)}
-    left = set(found)
+    pending = set(found)
     again = [i for score, i in order if score < order[0][0] + at.NEAR]
     # every name is compared with the model without effect, so this is refitted first
     again.sort(key=lambda i: len(fits[i].terms) > 0)
     while again := again[: at.FEW]:  # until no hypothesis that was not refitted scores better than the refitted ones
-        left -= set(again)
+        pending -= set(again)
         for i, fit in zip(again, sharp.refine([fits[i] for i in again], runs), strict=True):
             if fit is not None:
                 found[i] = fit
             elif fits[i].terms:
                 del found[i]
         score = {i: weighed(sharp, f, terms).score for i, f in found.items()}
-        lowest = min((score[i] for i in found if i not in left), default=np.inf)
-        again = sorted((i for i in left if score[i] < lowest), key=score.__getitem__)
+        lowest = min((score[i] for i in found if i not in pending), default=np.inf)
+        again = sorted((i for i in pending if score[i] < lowest), key=score.__getitem__)
     return Compared.of(sharp, list(found.values()), sharp.rewhitened(columns, problem), terms)

@@ -13,7 +13,7 @@ import numpy as np
 
 from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
-from fitting.inference.hypothesis import Term
+from fitting.inference.hypothesis import PlacedEffect
 from fitting.inference.model_discrepancy import Beside, settled
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.source_maps.source_map import SourceMap
@@ -39,7 +39,8 @@ class Naming:
     the gap. reason : for unknown; for partial, the remaining gap. complete : the search was completed. reaches :
     profile intervals of the best by unknown (:func:`discrepancy.name.intervals.profiled`). map : source map of a
     network; None for a first model that an effect, or none, explains. nearest : the best model without effect if that
-    is far from the record; a name must do better (:mod:`discrepancy.name.model_selection`).
+    is far from the record; a name must do better (:mod:`discrepancy.name.model_selection`). only_with : for unknown, a
+    sentence on the implausible values with which alone the model fits the record, and their consequence.
     """
 
     verdict: str
@@ -48,13 +49,14 @@ class Naming:
     ranked: tuple[Named, ...]
     members: tuple[Named, ...]
     columns: Mapping[str, Array]
-    terms: tuple[Term, ...]
+    terms: tuple[PlacedEffect, ...]
     confidence: float
     reason: str | None = None
     complete: bool = True
     reaches: Mapping[str, Reach] = field(default_factory=dict)
     map: SourceMap | None = None
     nearest: Fit | None = None
+    only_with: str = ""
 
     @property
     def adds(self) -> bool:
@@ -82,7 +84,11 @@ class Naming:
 
 
 def decided(
-    found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True, approximate: Sequence[Named] = ()
+    found: Compared,
+    terms: Sequence[PlacedEffect],
+    beside: Freed,
+    complete: bool = True,
+    approximate: Sequence[Named] = (),
 ) -> Naming:
     """The verdict on all that were compared. beside : returns a hypothesis with model discrepancy. approximate :
     hypotheses with a model error of the channels (:mod:`discrepancy.name.approximate`)."""
@@ -96,11 +102,11 @@ def decided(
     return replace(made, confidence=min(made.confidence, most), complete=complete)
 
 
-def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximate: Sequence[Named]) -> Naming:
+def _decided(found: Compared, terms: tuple[PlacedEffect, ...], beside: Freed, approximate: Sequence[Named]) -> Naming:
     problem, none = found.problem, found.none
     exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
-    held = ((n, beside(n)) for n in _discrepancy_candidates(found, exact))
-    loose = [with_errors(n, errors) for n, errors in held if errors is not None]
+    widened = ((n, beside(n)) for n in _discrepancy_candidates(found, exact))
+    loose = [with_errors(n, errors) for n, errors in widened if errors is not None]
     ways = ranked([*exact, *(n for n in loose if not _by_a_law(n, exact)), *_with_shown(approximate)])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
     if none.explains:
@@ -120,8 +126,8 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximat
     if best.errors is not None:
         return _partial(replace(unknown, confidence=confidence), found, ways, approximate)
     same = tuple(n for n in ways if n.errors is None and n.fit.terms)
-    rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
-    order = apart([*same, *rest])
+    others = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
+    order = apart([*same, *others])
     members = _class(order[: len(same)])
     return replace(
         unknown,
@@ -133,8 +139,8 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed, approximat
 
 
 def _with_aliases(ways: Sequence[Named]) -> tuple[Named, ...]:
-    """Add the probability of faults that the record cannot show to that of the exact model without effect, whose
-    aliases they are if it explains the record."""
+    """Add the probability of faults that the record cannot show to that of the exact model without effect: if this
+    model explains the record, they are its aliases."""
     hidden = sum(n.probability for n in ways if not n.shown)
     return tuple(
         n if n.fit.terms or n.errors is not None else replace(n, probability=n.probability + hidden)
@@ -172,9 +178,9 @@ def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
 
 def _discrepancy_candidates(found: Compared, exact: Sequence[Named]) -> list[Named]:
     """Hypotheses that are also evaluated with an error of the model: no effect, and the most probable single effects,
-    with each member of a pair that explains the record, so that a second effect must do better than such an error. In
-    a network whose best hypothesis explains the record, no effect and that one alone; in others the most probable one
-    and those that close half of the gap, as the rest cannot be named, and a search for their places takes seconds."""
+    with each member of a pair that explains the record, so that a second effect must do better than such an error. In a
+    network whose best hypothesis explains the record, no effect and that one alone; in other networks the most probable
+    one, and those that close half of the gap. Others cannot be named, and a search for their places takes seconds."""
     if found.problem.site is None and any(n is found.best for n in exact):
         return [found.none, *([found.best] if len(found.best.fit.terms) == 1 else [])]
     single = [n for n in found.ranked if len(n.fit.terms) == 1 and n.shown]
@@ -207,7 +213,7 @@ def _exact_verdict(best: Named, members: Sequence[Named], network: Network) -> s
 
 
 def _of_one_site(best: Named, network: Network) -> bool:
-    """True for two sensors of one site; the meter of the inflow is at each site at the inlet."""
+    """True for two sensors of one site; the flow meter counts at each site at the inlet."""
     inlet = {s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0}
     sites = [t.place.rpartition(".")[0] for t in best.fit.terms if t.is_sensor]
     return len(sites) == 2 and len({"inlet" if site in inlet else site for site in sites}) == 1
@@ -224,11 +230,11 @@ def _partial(unknown: Naming, found: Compared, ways: Sequence[Named], approximat
     assert best.errors is not None
     wide = problem.widened(best.errors)
     own = set[str]() if best.places else {n.key for n in approximate}
-    held = [none, exact, *(n for n in found.ranked if n is not exact)]
-    fits = wide.restated([n.fit for n in held], problem)
+    compared = [none, exact, *(n for n in found.ranked if n is not exact)]
+    fits = wide.restated([n.fit for n in compared], problem)
     # hypotheses fitted with their own error keep their point: the error of the best one is too small for them
-    fits = [f if n.key in own else settled(f) for n, f in zip(held, fits, strict=True)]
-    none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(held, fits, strict=True))
+    fits = [f if n.key in own else settled(f) for n, f in zip(compared, fits, strict=True)]
+    none, first, *rest = (n.moved_to(f, wide.dof_of_noise) for n, f in zip(compared, fits, strict=True))
     loose = [n for n in ways if n.errors is not None]
     chance = {n.key: sum(m.probability for m in loose if m.key == n.key) for n in loose}
     above = {n.key: n.score - best.score for n in reversed(loose)}  # each with its own errors

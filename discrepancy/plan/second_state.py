@@ -57,15 +57,15 @@ def second_state(naming: Naming, runs: Runs | None = None) -> str:
     found = separations(naming, runs or Runs())
     if not found:
         return ""
-    said = {_OF_BENCH.get(words, words) if naming.problem.site else words: d for words, d in found.items()}
-    best, *others = sorted(said, key=lambda words: -said[words])
-    rest = ", ".join(f"{words}: {said[words]:.2g}" for words in others)
-    if said[best] < INSEPARABLE:
-        tried = f"{best}: {said[best]:.2g}" + (f", {rest}" if rest else "")
+    worded = {_OF_BENCH.get(words, words) if naming.problem.site else words: d for words, d in found.items()}
+    best, *others = sorted(worded, key=lambda words: -worded[words])
+    alternatives = ", ".join(f"{words}: {worded[words]:.2g}" for words in others)
+    if worded[best] < INSEPARABLE:
+        tried = f"{best}: {worded[best]:.2g}" + (f", {alternatives}" if alternatives else "")
         return f"No second state that was simulated would separate the class (d′ below {INSEPARABLE:g}: {tried})."
     members = " from ".join(label_text(n.label) for n in naming.members[:2])
     more = " and the others" if len(naming.members) > 2 else ""
-    d = f"d′ {said[best]:.2g}" + (f"; {rest}" if rest else "")
+    d = f"d′ {worded[best]:.2g}" + (f"; {alternatives}" if alternatives else "")
     return f"A second recording at {best} would tell {members}{more} ({d}): give it with --and."
 
 
@@ -135,13 +135,13 @@ def _of_bench(problem: Bench, state: SecondState, fit: Fit) -> Bench | None:
     loop, mean = problem.loop, float(problem.loop.P.mean())
     P = mean * (1.0 + state.level) + state.flow * (loop.P - mean)
     there = replace(problem, loop=replace(loop, P=P, T=loop.T / state.rate))
-    seen, r = there.seen(fit.member, fit.x[None]), problem.start
+    observed, r = there.seen(fit.member, fit.x[None]), problem.start
     for _ in range(_NEWTON):
         with np.errstate(all="ignore"):
-            step = P - seen.pressure(r)[0]
+            step = P - observed.pressure(r)[0]
             if not np.isfinite(step).all():
                 return None
-            step = np.linalg.solve(seen.slope(r), step)
+            step = np.linalg.solve(observed.slope(r), step)
         r = r + step * min(1.0, 0.02 * r.mean() / max(float(np.abs(step).max()), 1e-300))
         if float(np.abs(step).max()) < _CLOSE * r.mean():
             return replace(there, loop=replace(there.loop, R=r))

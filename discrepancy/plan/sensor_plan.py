@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fitting.inference.fit import Array, Fit, Member
-from fitting.inference.hypothesis import Term, candidates
+from fitting.inference.hypothesis import PlacedEffect, candidates
 from fitting.inference.jackknife import subset
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
@@ -110,7 +110,7 @@ def _check(network: Network, channels: Sequence[str], known: Sequence[str], dB: 
         raise InputError(f"beats = {beats}: must be at least {thresholds.FEWEST_BEATS}, as in a record; plan for more.")
 
 
-def _columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term], progress: Progress) -> dict[str, Array]:
+def _columns(problem: NetworkProblem, base: Fit, terms: Sequence[PlacedEffect], progress: Progress) -> dict[str, Array]:
     """Whitened columns of all effects: derivatives; for a change of outlet kind, the finite change of the residual."""
     columns: dict[str, Array] = {}
     groups = [[t for t in terms if t.effect == e] for e in dict.fromkeys(t.effect for t in terms)]
@@ -120,7 +120,7 @@ def _columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term], progress
     return columns
 
 
-def _rewired_columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term]) -> dict[str, Array]:
+def _rewired_columns(problem: NetworkProblem, base: Fit, terms: Sequence[PlacedEffect]) -> dict[str, Array]:
     """(n, 1) change of the whitened residual when an outlet becomes the Windkessel at which a search would start."""
     at = dict(zip((u.name for u in base.unknowns), base.x, strict=True))
     members = []
@@ -146,14 +146,18 @@ def _virtual(network: Network, names: Sequence[str], dB: float, n_beats: int) ->
 
 
 def _table(
-    problem: NetworkProblem, base: Fit, columns: Mapping[str, Array], terms: Sequence[Term], chosen: Sequence[str]
+    problem: NetworkProblem,
+    base: Fit,
+    columns: Mapping[str, Array],
+    terms: Sequence[PlacedEffect],
+    chosen: Sequence[str],
 ) -> Isolability:
     """Isolability by some of the problem's channels and by the inflow, all with possible sensor faults."""
     keep = np.array([problem.signals.index(name) for name in dict.fromkeys(chosen)])
     part = subset(problem.target, keep)
-    seen = [t for t in terms if not t.is_sensor or t.place in (*chosen, INFLOW)]
+    observable = [t for t in terms if not t.is_sensor or t.place in (*chosen, INFLOW)]
     fit = replace(base, z=part(base.z[:, None])[:, 0], J=part(base.J))
-    return isolability(fit, {t.label: part(columns[t.label]) for t in seen if t.label in columns}, seen)
+    return isolability(fit, {t.label: part(columns[t.label]) for t in observable if t.label in columns}, observable)
 
 
 def _separable(table: Isolability, effects: Sequence[str]) -> int:

@@ -1,6 +1,6 @@
 """The figures of a study: source map, network with marked places, waveforms, loops, separations.
 
-Every function returns a picture and its caption; :func:`figures` calls those whose data there are.
+Every function returns a picture and its caption; :func:`figures` calls the functions for which there are data.
 """
 
 from __future__ import annotations

@@ -59,7 +59,8 @@ def figure_files() -> tuple[str, ...]:
 
 
 def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
-    """The page with its figures inside: the template says what of an outcome stands where, these functions how."""
+    """The page with its figures inside. The template selects and places the parts of an outcome; these functions format
+    them."""
     templates = environment(Path(__file__).parent / "templates")
     templates.filters |= {
         "entry": map_marks.entry,
@@ -119,7 +120,7 @@ def check_folder(folder: Path, given: Iterable[str | os.PathLike[str] | None]) -
 
 
 def write_study(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> Outcome:
-    """All files of a study, the verdict last; those of an earlier one that this verdict does not have are removed.
+    """All files of a study, the verdict last. Files of an earlier verdict that this one does not have are removed.
 
     A folder with a verdict.json always holds the files that belong to it. An unusable record writes nothing over the
     study of a usable one; the returned outcome says so.

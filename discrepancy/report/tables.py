@@ -115,8 +115,8 @@ def _estimate_text(estimate: Estimate, quantity: Quantity | None, least: float =
     value, low, high = (factor * x for x in (estimate.value, *estimate.ci95))
     width = max(high - low, factor * least)
     value_text, low_text, high_text = (rounded(x, 0.5 * width) for x in (value, low, high))
-    told = math.isfinite(low) and math.isfinite(high) and (low_text != high_text or not least)
-    interval = f"{low_text} … {high_text}" if told else DASH
+    bounded = math.isfinite(low) and math.isfinite(high) and (low_text != high_text or not least)
+    interval = f"{low_text} … {high_text}" if bounded else DASH
     return f"{value_text} {unit}".strip(), interval
 
 
@@ -129,14 +129,16 @@ def percent(value: float | None) -> str:
 
 def gap_unit(outcome: Outcome) -> str:
     """The unit of a gap, and the reason why fitted and held-out beats have different gaps."""
-    said = "A gap is the RMS of model minus mean beat, over channels and harmonics, in units of the noise of that mean."
+    sentence = (
+        "A gap is the RMS of model minus mean beat, over channels and harmonics, in units of the noise of that mean."
+    )
     beats = outcome.provenance.get("beats")
     if not beats:
-        return said
+        return sentence
     fitted, held_out = beats["fitted"], beats["held_out"]
     return (
-        f"{said} The mean of {held_out} held-out beats is noisier than that of {fitted} fitted beats, and so the same "
-        f"misfit gives a gap {number(math.sqrt(fitted / held_out), 2)} times smaller there."
+        f"{sentence} The mean of {held_out} held-out beats is noisier than that of {fitted} fitted beats, so that the "
+        f"same misfit gives a gap {number(math.sqrt(fitted / held_out), 2)} times smaller there."
     )
 
 
@@ -201,7 +203,9 @@ def spread_text(outcome: Outcome) -> str:
         return "Beyond the common changes, the arteries do not differ."
     quantities = _quantities(outcome)
     shifted = {n.rpartition(".")[2] for n in outcome.walls.arteries if _shifted(quantities.get(n))}
-    each = "; ".join(f"{key} {number(found, 2)} (stated {number(told, 2)})" for key, (told, found) in spread.items())
+    each = "; ".join(
+        f"{key} {number(found, 2)} (stated {number(stated, 2)})" for key, (stated, found) in spread.items()
+    )
     absolute = ", ".join(key for key in spread if key in shifted)
     parts = "relative" + (f", absolute for {absolute}" if absolute else "")
     return f"Standard deviations between arteries, {parts}: {each}."
@@ -222,8 +226,8 @@ def beats(outcome: Outcome) -> dict[str, Any]:
     for channel in outcome.channels:
         unit, factor = of_signal(channel.name)
         curves = {key: getattr(channel, key) for key in ("measured", "band", "before", "after")}
-        shown = {key: None if curve is None else short(curve, factor) for key, curve in curves.items()}
-        channels.append({"name": channel.name, "unit": unit, **shown})
+        short_curves = {key: None if curve is None else short(curve, factor) for key, curve in curves.items()}
+        channels.append({"name": channel.name, "unit": unit, **short_curves})
     times = np.append(time[::step] - time[0], period(outcome))
     worst = channel_z(outcome)
     first = max(worst, key=worst.__getitem__) if worst else channels[0]["name"]

@@ -141,14 +141,16 @@ def not_compared(outcome: Outcome) -> str:
     """The part of the catalogue that an incomplete search did not compare, in words, as far as it is known."""
     table = outcome.isolability
     tried = {name for candidate in outcome.candidates for name in candidate.name.split(" + ")}
-    seen = table is not None and table.labels  # then only another kind of outlet waits for its turn
-    left = [name for name in outcome.not_judged if name not in tried and (not seen or entry(name).rewires)]
-    if table is None or not left or (tried and not seen):  # how much a first test saw is not known
+    observed = table is not None and table.labels  # then only another kind of outlet waits for its turn
+    missing = [name for name in outcome.not_judged if name not in tried and (not observed or entry(name).rewires)]
+    if table is None or not missing or (tried and not observed):  # how much a first test saw is not known
         return "not all candidates were compared"
     number = len(table.labels) + len(table.not_judged)
-    if len(left) == number:
+    if len(missing) == number:
         return f"none of the {number} effects of the catalogue was compared"
-    return f"{len(left)} of the {number} effects of the catalogue {'was' if len(left) == 1 else 'were'} not compared"
+    return (
+        f"{len(missing)} of the {number} effects of the catalogue {'was' if len(missing) == 1 else 'were'} not compared"
+    )
 
 
 def _why(outcome: Outcome, effect: Effect) -> str:
@@ -209,7 +211,7 @@ def _delay(effect: NamedEffect) -> tuple[float, float, float] | None:
 
 
 def _of_channel(effect: NamedEffect) -> tuple[Sensor, dict[str, Estimate]] | None:
-    """The sensor that an effect of one channel is, and its numbers; else None."""
+    """An effect of one channel as the sensor that it describes, with its numbers; None for other effects."""
     sensor = entry(effect.name)
     if not isinstance(sensor, Sensor) or len(effect.where) != 1:
         return None
@@ -221,10 +223,10 @@ def _of_channel(effect: NamedEffect) -> tuple[Sensor, dict[str, Estimate]] | Non
 
 
 def acts_as(shown: SourceMapShown, it: str = "It") -> str:
-    """What acts at which place, how large, when in the beat and with which share of the gap; then the places that the
-    record cannot distinguish from it. Several signals make a list with a line each. "" if nothing acts.
+    """The missing physics: its place, size, time in the beat and share of the gap, and then the places that the record
+    cannot distinguish from it. Several signals make a list with a line each. "" if nothing acts.
 
-    it : the subject of the sentence. The map of one of several recordings says which.
+    it : the subject of the sentence. With several recordings the sentence names that of the map.
     """
     it = f"In {shown.recording} {it[0].lower()}{it[1:]}" if shown.recording else it
     signals = [_signal(a, shown.time) for a in shown.signals]
@@ -243,14 +245,14 @@ def joined(text: str, more: str) -> str:
 
 def map_sentences(shown: SourceMapShown) -> list[str]:
     """The source map in sentences, and the χ² that remains with it."""
-    left = f"χ² is {number(shown.chi2_per_datum)} per datum"
+    misfit = f"χ² is {number(shown.chi2_per_datum)} per datum"
     if not shown.acting and shown.explains:
-        return [f"No place shows a residual beyond noise: {left} with the subject’s own numbers alone."]
+        return [f"No place shows a residual beyond noise: {misfit} with the subject’s own numbers alone."]
     if not shown.acting:
-        return [f"The residual exceeds the noise, but no place explains it: {left}."]
+        return [f"The residual exceeds the noise, but no place explains it: {misfit}."]
     return [
         acts_as(shown, "The missing physics"),
-        f"With these terms, {'only noise' if shown.explains else 'more than noise'} remains: {left}.",
+        f"With these terms, {'only noise' if shown.explains else 'more than noise'} remains: {misfit}.",
     ]
 
 
@@ -312,8 +314,8 @@ def axis_label(a: Acting) -> str:
 
 
 def law_text(law: LearnedLaw) -> str:
-    """A law, or tables over the beat, in sentences: its formula with the parameters, what has tested it, the gaps
-    without and with it, and its range of validity."""
+    """A law, or tables over the beat, in sentences: its formula with the parameters, its test, the gaps without and
+    with it, and its range of validity."""
     if not law.is_law:
         return (
             f"No law was found for it. {DESCRIBED} describes this recording by tables over the beat ({law.formula}) "
@@ -336,7 +338,7 @@ def _gaps(law: LearnedLaw, it: str) -> str:
 
 
 def _tested(law: LearnedLaw) -> str:
-    """Which recordings have tested a law, and what it may stand for."""
+    """The recordings that have tested a law, and the physics for which it may stand."""
     if not law.elsewhere:
         return (
             f"This is a description and no explanation: no other recording has tested it, and it may stand for "
@@ -347,7 +349,7 @@ def _tested(law: LearnedLaw) -> str:
 
 
 def stands_for(kind: str) -> str:
-    """What a term that leaves more than noise may stand for in a model of this kind."""
+    """The physics for which a term that leaves more than noise may stand in a model of this kind."""
     return "other physics" if kind == "bench" else "branches or other physics"
 
 

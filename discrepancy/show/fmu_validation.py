@@ -119,21 +119,30 @@ def parity(fmu: Path, network: Network) -> float | None:
 # --- the test of a name by the runs -----------------------------------------------------------------------------------
 
 
-def confirmed(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
+def confirmed(
+    naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None, losses: Sequence[str] = ()
+) -> Naming:
     """The naming if the free runs support it; otherwise without a name, with the numbers as the reason.
 
     The FMU with the effects must run. χ² of held-out beats must fall by more than chance over all recordings together
-    and in each in which the effect has a d' of 12 (it then falls in 96 %), and rise by more than chance in none;
-    likewise over those held out whole. If the gap without the effects is only noise, the same test names an effect,
-    because χ² reveals it before the gap of all data does; but not a partial one, and none in a network with a stated
-    error, which may take any form. A partial effect must close most of the gap. A verdict ``none`` becomes unknown if
-    the model explains the record only with implausible parameters.
+    and in each in which the effect has a d' of 12 (it then falls in 96 %), and rise by more than chance in none; the
+    same holds for recordings held out as a whole. If the gap without the effects is only noise, the same test names an
+    effect, because χ² reveals it before the gap of all data does. The test names no partial effect then, and none in a
+    network with a stated error, which may take any form. A partial effect must close most of the gap. A verdict
+    ``none`` becomes unknown if the model explains the record only with implausible parameters, or if it is a first
+    model, whose radii are free, and a mean pressure falls by more than arteries make it.
 
-    each : results per recording. before, after : over all fitted ones.
+    each : results per recording. before, after : over all fitted ones. losses : of mean pressure, in words.
     """
     naming = _borne_out(naming, each, before, after)
-    odd = implausible(naming.base.fit) if naming.verdict == "none" else {}
-    return _without(naming, "unknown", met_only_with(odd)) if odd else naming
+    if naming.verdict != "none":
+        return naming
+    if odd := implausible(naming.base.fit):
+        return _only_with(naming, _far(odd), "it is another subject, or the catalogue lacks the effect")
+    if losses:
+        consequence = "the zero or the height of a sensor is off, or an artery is narrowed"
+        return _only_with(naming, f"arteries so narrow that {' and '.join(losses)}", consequence)
+    return naming
 
 
 def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None) -> Naming:
@@ -185,23 +194,30 @@ def _not_fallen_in(each: Sequence[Recorded]) -> str:
 
 def not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:
     """The reason why some recordings do not support a name or a law; "" if they do, or if there are none."""
-    told = [(r, r.fallen, r.sd) for r in each if r.fallen is not None and r.sd is not None]
-    if not told:
+    compared = [(r, r.fallen, r.sd) for r in each if r.fallen is not None and r.sd is not None]
+    if not compared:
         return ""
-    fallen, sd = sum(f for _, f, _ in told), math.sqrt(sum(s**2 for _, _, s in told))
+    fallen, sd = sum(f for _, f, _ in compared), math.sqrt(sum(s**2 for _, _, s in compared))
     if fallen <= at.FALL * sd:
-        over = f"over {', '.join(r.label for r, _, _ in told)} " if labelled else ""
+        over = f"over {', '.join(r.label for r, _, _ in compared)} " if labelled else ""
         return over + _no_fall(fallen, sd)
-    for r, own, spread in told:
+    for r, own, spread in compared:
         if own < -at.FALL * spread or ((r.d or 0.0) >= at.VISIBLE and own <= at.FALL * spread):
             return f"in {r.label} {_no_fall(own, spread)}"
     return ""
 
 
-def met_only_with(odd: Mapping[str, float]) -> str:
+def _only_with(naming: Naming, implausible_values: str, consequence: str) -> Naming:
+    """The verdict ``unknown`` of a model that explains the record only with implausible values."""
+    reason = f"the model fits the record only with {implausible_values}"
+    sentence = f"{reason[0].upper()}{reason[1:]}: {consequence}."
+    return replace(_without(naming, "unknown", reason), only_with=sentence)
+
+
+def _far(odd: Mapping[str, float]) -> str:
     """Implausible parameters with their distances in stated spreads, in words."""
     them = ", ".join(f"{name} {abs(x):.2g} stated spreads {'above' if x > 0 else 'below'}" for name, x in odd.items())
-    return f"the model fits the record only with {them} the file's"
+    return f"{them} the file's"
 
 
 def _no_fall(fallen: float, sd: float) -> str:

@@ -112,8 +112,9 @@ def fall(study: Study, before: Array, after: Array) -> tuple[float, float]:
     """The decrease of χ² of the held-out beats from coefficients b to others a : (K+1, m), and its standard deviation.
 
     With y of the mean of n beats, Σ w ((b - y)† C⁻¹ (b - y) - (a - y)† C⁻¹ (a - y)) is linear in y: its noise is that
-    of 2 Σ w Re((a - b)† C⁻¹ y), estimated from the scatter between beats, without what follows the drive; that of the
-    means, which drift, is C's. C : :class:`_Units` with the stated error of the network, which adds to that noise.
+    of 2 Σ w Re((a - b)† C⁻¹ y), estimated from the scatter between beats, without the variation that follows the drive;
+    that of the means, which drift, is C's. C : :class:`_Units` with the stated error of the network, which adds to that
+    noise.
     """
     names, K, stated = study.problem.signals, len(before) - 1, stated_error(study)
     units = _Units(study.problem.noise(study.held_out, study.fitted)[: K + 1]).beside(stated)
@@ -160,8 +161,8 @@ def changed(before: Gap, after: Gap) -> str:
     without = stays and (_of_means(before) or _of_means(after))
     first, last = (held_out(each.pulsation if without else each.rms) for each in (before, after))
     rms = changes(first, last, held_out(before.channels))
-    said = f"rms without the means: {rms}" if without else rms
-    return f"{change(before, after)} times the noise" + (f" ({said})" if rms else "")
+    text = f"rms without the means: {rms}" if without else rms
+    return f"{change(before, after)} times the noise" + (f" ({text})" if rms else "")
 
 
 def _of_means(gap: Gap) -> bool:
@@ -171,13 +172,14 @@ def _of_means(gap: Gap) -> bool:
 
 
 def left(gap: Gap) -> str:
-    """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P". That of
-    the pulsation follows if means are most of a channel's: those of beats wander, and zeros of sensors are off."""
-    shown = [sizes(held_out(each), held_out(gap.channels)) for each in (gap.rms, gap.pulsation)]
-    rms = "; without the means ".join(shown if _of_means(gap) else shown[:1])
+    """The gap to held-out beats with its unit and, in brackets, the RMS of the channels: "1.3 mmHg of Ao.P". The RMS
+    without the means follows if the means are most of it for a channel: means wander between beats, and zeros of
+    sensors may be off."""
+    texts = [sizes(held_out(each), held_out(gap.channels)) for each in (gap.rms, gap.pulsation)]
+    rms = "; without the means ".join(texts if _of_means(gap) else texts[:1])
     return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
 
 
 def held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """The second of each pair, of the held-out beats."""
+    """The value on the held-out beats of each pair (fitted, held-out)."""
     return {name: pair[1] for name, pair in pairs.items()}

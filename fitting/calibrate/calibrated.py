@@ -124,13 +124,14 @@ class Calibration:
     def of(self, i: int) -> Calibration:
         """The calibration of one recording: the common values and its own. History, report and singular values are
         those of all recordings."""
-        one = self.recordings[i]
-        at = list(one.which)
-        unknowns = tuple(replace(self.unknowns[j], name=name) for j, name in zip(at, one.names, strict=True))
+        recording = self.recordings[i]
+        at = list(recording.which)
+        unknowns = tuple(replace(self.unknowns[j], name=name) for j, name in zip(at, recording.names, strict=True))
         return replace(
-            self, recordings=(replace(one, which=tuple(range(len(at))), values={}, ci95={}),), unknowns=unknowns,
-            x=self.x[at], covariance=self.covariance[np.ix_(at, at)], values={**self.values, **one.values},
-            ci95={**self.ci95, **one.ci95}, shrinkage=tuple(self.shrinkage[j] for j in at), chi2=one.chi2, dof=one.dof,
+            self, recordings=(replace(recording, which=tuple(range(len(at))), values={}, ci95={}),), unknowns=unknowns,
+            x=self.x[at], covariance=self.covariance[np.ix_(at, at)], values={**self.values, **recording.values},
+            ci95={**self.ci95, **recording.ci95}, shrinkage=tuple(self.shrinkage[j] for j in at),
+            chi2=recording.chi2, dof=recording.dof,
         )  # fmt: skip
 
     def parameter_set(self, name: str | None = None, complete: bool = False) -> ParameterSet:

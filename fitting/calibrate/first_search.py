@@ -71,9 +71,9 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Prob
 
 def _enough(problem: Problem, ended: Mapping[int, Ended]) -> bool:
     """True if the ends of other starts, all of them far from the record, show that no start ends nearer."""
-    left = {i: problem.whole.left_of_pulsation(each.fit) for i, each in ended.items()}
-    back = [i for i in left if i and 0 in left and abs(left[i] - left[0]) < _ALIKE * left[0]]
-    return len(left.keys() - {0}) == ENOUGH or len(back) == _BACK
+    misfits = {i: problem.whole.left_of_pulsation(each.fit) for i, each in ended.items()}
+    back = [i for i in misfits if i and 0 in misfits and abs(misfits[i] - misfits[0]) < _ALIKE * misfits[0]]
+    return len(misfits.keys() - {0}) == ENOUGH or len(back) == _BACK
 
 
 def _starts(problem: Problem) -> Iterator[Array]:
@@ -94,8 +94,8 @@ def far(problem: Problem, found: Ended) -> bool:
 
 
 def _search_note(problem: Problem, ended: Mapping[int, Ended], best: int) -> str:
-    left = {i: problem.whole.left_of_pulsation(each.fit) for i, each in ended.items()}
-    leaves = {i: f"{100.0 * each:.2g} % of the pulsation (rms)" for i, each in left.items()}
+    misfits = {i: problem.whole.left_of_pulsation(each.fit) for i, each in ended.items()}
+    leaves = {i: f"{100.0 * each:.2g} % of the pulsation (rms)" for i, each in misfits.items()}
     why = f"the search leaves {leaves[0]}" if 0 in ended else "there is no periodic beat"
     then = (
         f"from other start {best} it leaves {leaves[best]}"

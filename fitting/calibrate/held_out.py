@@ -48,12 +48,12 @@ def judge(
     network, settings : those of the calibration. Raises ValueError as
     :func:`fitting.calibrate.network_calibration.calibrate`.
     """
-    one, x = found.of(0), np.mean([found.x[list(each.which)] for each in found.recordings], axis=0)
+    single, x = found.of(0), np.mean([found.x[list(each.which)] for each in found.recordings], axis=0)
     varies = [any(each.which[j] != found.recordings[0].which[j] for each in found.recordings) for j in range(len(x))]
-    own = {variable for u, free in zip(one.unknowns, varies, strict=True) if free for variable in u.variables}
+    own = {variable for u, free in zip(single.unknowns, varies, strict=True) if free for variable in u.variables}
 
     def left(free: bool) -> Calibration:
-        unknowns = [u if free and v else _fixed(u, at) for u, v, at in zip(one.unknowns, varies, x, strict=True)]
+        unknowns = [u if free and v else _fixed(u, at) for u, v, at in zip(single.unknowns, varies, x, strict=True)]
         return calibrate(beats, network, unknowns, settings=settings, x0=x)
 
     as_fitted = left(False)

@@ -15,12 +15,13 @@ from solver.laws.catalogue import DELAY
 from solver.network.description import Network
 from solver.quantities.legible import number
 from solver.quantities.units import INFLOW, MMHG
+from solver.simulate import BROKEN
 
 from ..first.waves import late
 from ..inference.gauss_newton import Rules
 from ..inference.joint.calibration import Problem
 from ..inference.joint.model_error import Ended, minimum
-from ..records import limits as limit
+from ..records import limits
 from ..records.channels.inflow import flowed
 
 
@@ -34,7 +35,7 @@ def late_flow(problem: Problem, ended: Ended, rules: Rules) -> list[str]:
     delays = [late(beats, root, flowed(beats, n)) for (beats, _), n in zip(problem.records, networks, strict=True)]
     delay = float(np.median(delays))
     before, size = _left(problem, ended, root)
-    if not all(each * delay > 0.0 for each in delays) or before < limit.LATE_MATTERS * size:
+    if not all(each * delay > 0.0 for each in delays) or before < limits.LATE_MATTERS * size:
         return []
     known = next((c.terms.get(DELAY, 0.0) for c in networks[0].channels if c.name == INFLOW), 0.0)
     term = {f"{INFLOW}.{DELAY}": known + delay}
@@ -42,14 +43,18 @@ def late_flow(problem: Problem, ended: Ended, rules: Rules) -> list[str]:
         (b, s.delayed(n.with_terms(term), delay)) for (b, s), n in zip(problem.records, networks, strict=True)
     )
     moved = replace(problem, records=records).weighted(ended.fit.x, [part.error for part in problem.parts])
-    after, _ = _left(moved, minimum(moved.whole, moved.at(ended.fit.x), rules, moved.runs), root)
-    if after > limit.LATE_CLOSES * before:
+    try:
+        ended = minimum(moved.whole, moved.at(ended.fit.x), rules, moved.runs)
+    except BROKEN:  # the fitted values may have no beat under the delayed flow
+        return []
+    after, _ = _left(moved, ended, root)
+    if after > limits.LATE_CLOSES * before:
         return []
     side, other = ("late", "a meter with a low-pass") if delay > 0.0 else ("early", "a damped catheter")
-    left = f"leaves {number(after / MMHG)} mmHg of {root} (rms) instead of {number(before / MMHG)}"
+    statement = f"leaves {number(after / MMHG)} mmHg of {root} (rms) instead of {number(before / MMHG)}"
     return [
         f"{INFLOW} seems {number(1e3 * abs(delay))} ms {side} against {root} (foot to foot): a calibration with "
-        f'--filter "{INFLOW}=delay {1e3 * (known + delay):.3g} ms" {left}; {other}, or a sensor at another place, '
+        f'--filter "{INFLOW}=delay {1e3 * (known + delay):.3g} ms" {statement}; {other}, or a sensor at another place, '
         "looks alike"
     ]
 
@@ -62,8 +67,8 @@ def _root(network: Network) -> str:
 
 def _left(problem: Problem, ended: Ended, root: str) -> tuple[float, float]:
     """rms of what is left of the pressure at the root, and of its pulsation, [Pa], over all recordings."""
-    left, size = list[float](), list[float]()
+    misfit, size = list[float](), list[float]()
     for part, rows in zip(problem.parts, problem.whole.rows, strict=True):
-        left.append(float(part.rms(ended.fit.z[rows])[part.signals.index(root)]))
+        misfit.append(float(part.rms(ended.fit.z[rows])[part.signals.index(root)]))
         size.append(float(np.std(part.beats.mean(root))))
-    return float(np.sqrt(np.mean(np.square(left)))), float(np.sqrt(np.mean(np.square(size))))
+    return float(np.sqrt(np.mean(np.square(misfit)))), float(np.sqrt(np.mean(np.square(size))))

@@ -49,16 +49,16 @@ class Minimum:
         """As plain data; values in SI."""
         values = dict(self.found.values)
         own = {each.label: dict(each.values) for each in self.found.recordings if each.values}
-        told = {"cost": self.found.cost, "starts": list(self.starts), "settled": self.settled, "values": values}
-        return {**told, "recordings": own} if own else told
+        entry = {"cost": self.found.cost, "starts": list(self.starts), "settled": self.settled, "values": values}
+        return {**entry, "recordings": own} if own else entry
 
     def value(self, i: int) -> str:
         """The first variable of an unknown, with its value in SI, and with its recording if it belongs to one only."""
         name = self.found.unknowns[i].variables[0]
         if name in self.found.values:
             return f"{name} {self.found.values[name]:.4g}"
-        one = next(each for each in self.found.recordings if i in each.which)
-        return f"{name} of {one.label} {one.values[name]:.4g}"
+        recording = next(each for each in self.found.recordings if i in each.which)
+        return f"{name} of {recording.label} {recording.values[name]:.4g}"
 
 
 @dataclass(frozen=True)
@@ -83,20 +83,20 @@ class Starts:
             return ()
         first, *others = self.minima
         n = len(first.starts)
-        said = [
+        sentences = [
             f"{n} of {self.starts} starts ended in this minimum, within {SAME:g} standard deviations of every unknown"
         ]
         settled = [each for each in others if each.settled]
-        said += [self._other(each) for each in settled[:_SHOWN]]
+        sentences += [self._other(each) for each in settled[:_SHOWN]]
         if len(settled) > _SHOWN:
-            said.append(f"{len(settled) - _SHOWN} further minima with higher cost are in the parameter set")
+            sentences.append(f"{len(settled) - _SHOWN} further minima with higher cost are in the parameter set")
         lost = sum(len(each.starts) for each in others if not each.settled)
         if lost:
-            said.append(f"{lost} of {self.starts} starts did not converge")
+            sentences.append(f"{lost} of {self.starts} starts did not converge")
         if self.failures:
             (why, _), *_ = Counter(self.failures.values()).most_common(1)
-            said.append(f"{len(self.failures)} of {self.starts} starts could not be simulated: {why.rstrip('.')}")
-        return tuple(said)
+            sentences.append(f"{len(self.failures)} of {self.starts} starts could not be simulated: {why.rstrip('.')}")
+        return tuple(sentences)
 
     def _other(self, other: Minimum) -> str:
         sd = np.maximum(self.minima[0].found.sd, np.finfo(float).tiny)

@@ -86,8 +86,8 @@ def calibrate(
     given = [beats] if isinstance(beats, Beats) else list(beats)
     found = parse_unknowns(unknowns, network)
     check_flow_driven(network)
-    told = _Stages(progress)
-    meter = Meter(told.simulated)
+    stages = _Stages(progress)
+    meter = Meter(stages.simulated)
     labels = labels_of([each.source for each in given])
     everything, records = varied(found, varies, labels), list[tuple[Beats, Simulator]]()
     for each in given:
@@ -95,19 +95,19 @@ def calibrate(
         records.append(recorded(each, network, names, _harmonics(each, names, settings), settings))
     problem = Problem(everything, tuple(records), Several((), tuple(labels)), Runs(meter))
 
-    told.begin(0.0, 0.6, "first search")
+    stages.begin(0.0, 0.6, "first search")
     rules = Rules(_NEAR, math.inf, max_iterations, error=DERIVATIVE_ERROR)
-    first, near, said = first_search(problem, x0, rules)
+    first, near, notes = first_search(problem, x0, rules)
 
-    told.begin(0.6, 1.0, "second search")
+    stages.begin(0.6, 1.0, "second search")
     first, near = _cut(first, near)
     last, unmeasured = _weighted(first, near.fit)
     rules = rules if near.errors.any() else replace(rules, gain=_SETTLED)
     best = minimum(last.whole, last.whole.restated([near.fit], first.whole)[0], rules, last.runs)
-    said = [*said, *unmeasured, *late_flow(last, best, replace(rules, gain=ROUGH))]
+    notes = [*notes, *unmeasured, *late_flow(last, best, replace(rules, gain=ROUGH))]
     if progress:
         progress(1.0, "done")
-    return _result(last, near, best, said, labels, found, meter, time.perf_counter() - started)
+    return _result(last, near, best, notes, labels, found, meter, time.perf_counter() - started)
 
 
 def _cut(problem: Problem, near: Ended) -> tuple[Problem, Ended]:
@@ -194,7 +194,7 @@ class _Stages:
 
 
 def _result(
-    problem: Problem, near: Ended, best: Ended, said: Sequence[str], labels: Sequence[str],
+    problem: Problem, near: Ended, best: Ended, notes: Sequence[str], labels: Sequence[str],
     asked: Sequence[Unknown], meter: Meter, seconds: float,
 ) -> Calibration:  # fmt: skip
     x, unknowns, network = best.fit.x, problem.unknowns, problem.parts[0].network
@@ -221,7 +221,7 @@ def _result(
         *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known, terms),
         *(_zero(name, value, ci95[name], name in weak) for name, value in zeros.items()),
         *_misfit(chi2 / dof, dof, recordings, best.errors),
-        *said,
+        *notes,
         *dict.fromkeys(text.rstrip(".") for part in problem.parts for text in part.beats.warnings),
     ]
     if not best.converged:
@@ -271,9 +271,9 @@ def _recordings(
     problem: Problem, fit: Fit, known: Determined, labels: Sequence[str], names: Sequence[str], own: Collection[str],
 ) -> tuple[Recording, ...]:  # fmt: skip
     """Each recording: the fit to its data, and its own values."""
-    found, one = [], problem.determined(fit.J)
-    paid = np.einsum("np,pq,nq->n", fit.J, one.covariance, fit.J)  # leverage of each datum
-    paid *= one.effective / max(float(paid.sum()), np.finfo(float).tiny)
+    found, determined = [], problem.determined(fit.J)
+    paid = np.einsum("np,pq,nq->n", fit.J, determined.covariance, fit.J)  # leverage of each datum
+    paid *= determined.effective / max(float(paid.sum()), np.finfo(float).tiny)
     for i, (part, rows, label) in enumerate(zip(problem.parts, problem.whole.rows, labels, strict=True)):
         (unknowns, at), beats, network = problem.own(i), part.beats, part.network
         z, x = fit.z[rows], fit.x[at]
@@ -293,8 +293,8 @@ def _zero(name: str, value: float, ci95: tuple[float, float], undetermined: bool
     """A sentence on a sensor's zero that was found, and how to make it known unless the data do not determine it."""
     channel, _, _ = name.rpartition(".")
     unit, factor = of_signal(channel)
-    shown, low, high = (number(factor * each) for each in (value, *ci95))
-    found = f"the zero of {channel} is {shown} {unit} ({low} to {high})"
+    estimate, low, high = (number(factor * each) for each in (value, *ci95))
+    found = f"the zero of {channel} is {estimate} {unit} ({low} to {high})"
     known = f'--filter "{channel}=zero {factor * value:.4g} {unit}"'
     return found if undetermined else f"{found}; to other commands it is known by {known}"
 
@@ -303,9 +303,9 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
     """A sentence if χ²/dof is significantly above 1."""
     if ratio <= 1.0 + CHANCE * math.sqrt(2.0 / dof):
         return []
-    one = max(recordings, key=lambda each: max(each.channels.values()))
-    worst = max(one.channels, key=lambda name: one.channels[name])
-    where = f"{worst} of {one.label}" if len(recordings) > 1 else worst
+    recording = max(recordings, key=lambda each: max(each.channels.values()))
+    worst = max(recording.channels, key=lambda name: recording.channels[name])
+    where = f"{worst} of {recording.label}" if len(recordings) > 1 else worst
     there = " there" if len(recordings) > 1 else ""
     means, rest = (f"{100.0 * a:.2g} %" for a in errors)
     allowed = (
@@ -316,6 +316,7 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
         allowed += f", at most; if a zero or a height is off by more, free it (--free {worst}.zero)"
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
-        f"({one.channels[worst]:.3g} times its noise); rms residual{there}: {sizes(one.rms, one.channels)}; "
+        f"({recording.channels[worst]:.3g} times its noise); "
+        f"rms residual{there}: {sizes(recording.rms, recording.channels)}; "
         + (allowed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
     ]

@@ -34,9 +34,9 @@ def build_fmu(network_file: Path, folder: Path, backend: str = "numpy") -> Path:
     check_backend(backend)
     line = ["build_fmu", os.fspath(network_file), "--out", os.fspath(folder), "--quiet"]
     if _has_engine(backend):
-        code, said = run_module(*line, "--native")
+        code, message = run_module(*line, "--native")
         if code == 0 or backend == "native":
-            return _built(network_file, folder, code, said)
+            return _built(network_file, folder, code, message)
     return _built(network_file, folder, *run_module(*line))
 
 
@@ -52,9 +52,9 @@ def _has_engine(backend: str) -> bool:
     return True
 
 
-def _built(network_file: Path, folder: Path, code: int, said: str) -> Path:
+def _built(network_file: Path, folder: Path, code: int, message: str) -> Path:
     if code != 0:
-        raise InputError(said or f"{network_file}: its FMU could not be built; the process {ended(code)}.")
+        raise InputError(message or f"{network_file}: its FMU could not be built; the process {ended(code)}.")
     return folder / f"{read_network(network_file).name}.fmu"
 
 

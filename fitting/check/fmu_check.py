@@ -84,15 +84,15 @@ class CheckReport:
         loud = {channel.name: channel.relative for channel in self.channels}
         part = 100.0 * worst.relative
         percent = f"{part:.0f} %" if part >= 10.0 else f"{part:.2g} %"
-        said = f"worst channel {worst.name}: {percent} of its {norm} (rms {sizes(rms, loud)})"
+        text = f"worst channel {worst.name}: {percent} of its {norm} (rms {sizes(rms, loud)})"
         noisy = [channel for channel in self.channels if channel.worst_z is not None]
         if not noisy:
-            return said
+            return text
         loudest = max(noisy, key=lambda channel: channel.worst_z or 0.0)
         agrees = (loudest.worst_z or 0.0) < _LOUD and all((c.whitened or 0.0) < _WHITE for c in noisy)
         verdict = "agrees to the noise" if agrees else "differs by more than the noise"
         where = "mean" if loudest.worst_harmonic == 0 else f"harmonic {loudest.worst_harmonic}"
-        return f"{verdict}; {said}; largest deviation {loudest.name}, {where}: z = {loudest.worst_z:.1f}"
+        return f"{verdict}; {text}; largest deviation {loudest.name}, {where}: z = {loudest.worst_z:.1f}"
 
     def to_json(self) -> str:
         """Everything but the waveforms."""
@@ -250,8 +250,8 @@ def _check_arteries(parameters: ParameterSet, fmu: FMU) -> None:
 def _of_another(parameters: ParameterSet, fmu: FMU) -> list[str]:
     """A sentence if the set was calibrated in a network of another name."""
     network = parameters.provenance.get("network", fmu.name)
-    said = f"The parameter set {parameters.name} was calibrated in the network {network}, and the FMU is {fmu.name}."
-    return [said] if network != fmu.name else []
+    text = f"The parameter set {parameters.name} was calibrated in the network {network}, and the FMU is {fmu.name}."
+    return [text] if network != fmu.name else []
 
 
 def _bench_site(fmu: FMU, record: Record) -> str:
@@ -296,9 +296,9 @@ def _warnings(
             f"The FMU is not periodic after {answer.beats} beats: the last differs by {answer.change:.1e} from the one "
             "before. Its Windkessels fill too slowly; check their R2 and C."
         )
-    left = [name for name in record.channels if name not in compared and name != source]
-    if left:
-        found.append(f"Not compared, because the FMU {fmu.name} has no such output here: {', '.join(left)}.")
+    uncompared = [name for name in record.channels if name not in compared and name != source]
+    if uncompared:
+        found.append(f"Not compared, because the FMU {fmu.name} has no such output here: {', '.join(uncompared)}.")
     unused = [name for name in parameters.start_values() if name not in starts]
     if unused:
         found.append(f"Not used on this bench: {_some(unused)}.")

@@ -314,11 +314,11 @@ def _run_apart(
         line = ["arterial_fmu.cli.run", os.path.abspath(fmu.path), "--quiet"]
         line += [part for option, path in options.items() for part in (option, os.fspath(path))]
         line += ["--stop-time", f"{stop!r} s", "--step", f"{h!r} s"]
-        code, said = run_module(*line)
+        code, message = run_module(*line)
         if code != 0:
-            if code == ExitCode.BAD_INPUT and said:
-                raise RunFailed(said.replace(os.path.abspath(fmu.path), Path(fmu.path).name))
-            raise HostDied(fmu.path, code, said)  # it tells a command with the path
+            if code == ExitCode.BAD_INPUT and message:
+                raise RunFailed(message.replace(os.path.abspath(fmu.path), Path(fmu.path).name))
+            raise HostDied(fmu.path, code, message)  # it tells a command with the path
         with result.open(encoding="utf-8") as file:
             names = [title.split(" [")[0] for title in file.readline().split(",")]
             table = np.loadtxt(file, delimiter=",", ndmin=2)
@@ -332,5 +332,5 @@ def run_module(*line: str) -> tuple[int, str]:
     """Run ``python -m line`` in a new process: its exit code, and its last error sentence ("" if none)."""
     command, environment = [sys.executable, "-m", *line], {**os.environ, **ENVIRONMENT}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    said = [text.strip() for text in done.stderr.splitlines() if text.strip()]
-    return done.returncode, said[-1].removeprefix("Error: ") if said else ""
+    lines = [text.strip() for text in done.stderr.splitlines() if text.strip()]
+    return done.returncode, lines[-1].removeprefix("Error: ") if lines else ""

@@ -29,14 +29,14 @@ def stepped(
     starts: Mapping[str, float | str],
     first: Mapping[str, float],
     driver: str,
-    held: Sequence[float],
+    drives: Sequence[float],
     h: float,
     outputs: Sequence[str],
 ) -> Array:
     """Outputs at times 0, h, … n h : (n + 1, n_outputs) [SI] of an FMU for FMI 2.0.
 
-    starts : start values, for an Enumeration the name of an item. first : inputs at time 0. driver, held : an input and
-    its value (n,) during each step; the inflow is interpolated, so its value is that of the step's end.
+    starts : start values, for an Enumeration the name of an item. first : inputs at time 0. driver, drives : an input
+    and its value (n,) during each step; the inflow is interpolated, so its value is that of the step's end.
     Raises FMUFailed if a call fails.
     """
     description = fmpy.read_model_description(os.fspath(path))
@@ -58,7 +58,7 @@ def stepped(
             slave.setReal([variables[name].valueReference for name in first], list(first.values()))
             slave.enterInitializationMode()
             slave.exitInitializationMode()
-            return _steps(slave, variables[driver], held, h, [variables[name].valueReference for name in outputs])
+            return _steps(slave, variables[driver], drives, h, [variables[name].valueReference for name in outputs])
         except FMICallException as error:
             raise FMUFailed(f"{Path(path).name}: {' '.join(messages) or error}") from None
         finally:
@@ -74,10 +74,10 @@ def _put(slave: Any, variable: ScalarVariable, value: float | str) -> None:
         slave.setReal([variable.valueReference], [float(value)])
 
 
-def _steps(slave: Any, driver: ScalarVariable, held: Sequence[float], h: float, outputs: Sequence[int]) -> Array:
-    table = np.empty((len(held) + 1, len(outputs)))
+def _steps(slave: Any, driver: ScalarVariable, drives: Sequence[float], h: float, outputs: Sequence[int]) -> Array:
+    table = np.empty((len(drives) + 1, len(outputs)))
     table[0] = slave.getReal(outputs)
-    for i, value in enumerate(held):
+    for i, value in enumerate(drives):
         slave.setReal([driver.valueReference], [value])
         slave.doStep(i * h, h)
         table[i + 1] = slave.getReal(outputs)

@@ -130,11 +130,11 @@ def nonlinear_viscosity(values: Cells) -> Claim:
     p = holm([part.contrast.p_value() if part.contrast else 1.0 for part in parts])
     estimates = tuple(_estimate(part, 0.95, q) for part, q in zip(parts, p, strict=True))
     differ = [e.label for e in estimates if e.p is not None and e.p < ALPHA]
-    rest = [e.label for e in estimates if e.label not in differ]
+    others = [e.label for e in estimates if e.label not in differ]
     inside = [part.label for part in parts if _within(part, 1.0 - 2.0 * ALPHA / len(parts), NO_BEND)]
-    verdict = SUPPORTED if not rest else REFUTED if inside else OPEN
+    verdict = SUPPORTED if not others else REFUTED if inside else OPEN
     text = f"{statement}: {verdict}. It does at {_list(differ)} (t tests at 5 %, Holm)"
-    text += f"; not shown at {_list(rest)}, which does not make it 0 there" if rest else ""
+    text += f"; not shown at {_list(others)}, which does not make it 0 there" if others else ""
     text += f"; within ±{NO_BEND:g} s of 0 at {_list(inside)}" if inside else ""
     return Claim(name, statement, verdict, text + ".", estimates, "s", 0.95, _animals(values))
 

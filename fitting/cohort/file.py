@@ -82,10 +82,10 @@ def _header(titles: Sequence[str]) -> tuple[dict[str, int], dict[str, str], str]
             name = "animal"
         if name in _COLUMNS:
             if name in places:
-                said = (
+                message = (
                     f"the column {name} occurs twice" if len(set(nouns)) < 2 else f"{' and '.join(nouns)} are columns"
                 )
-                raise InputError(f"line 1: {said}; keep one.")
+                raise InputError(f"line 1: {message}; keep one.")
             places[name], units[name] = i, unit
     missing = [name for name in _COLUMNS if name not in places]
     if missing:
@@ -113,8 +113,8 @@ def _entry(row: list[str], places: dict[str, int], units: dict[str, str], noun: 
     lengths = {}
     for name in ("h", "R0"):
         if cells[name]:
-            shown = f"{where}: {name}"
+            entry = f"{where}: {name}"
             point = re.sub(r"^(\d+),(\d+)$", r"\1.\2", cells[name])  # no comma separates fields where one is in a cell
-            lengths[name] = parse_quantity(f"{point} {units[name]}", "m", shown)
-            quantities(Segment)[name].check(shown, lengths[name])
+            lengths[name] = parse_quantity(f"{point} {units[name]}", "m", entry)
+            quantities(Segment)[name].check(entry, lengths[name])
     return Entry(cells["animal"], cells["site"], str(record), lengths["h"], lengths.get("R0"), noun)

@@ -196,10 +196,10 @@ class Cohort:
         for site in self.sites:
             by_law = [(p, [f for (_, s), f in c.fits(name).items() if s == site]) for p, c in self.laws]
             if by_law[0][1]:
-                told = [(p, there) for p, there in by_law if there]
-                values[f"{site}.h"] = _mean([(p, [fitted.h for fitted in there]) for p, there in told], "m")
+                weighted = [(p, there) for p, there in by_law if there]
+                values[f"{site}.h"] = _mean([(p, [fitted.h for fitted in there]) for p, there in weighted], "m")
                 for key in PARAMETERS:
-                    numbers = [(p, [fitted.values[key] for fitted in there]) for p, there in told]
+                    numbers = [(p, [fitted.values[key] for fitted in there]) for p, there in weighted]
                     values[f"{site}.{key}"] = _mean(numbers, UNITS[key])
         provenance = {
             "kind": f"means over {self.noun}s",
@@ -295,10 +295,10 @@ def fit_cohort(
             f"none of the {len(entries)} recordings of the cohort could be fitted; the first: "
             f"{first.failures[0].sentence}"
         )
-    told = [each.evidence for each in first.recordings if each.evidence is not None]
-    if not told:
+    evidences = [each.evidence for each in first.recordings if each.evidence is not None]
+    if not evidences:
         return next(cohort for cohort in by_law.values() if any(each.fits for each in cohort.recordings))
-    together = LawEvidence.together(told)
+    together = LawEvidence.together(evidences)
     others = tuple(cohort for law, cohort in by_law.items() if law in together.of and law != together.kept)
     return replace(by_law[together.kept], evidence=together, others=others)
 
@@ -331,8 +331,8 @@ def _fit(
                 fits[law][name] = fit(beats, entry.site, entry.h, model(name, law), eta=eta)
             except InputError as error:
                 failures[law].append(Failure(entry, name, f"{name} model: {error}"))
-    told = _evidence(entry, models, eta, beats, fits) if len(fits) > 1 else None
-    return {law: _Found(Recording(entry, beats.sha256, fits[law], told), tuple(failures[law])) for law in laws}
+    evidence = _evidence(entry, models, eta, beats, fits) if len(fits) > 1 else None
+    return {law: _Found(Recording(entry, beats.sha256, fits[law], evidence), tuple(failures[law])) for law in laws}
 
 
 def _evidence(
@@ -371,7 +371,7 @@ def _mean(by_law: Sequence[tuple[float, Sequence[float]]], unit: str) -> Value:
 
     Without interval if values do not scatter: given rather than fitted, or one animal.
     """
-    told = [(p, Summary.of(values)) for p, values in by_law]
-    first = told[0][1]
-    parts = [(p, each.mean, each.sd / math.sqrt(each.n), each.n - 1.0) for p, each in told if each.n > 1]
+    weighted = [(p, Summary.of(values)) for p, values in by_law]
+    first = weighted[0][1]
+    parts = [(p, each.mean, each.sd / math.sqrt(each.n), each.n - 1.0) for p, each in weighted if each.n > 1]
     return Value(first.mean, unit, mixture(parts) if first.sd > 0.0 else None)

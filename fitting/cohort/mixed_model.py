@@ -163,9 +163,14 @@ class _Data:
                 "give two sites or more of at least two subjects each."
             )
         centre = np.nanmean(cells, axis=0)
-        left = np.where(there, cells - centre, 0.0)
+        residual = np.where(there, cells - centre, 0.0)
         return _Data(
-            labels, there.astype(float), centre, left.sum(axis=1), float(np.sum(left**2)), float(np.nansum(cells**2))
+            labels,
+            there.astype(float),
+            centre,
+            residual.sum(axis=1),
+            float(np.sum(residual**2)),
+            float(np.nansum(cells**2)),
         )
 
     @property
@@ -188,10 +193,10 @@ class _Data:
         b = -self.S.T @ (c * self.totals)  # the sums by site vanish: y is centred
         means = inverse @ b
         rss = self.squares - float(c @ self.totals**2) - float(b @ means)
-        left = self.totals - self.S @ means
+        residual = self.totals - self.S @ means
         leverage = np.einsum("ij,jk,ik->i", self.S, inverse, self.S)
         cost = self.dof * np.log(max(rss, 1e-300)) - np.sum(np.log(w)) - np.linalg.slogdet(inverse)[1]
-        slope = -self.dof * float(w**2 @ left**2) / max(rss, 1e-300) + float(n @ w) - float(w**2 @ leverage)
+        slope = -self.dof * float(w**2 @ residual**2) / max(rss, 1e-300) + float(n @ w) - float(w**2 @ leverage)
         return _State(inverse, b, w, rss, float(cost), slope)
 
     def best(self) -> float:

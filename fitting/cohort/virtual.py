@@ -166,9 +166,9 @@ def _check(
     ]
     if bits is not None:
         limits.append(("bits", bits, *_range(bits, 1, 64)))
-    for name, value, allowed, what in limits:
+    for name, value, allowed, meaning in limits:
         if not allowed:
-            raise InputError(f"virtual cohort: {name} = {value:g}: must be {what}.")
+            raise InputError(f"virtual cohort: {name} = {value:g}: must be {meaning}.")
 
 
 def _range(value: float, low: float, high: float) -> tuple[bool, str]:

@@ -115,10 +115,10 @@ def compliances(beats: Beats, root: str, P_venous: float, R: float) -> tuple[Fir
     if decay is None:
         return (FirstEstimate(_C, C, "m^3/Pa", _ROUGH, f"{by_pulse}; diastole shows no decay"),)
     by_decay, error = f"decay of {root} in diastole", _difference(C, decay)
-    shown, other = (f"{x * MMHG * 1e6:.3g} mL/mmHg" for x in (C, decay))
+    value, other = (f"{x * MMHG * 1e6:.3g} mL/mmHg" for x in (C, decay))
     return (
         FirstEstimate(_C, C, "m^3/Pa", error, f"{by_pulse}; by the {by_decay}: {other}"),
-        FirstEstimate(_C, decay, "m^3/Pa", error, f"{by_decay}; by the {by_pulse}: {shown}"),
+        FirstEstimate(_C, decay, "m^3/Pa", error, f"{by_decay}; by the {by_pulse}: {value}"),
     )
 
 

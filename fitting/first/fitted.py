@@ -22,10 +22,10 @@ from scipy.optimize import least_squares
 from solver.linear import amplitudes
 from solver.network.description import Network
 
-from ..records import limits as limit
+from ..records import limits
 from . import shares
-from .branches import Branch
 from .data import Data, rms
+from .sections import Section
 from .shares import forks
 from .tubes import KEYS, TAPER, TAPER_ERROR, TAPERED, keyed, narrowed, on_the_way, rest_of
 from .waves import FEET, late
@@ -76,7 +76,7 @@ class Delay:
 
 
 def fitted(
-    data: Data, network: Network, known: bool, tubes: Sequence[Branch], simpler: Fitted | None = None
+    data: Data, network: Network, known: bool, tubes: Sequence[Section], simpler: Fitted | None = None
 ) -> Fitted | None:
     """Fit lengths, walls, shares and Windkessels. known : whether a distance gives the lengths, which then stay.
     simpler : of the same tubes with one branch less, where the search starts; None if even a perfect fit would have a
@@ -88,14 +88,14 @@ def fitted(
 
 
 def delayed(
-    data: Data, network: Network, known: bool, tubes: Sequence[Branch], plain: Fitted
+    data: Data, network: Network, known: bool, tubes: Sequence[Section], plain: Fitted
 ) -> tuple[Fitted, Delay | None]:
     """The same with a delay of inlet.Q, if one is needed. plain : without it."""
     feet = late(data.beats, data.root)
-    if plain.rms > limit.LATE_MATTERS * data.size(data.root) and feet:
+    if plain.rms > limits.LATE_MATTERS * data.size(data.root) and feet:
         problem = _Problem(data, network, known, tubes, {})
         x = problem.search(feet, FEET * data.beats.T)
-        if (moved := problem.fitted(x)).rms < limit.LATE_CLOSES * plain.rms:
+        if (moved := problem.fitted(x)).rms < limits.LATE_CLOSES * plain.rms:
             return moved, Delay(float(x[-1]), feet, plain.rms, moved.rms)
     return plain, None
 
@@ -122,7 +122,7 @@ class _Problem:
     of them, by a fit before, where a second search starts. known : whether lengths stay."""
 
     def __init__(
-        self, data: Data, network: Network, known: bool, tubes: Sequence[Branch], found: Mapping[str, float]
+        self, data: Data, network: Network, known: bool, tubes: Sequence[Section], found: Mapping[str, float]
     ) -> None:
         nominal = network.parameters()
         kinds = {name: _kind(name) for name in nominal}

@@ -25,12 +25,11 @@ from solver.linear import waveforms
 from solver.network.description import Fluid, Network
 from solver.network.doubts import network_doubts
 from solver.network.files import loads
-from solver.quantities.units import INFLOW, MMHG
+from solver.quantities.units import INFLOW
 
 from ..records.alignment.beats import Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
-from .branches import Branch, branched, layouts, parents
 from .data import Data
 from .doubts import ChannelComparison, doubts, late_flow, means_apart
 from .estimates import (
@@ -46,13 +45,14 @@ from .estimates import (
     speeds,
 )
 from .fitted import Delay, Fitted, delayed, fitted, of_owner
-from .species import Typical, typical
+from .options import VENOUS
+from .sections import Section, layouts, parents, with_side_branch
+from .species import Typical, by_stroke, typical
 from .tubes import KEYS, Tube, made, mean_speed, windkessel
 from .waves import heard
 
 Array = np.ndarray
 
-VENOUS = 5.0 * MMHG  # as in the bundled network human
 _MOST = 0.85  # of the compliance: upper limit of the tubes
 _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c
 _DISTANCE = 0.1  # the same of a length that is given
@@ -76,7 +76,7 @@ class FirstModel:
 
 def first_model(
     beats: Beats,
-    like: str = "human",
+    like: str | None = None,
     *,
     mass: float | None = None,
     P_venous: float = VENOUS,
@@ -85,7 +85,8 @@ def first_model(
 ) -> FirstModel:
     """The first model of a recording with inlet.Q and a pressure at the root, and P, Q or R at other sites.
 
-    like : species whose typical aorta replaces missing measurements; mass : of the body [kg]. P_venous [Pa].
+    like : species whose typical aorta replaces missing measurements; mass : of the body [kg]. Without both, it is a
+    human one scaled to the stroke volume. P_venous [Pa].
     distances : of sites from the root, along the vessels [m]; they give the wave speed. paths : "Ao,CA" and "Ao,FA",
     the sites along each path; by default one path in the order of the delays. Of two estimates of C, the model uses the
     one that fits the pressure at the root better.
@@ -96,36 +97,37 @@ def first_model(
     R = resistance(beats, channel, P_venous)
     Z = impedance(beats, channel)
     delays = {site: delay(beats, channel, site) for site in sites(beats) if site != root}
-    usual = typical(like, mass)
+    stated = like is not None or mass is not None
+    usual = typical(like or "human", mass) if stated else by_stroke(float(beats.mean(INFLOW).mean()) * beats.T)
     c, area, radius = _speed_and_area(beats, channel, Z, usual, delays, distances or {})
     echo = reflection_time(beats, channel, Z.value)
     times = {site: found.value for site, found in delays.items()}
     P = float(beats.mean(channel).mean())
-    notes = list(doubts(beats, channel, R, Z, usual.mass, list(delays)))
+    notes = list(doubts(beats, channel, R, Z, usual.mass if stated else None, list(delays)))
     if not _USUAL[0] <= c.value <= _USUAL[1]:
         notes.append(
             f"a wave speed of {c.value:.3g} m/s is not an artery's; check the unit of {INFLOW}, or give a distance "
             "(--distance), another species (--like) or the body mass (--mass)."
         )
     source = text.ModelSource(
-        Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)
+        Path(beats.source).name, beats.sha256, like or "", usual.source, beats.T, P, P_venous, root, _inflow(beats)
     )
 
-    def with_compliance(C: FirstEstimate, tubes: Sequence[Branch]) -> _Parts:
+    def with_compliance(C: FirstEstimate, tubes: Sequence[Section]) -> _Parts:
         walls = made(tubes, c.value, area, usual)
-        stored, most, said = sum(wall.branch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
+        stored, most, notes_here = sum(wall.section.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
-            said.append(
+            notes_here.append(
                 f"by the times of the waves, tubes would store {stored / C.value:.0%} of the compliance; they are made "
                 f"shorter and store {_MOST:.0%}."
             )
             shorter = [replace(tube, time=tube.time * most / stored) for tube in tubes]
             walls = made(shorter, c.value, area, usual)
-        rest = C.value - min(stored, most)
-        ends = {wall.branch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.branch.end}
-        return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, said)
+        peripheral = C.value - min(stored, most)
+        ends = {wall.section.name: windkessel(wall, walls, R.value, peripheral) for wall in walls if wall.section.end}
+        return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, notes_here)
 
-    def of_layout(tubes: Sequence[Branch], before: Fitted | None = None) -> _Layout | None:
+    def of_layout(tubes: Sequence[Section], before: Fitted | None = None) -> _Layout | None:
         models = [with_compliance(C, tubes).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
         parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
         fit = fitted(data, model.network, bool(distances), tubes, before)
@@ -135,7 +137,7 @@ def first_model(
     plain = layouts(beats, root, upstream, times, echo.value / 2.0, area, bool(paths))
     best = min(filter(None, map(of_layout, plain)), key=lambda each: each.fit.price)
     for _ in range(_BRANCHES):
-        tubes = branched(best.tubes, root)
+        tubes = with_side_branch(best.tubes, root)
         other = of_layout(tubes, best.fit) if tubes else None
         if other is None or other.fit.price >= best.fit.price:
             break
@@ -148,7 +150,7 @@ def first_model(
 class _Layout:
     """Tubes, their network as estimated, the contents of its file, and the fit."""
 
-    tubes: Sequence[Branch]
+    tubes: Sequence[Section]
     network: Network
     parts: _Parts
     fit: Fitted
@@ -172,8 +174,8 @@ class _Parts:
         tubes = [
             replace(
                 t,
-                branch=replace(t.branch, share=t.branch.share * fit.share[t.branch.name]),
-                **{key: getattr(t, key) * x for key, x in of_owner(f, t.branch.name).items()},
+                section=replace(t.section, share=t.section.share * fit.share[t.section.name]),
+                **{key: getattr(t, key) * x for key, x in of_owner(f, t.section.name).items()},
             )
             for t in self.tubes
         ]
@@ -190,9 +192,9 @@ class _Parts:
             self.source, self.found, self.tubes, self.windkessels, self.notes, self.factor, self.late
         )
         network = loads(file, f"first model of {beats.source}")
-        shown = _shown(beats, network)
-        notes = *self.notes, *filter(None, map(means_apart, shown)), *network_doubts(network)
-        return self, FirstModel(network, file, self.found, shown, notes)
+        comparison = _shown(beats, network)
+        notes = *self.notes, *filter(None, map(means_apart, comparison)), *network_doubts(network)
+        return self, FirstModel(network, file, self.found, comparison, notes)
 
 
 def _speed_and_area(

@@ -15,20 +15,20 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .branches import Branch, carried
+from .sections import Section, carried
 
 Array = np.ndarray
 
 SPREAD, FARTHEST = 1.0, 3.0  # standard deviation and range of u: judgement; a half becomes 0.05 to 0.95
 
 
-def forks(tubes: Sequence[Branch]) -> list[tuple[Branch, ...]]:
+def forks(tubes: Sequence[Section]) -> list[tuple[Section, ...]]:
     """The branches of each tube whose flow is not measured, if there are several."""
     found = [tuple(each for each in tubes if each.parent == tube.name and not each.measured) for tube in tubes]
     return [branches for branches in found if len(branches) > 1]
 
 
-def ratios(tubes: Sequence[Branch], u: Array) -> Mapping[str, Array]:
+def ratios(tubes: Sequence[Section], u: Array) -> Mapping[str, Array]:
     """r of each tube, for u : (…, n_forks)."""
     odds = {first.name: np.exp(u[..., i]) for i, (first, *_) in enumerate(forks(tubes))}
     flows = carried(tubes, odds)

@@ -3,7 +3,7 @@ viscosity over E."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from solver.network.files import bundled, read_network
 
 WEST = "G. B. West, J. H. Brown, B. J. Enquist, Science 276 (1997) 122"
 _POWER = 3.0 / 8.0  # of the body mass, for the radius of the aorta; pressure and velocities do not scale
+HUMAN, _STROKE, _BEAT = 70.0, 70e-6, 60.0 / 70.0  # [kg], [m³], [s]; a stroke grows with the mass, T with mass^(1/4)
 _LIGHTEST, _HEAVIEST = 0.02, 1000.0  # [kg]: a mouse, a horse or an ox
 
 
@@ -31,10 +32,10 @@ class Typical:
 # of a bundled network its first artery, for the mass that the network is of [kg] and the usual one of the species; the
 # masses are our choice
 _SPECIES = {
-    "human": ("human", 70.0, 70.0),
+    "human": ("human", HUMAN, HUMAN),
     "sheep": ("sheep", 30.0, 30.0),
-    "pig": ("human", 70.0, 40.0),
-    "dog": ("human", 70.0, 20.0),
+    "pig": ("human", HUMAN, 40.0),
+    "dog": ("human", HUMAN, 20.0),
 }
 NAMES = tuple(_SPECIES)
 
@@ -42,7 +43,7 @@ NAMES = tuple(_SPECIES)
 def typical(species: str, mass: float | None = None) -> Typical:
     """The aorta of a species at a body mass [kg], by default its usual one: R ∝ mass^(3/8), all else equal.
 
-    Source of the power: West, Brown and Enquist (1997). Raises ValueError for another species or an impossible mass.
+    Source of the power: West, Brown and Enquist (1997). Raises InputError for another species or an impossible mass.
     """
     if species not in _SPECIES:
         raise InputError(
@@ -63,3 +64,17 @@ def typical(species: str, mass: float | None = None) -> Typical:
     c = float(np.sqrt(aorta.E * h_R / (2.0 * network.fluid.rho * (1.0 - network.eta**2))))
     scaled = "" if mass == own else f", its radius scaled to {mass:g} kg by mass^(3/8) ({WEST})"
     return Typical(R, h_R, c, aorta.phi0 / aorta.E, f"{aorta.name} of the bundled network {name}{scaled}", mass)
+
+
+def by_stroke(stroke: float) -> Typical:
+    """The human aorta scaled to the animal whose stroke volume [m³] this is, at 1 mL/kg within the masses of mammals.
+
+    A stroke tells the size better than the flow or the heart rate, both of which rise in exercise.
+    """
+    found = typical("human", min(max(HUMAN * stroke / _STROKE, _LIGHTEST), _HEAVIEST))
+    return replace(found, source=f"{found.source}: a stroke of {1e6 * stroke:.3g} mL at 1 mL/kg")
+
+
+def mass_by_period(T: float) -> float:
+    """The body mass [kg] of a heart period [s]: T ∝ mass^(1/4), as the source of the radius has it."""
+    return HUMAN * (T / _BEAT) ** 4

@@ -26,9 +26,9 @@ _LARGE = 0.3  # larger relative standard deviations are given as factors
 
 @dataclass(frozen=True)
 class ModelSource:
-    """The source of a first model: file name and hash of the record, species and source of its typical aorta, period
-    [s], mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics of the inflow
-    Q : (K+1,) [m³/s]."""
+    """The source of a first model: file name and hash of the record, species ("": not stated) and source of its typical
+    aorta, period [s], mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics
+    of the inflow Q : (K+1,) [m³/s]."""
 
     record: str
     sha256: str
@@ -61,9 +61,9 @@ def network_file(
     factor: Mapping[str, float],
     late: float,
 ) -> str:
-    """TOML with all of it. windkessels : R1, C, R2 by branch [SI]. factor : of the fit, by parameter. late : of the
+    """TOML with all of it. windkessels : R1, C, R2 by section [SI]. factor : of the fit, by parameter. late : of the
     inflow [s], as a comment."""
-    lines = [*_head(source, found, notes), *_inlet(source, tubes[0].branch.name)]
+    lines = [*_head(source, found, notes), *_inlet(source, tubes[0].section.name)]
     for tube in tubes:
         lines += _segment(tube, factor)
     lines += _junctions(tubes)
@@ -88,7 +88,7 @@ def _head(source: ModelSource, found: Iterable[FirstEstimate], notes: Iterable[s
         *(f"# Doubtful: {note}" for note in notes),
         "",
         'name = "first"',
-        f'species = "{source.like}"',
+        *([f'species = "{source.like}"'] if source.like else []),
         f'reference = "{REFERENCE}{source.record}, sha256 {source.sha256[:16]}"',
         "",
         "[network]",
@@ -109,7 +109,7 @@ def _inlet(source: ModelSource, segment: str) -> list[str]:
 
 
 def _segment(tube: Tube, factor: Mapping[str, float]) -> list[str]:
-    s = tube.branch
+    s = tube.section
     fit = of_owner(factor, s.name)
     numbers = _lines(
         Segment,
@@ -126,10 +126,10 @@ def _segment(tube: Tube, factor: Mapping[str, float]) -> list[str]:
 
 
 def _junctions(tubes: Sequence[Tube]) -> list[str]:
-    parents = dict.fromkeys(tube.branch.parent for tube in tubes if tube.branch.parent)
+    parents = dict.fromkeys(tube.section.parent for tube in tubes if tube.section.parent)
     lines = []
     for parent in parents:
-        children = tuple(tube.branch.name for tube in tubes if tube.branch.parent == parent)
+        children = tuple(tube.section.name for tube in tubes if tube.section.parent == parent)
         lines += ["", "[[junctions]]", f'in = ["{parent}"]', f"out = {quoted(children)}"]
     return lines
 
@@ -148,8 +148,8 @@ def _outlet(name: str, numbers: tuple[float, ...], P_venous: float, factor: Mapp
 
 
 def _sites(root: str, tubes: Sequence[Tube]) -> list[str]:
-    places = [(root, tubes[0].branch.name, 0.0)] if root else []
-    places += [(tube.branch.site, tube.branch.name, 1.0) for tube in tubes if tube.branch.site]
+    places = [(root, tubes[0].section.name, 0.0)] if root else []
+    places += [(tube.section.site, tube.section.name, 1.0) for tube in tubes if tube.section.site]
     texts = (f'{site} = {{ segment = "{segment}", position = {at:g} }}' for site, segment, at in places)
     return ["", "[sites]", *texts]
 

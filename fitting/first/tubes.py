@@ -1,4 +1,4 @@
-"""Walls of the branches of a first model, and the Windkessels at their ends.
+"""Walls of the sections of a first model, and the Windkessels at their ends.
 
 Arteries narrow on their way: R0(x) = R0 (1 + s (x/L - 1/2)), with s = TAPER for the whole way to the farthest site.
 With h and E constant, c ∝ R^(-1/2) and Z ∝ R^(-5/2) along a tube.
@@ -16,7 +16,7 @@ from solver.laws.effects import Taper
 from solver.laws.outlets import Windkessel
 from solver.network.description import Fluid
 
-from .branches import Branch, arrivals
+from .sections import Section, arrivals
 from .species import Typical
 
 Array = np.ndarray
@@ -38,9 +38,9 @@ def keyed(**values: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Tube:
-    """A tube: a branch with its wall [SI]; R0, Z : radius and impedance at its middle."""
+    """A tube: a section with its wall [SI]; R0, Z : radius and impedance at its middle."""
 
-    branch: Branch
+    section: Section
     L: float
     R0: float
     h: float
@@ -60,16 +60,16 @@ class Tube:
         return self.Z * (self.R0 / self.R_end) ** 2.5
 
 
-def narrowed(branches: Sequence[Branch], s: Array | float) -> dict[str, tuple[Array, Array]]:
+def narrowed(sections: Sequence[Section], s: Array | float) -> dict[str, tuple[Array, Array]]:
     """The taper of each tube and its R0 over the radius of the root, for all of the flow, if the way to the farthest
     site narrows by s.
 
     A tube narrows by its part of the time of that way. Impedances match at junctions, Z ∝ c/A, so that a tube b behind
     a tube a has R0_b/R0_a = ((1 + s_a/2)/(1 - s_b/2))^(5/4) with all of the flow.
     """
-    until = arrivals(branches)
+    until = arrivals(sections)
     found: dict[str, tuple[Array, Array]] = {}
-    for each in branches:
+    for each in sections:
         taper = np.asarray(s * each.time / max(until.values()))
         start = 1.0 - 0.5 * taper
         if each.parent:
@@ -80,13 +80,13 @@ def narrowed(branches: Sequence[Branch], s: Array | float) -> dict[str, tuple[Ar
     return found
 
 
-def on_the_way(branches: Sequence[Branch], values: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
+def on_the_way(sections: Sequence[Section], values: Mapping[str, Mapping[str, Array]]) -> dict[str, Array]:
     """The resistance of the way to the end of each tube for the flow there, by friction along it, with C_f = friction π
     ν: in a tube ρ C_f L/A² at its middle times the mean of (R0/R)⁴, (1 + a²/3)/(1 - a²)³ for a = s/2. A way also
     carries the flow of other tubes. values : L, R0 and taper of each tube, and the share of the flow.
     """
     fluid, found = Fluid(), dict[str, Array]()
-    for each in branches:
+    for each in sections:
         L, R0, taper, share = (values[each.name][key] for key in ("L", "R0", TAPERED, "share"))
         a2 = 0.25 * taper**2
         own = fluid.rho * fluid.friction * np.pi * fluid.nu * L / (np.pi * R0**2) ** 2
@@ -101,12 +101,12 @@ def mean_speed(start: float) -> float:
     return start * (1.0 - 0.5 * TAPER) ** 0.5
 
 
-def made(branches: Sequence[Branch], c: float, area: float, usual: Typical) -> list[Tube]:
+def made(sections: Sequence[Section], c: float, area: float, usual: Typical) -> list[Tube]:
     """The tubes, with the wave speed c [m/s] at their middles and the area [m²] at the root, for all of the flow:
     Z = ρ c/(π R0²), and c² = E h/(2 ρ (1 - η²) R0)."""
     rho, found = Fluid().rho, list[Tube]()
-    shape = narrowed(branches, TAPER)
-    for each in branches:
+    shape = narrowed(sections, TAPER)
+    for each in sections:
         taper, factor = map(float, shape[each.name])
         R0 = float(np.sqrt(area * each.share / np.pi)) * factor
         E = 2.0 * rho * c**2 * (1.0 - _ETA**2) / usual.h_R
@@ -120,10 +120,10 @@ def windkessel(end: Tube, tubes: Sequence[Tube], R: float, C: float) -> tuple[fl
 
     Including the friction on the way, a share s has the resistance R/s.
     """
-    share = end.branch.share
-    values = {t.branch.name: {**keyed(L=t.L, R0=t.R0, share=t.branch.share), TAPERED: np.asarray(t.taper)}
+    share = end.section.share
+    values = {t.section.name: {**keyed(L=t.L, R0=t.R0, share=t.section.share), TAPERED: np.asarray(t.taper)}
               for t in tubes}  # fmt: skip
-    way = float(on_the_way([t.branch for t in tubes], values)[end.branch.name])
+    way = float(on_the_way([t.section for t in tubes], values)[end.section.name])
     R1 = min(end.Z_end, _PROXIMAL * R / share)
     return R1, C * share, float(rest_of(R / share, R1, way))
 

@@ -14,7 +14,7 @@ from solver.network.description import Channel, Network
 
 from ..results.estimate import Estimate
 from .fit import Fit
-from .hypothesis import Term, effect_of, rewired
+from .hypothesis import PlacedEffect, effect_of, rewired
 from .unknown import Reach, Unknown, bounds, interval, linear, parameter_values, reference, values
 
 Array = np.ndarray
@@ -49,24 +49,24 @@ def frequency(fit: Fit) -> float:
     return max((sensor.frequency(numbers) for sensor, numbers in chains), default=0.0)
 
 
-def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
+def sensor_parameters(fit: Fit, term: PlacedEffect) -> dict[str, float]:
     """The catalogue's parameters of a channel's effect."""
     return _as_terms(term, fit.x[_places(fit, term)])
 
 
-def _places(fit: Fit, term: Term) -> list[int]:
+def _places(fit: Fit, term: PlacedEffect) -> list[int]:
     """The indices of the unknowns of a term in a fit."""
     names = [u.name for u in fit.unknowns]
     return [names.index(u.name) for u in term.unknowns]
 
 
-def _as_terms(term: Term, x: Array) -> dict[str, float]:
+def _as_terms(term: PlacedEffect, x: Array) -> dict[str, float]:
     """The catalogue's parameters of a channel's effect at x : (q,)."""
     sensor, numbers = _searched(term, x)
     return sensor.as_terms(numbers)
 
 
-def _searched(term: Term, x: Array) -> tuple[Sensor, dict[str, float]]:
+def _searched(term: PlacedEffect, x: Array) -> tuple[Sensor, dict[str, float]]:
     """A channel's effect, and the numbers of a search for it at x : (q,)."""
     effect = effect_of(term)
     assert isinstance(effect, Sensor)
@@ -74,7 +74,7 @@ def _searched(term: Term, x: Array) -> tuple[Sensor, dict[str, float]]:
 
 
 def estimates(
-    network: Network, fit: Fit, term: Term, quantile: float, reaches: Mapping[str, Reach] | None = None
+    network: Network, fit: Fit, term: PlacedEffect, quantile: float, reaches: Mapping[str, Reach] | None = None
 ) -> dict[str, Estimate]:
     """Values and 95 % intervals of a term's parameters: those of :func:`extended`, including the changes by nuisances.
 
@@ -112,7 +112,7 @@ def _everywhere(
     return {unknown.name: _ratio(fit, unknown, nominal, reach)} if same else found
 
 
-def _of_sensor(fit: Fit, term: Term, reaches: Mapping[str, Reach]) -> dict[str, Estimate]:
+def _of_sensor(fit: Fit, term: PlacedEffect, reaches: Mapping[str, Reach]) -> dict[str, Estimate]:
     """The estimates of a measurement chain: minimum and maximum of each over the joint region of the searched numbers.
 
     On the ellipsoid of their covariance C, linear in x, those of slope s lie at x ± C s/√(sᵀ C s).

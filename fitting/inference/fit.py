@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
-from .hypothesis import Term
+from .hypothesis import PlacedEffect
 from .unknown import Unknown, bounds, penalty, precision, precisions
 
 Array = np.ndarray
@@ -25,7 +25,7 @@ _RARE = -30.0  # logarithm of a probability that is its own 1 - exp(-p)
 class Member:
     """One point of one hypothesis."""
 
-    terms: tuple[Term, ...]
+    terms: tuple[PlacedEffect, ...]
     unknowns: tuple[Unknown, ...]
     x: Array
 
@@ -41,7 +41,7 @@ class Fit:
     the point at which all of J was computed; None if it was updated since.
     """
 
-    terms: tuple[Term, ...]
+    terms: tuple[PlacedEffect, ...]
     unknowns: tuple[Unknown, ...]
     x: Array
     z: Array
@@ -104,18 +104,18 @@ class Fit:
         return known @ (data + np.diag(w**2 * own)) @ known
 
 
-def taken_over(terms: tuple[Term, ...], unknowns: tuple[Unknown, ...], start: Fit | None) -> Member:
+def taken_over(terms: tuple[PlacedEffect, ...], unknowns: tuple[Unknown, ...], start: Fit | None) -> Member:
     """A start for one hypothesis: the values of another fit for shared unknowns, zero for the rest, within bounds."""
     known = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
     return Member(terms, unknowns, np.clip([known.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
 
 
-def sizes_of(fit: Fit, term: Term) -> list[float]:
+def sizes_of(fit: Fit, term: PlacedEffect) -> list[float]:
     """The numbers of a term in a fit."""
     return [float(x) for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
 
 
-def begun(member: Member, term: Term) -> list[Member]:
+def begun(member: Member, term: PlacedEffect) -> list[Member]:
     """Start points of a search for one term of a member: the present point, and the starts of the term."""
     at = [i for i, u in enumerate(member.unknowns) if u in term.unknowns]
     trials = [member]

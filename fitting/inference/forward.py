@@ -20,7 +20,7 @@ from ..records.channels.noise import mean_beat
 from .extended_network import frequency
 from .fit import Fit
 from .gauss_newton import Point, Rules, Trial
-from .hypothesis import Term
+from .hypothesis import PlacedEffect
 from .jackknife import Rest
 from .runs import Runs
 from .unknown import Unknown
@@ -88,12 +88,12 @@ class Forward(Protocol):
     def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
         """The whitened residual at every trial, with its derivatives; None where it has none."""
 
-    def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
+    def hypothesis(self, terms: Sequence[PlacedEffect]) -> tuple[Unknown, ...]:
         """Unknowns of a hypothesis: nuisances, then those of its terms."""
 
     def refit(
         self,
-        hypotheses: Sequence[tuple[Term, ...]],
+        hypotheses: Sequence[tuple[PlacedEffect, ...]],
         start: Fit | None = None,
         runs: Runs | None = None,
         columns: Mapping[str, Array] | None = None,
@@ -117,7 +117,7 @@ class Forward(Protocol):
         """Fits with the weights of another model of this record, at the same points, with the present weights."""
         return list(fits)
 
-    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> Mapping[str, Array]:
+    def columns(self, at: Fit, terms: Sequence[PlacedEffect], runs: Runs | None = None) -> Mapping[str, Array]:
         """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
 
     def rewhitened(self, columns: Mapping[str, Array], before: Any) -> Mapping[str, Array]:
@@ -139,7 +139,7 @@ class Forward(Protocol):
         """The same problem with model ``errors`` (:class:`~fitting.inference.model_discrepancy.Beside`) in the
         covariance."""
 
-    def refined(self, fit: Fit, term: Term) -> Term | None:
+    def refined(self, fit: Fit, term: PlacedEffect) -> PlacedEffect | None:
         """A term that acts everywhere, with a separate size for every segment; None if it has no such form."""
         return None
 

@@ -60,8 +60,8 @@ def held_step(normal: Array, gradient: Array, x: Array, low: Array, high: Array)
     free, step, fewest, tries = moves, np.clip(np.zeros(len(x)), lower, upper), len(x) + 1, _TRIES
     best, least = step, np.inf
     for _ in range(_ROUNDS * len(x)):
-        held = normal[np.ix_(free, ~free)] @ step[~free]
-        step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=1e-12)[0]
+        coupling = normal[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + coupling), rcond=1e-12)[0]
         slope = normal @ step + gradient
         inwards = moves & ~free & np.where(step <= lower, slope < 0.0, slope > 0.0)
         wrong = inwards | free & ((step < lower) | (step > upper))

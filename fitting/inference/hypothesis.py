@@ -34,7 +34,7 @@ _MARGIN = 1e-3  # distance of a shifted nuisance from its bounds
 
 
 @dataclass(frozen=True)
-class Term:
+class PlacedEffect:
     """An effect at a place; the place of a channel effect is its channel. starts : start points of its search beside
     zero, for an effect with several minima."""
 
@@ -78,7 +78,7 @@ class Term:
         return bool(effect_of(self).cuts) or self.moves_along
 
 
-def effect_of(term: Term) -> Effect:
+def effect_of(term: PlacedEffect) -> Effect:
     """The effect of a term. Raises ValueError if it is no longer in the catalogue."""
     found = next((effect for effect in effects.ALL if effect.name == term.effect), None)
     if found is None:
@@ -86,7 +86,7 @@ def effect_of(term: Term) -> Effect:
     return found
 
 
-def joins(term: Term, others: Sequence[Term]) -> bool:
+def joins(term: PlacedEffect, others: Sequence[PlacedEffect]) -> bool:
     """True if a term can act beside others: it must not change an outlet that another term replaces."""
     gone = tuple(f"{other.place}.outlet." for other in others if other.rewires)
     return not any(variable.startswith(gone) for u in term.unknowns for variable in u.variables)
@@ -95,10 +95,10 @@ def joins(term: Term, others: Sequence[Term]) -> bool:
 # --- candidates -------------------------------------------------------------------------------------------------------
 
 
-def term_at(network: Network, effect: Effect, place: str, bench: bool = False) -> Term | None:
+def placed_effect(network: Network, effect: Effect, place: str, bench: bool = False) -> PlacedEffect | None:
     """An effect at a place; None if it has no owner to act on there. bench : only P and R of one wall."""
     unknowns = tuple(searched(effect, c) for c in effect.coordinates(network, place, bench))
-    return Term(effect.name, place, (place,), unknowns, effect.search.starts) if unknowns else None
+    return PlacedEffect(effect.name, place, (place,), unknowns, effect.search.starts) if unknowns else None
 
 
 def searched(effect: Effect, coordinate: Coordinate) -> Unknown:
@@ -112,47 +112,47 @@ def searched(effect: Effect, coordinate: Coordinate) -> Unknown:
 
 def candidates(
     network: Network, channels: Sequence[str], site: str | None = None, free: Collection[str] = ()
-) -> tuple[Term, ...]:
+) -> tuple[PlacedEffect, ...]:
     """Every effect at every place; on the bench of one ``site`` only its wall and its two channels.
 
     free : variables of a prior so wide that an effect which moves only them is no finding.
     """
-    found: list[Term | None] = []
+    found: list[PlacedEffect | None] = []
     for effect in effects.ALL:
         if effect.owner != "channel" and (site is None or effect.search.local):
             where = effect.where(network)
-            one = len(effect.places) > 1 and len(where) == 2  # "all" is one place only, which then has its own name
-            places = [place for place in where if site in (None, place) and not (one and place == ALL_PLACES)]
-            found += [term_at(network, effect, place) for place in places]
-    found += [term for channel in channels for term in sensor_terms(network, channel, site is not None)]
+            single = len(effect.places) > 1 and len(where) == 2  # "all" is one place only, which then has its own name
+            places = [place for place in where if site in (None, place) and not (single and place == ALL_PLACES)]
+            found += [placed_effect(network, effect, place) for place in places]
+    found += [term for channel in channels for term in sensor_effects(network, channel, site is not None)]
     terms = (term for term in found if term is not None)
     return tuple(term for term in terms if not {v for u in term.unknowns for v in u.variables} <= set(free))
 
 
-def sensor_terms(network: Network, channel: str, bench: bool = False) -> tuple[Term, ...]:
+def sensor_effects(network: Network, channel: str, bench: bool = False) -> tuple[PlacedEffect, ...]:
     """The measurement chain of one channel."""
-    found = [term_at(network, effect, channel, bench) for effect in effects.ALL if effect.owner == "channel"]
+    found = [placed_effect(network, effect, channel, bench) for effect in effects.ALL if effect.owner == "channel"]
     return tuple(term for term in found if term is not None)
 
 
-def followers(network: Network, site: str | None, present: Sequence[Term]) -> tuple[Term, ...]:
+def followers(network: Network, site: str | None, present: Sequence[PlacedEffect]) -> tuple[PlacedEffect, ...]:
     """Terms that ``network`` enables: they had no owner to act on before."""
     known = {term.label for term in present}
     return tuple(t for t in candidates(network, (), site) if t.label not in known and effect_of(t).needs is not None)
 
 
-def refined(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+def refined(network: Network, term: PlacedEffect, x: Sequence[float]) -> PlacedEffect | None:
     """An effect of all walls with a separate size for every segment, from the common sizes x; else None."""
     effect = effect_of(term)
     if term.place != ALL_PLACES or effect.owner != "segment":
         return None
-    found = [term_at(network, effect, s) for s in effect.where(network) if s != ALL_PLACES]
+    found = [placed_effect(network, effect, s) for s in effect.where(network) if s != ALL_PLACES]
     each = [t.unknowns for t in found if t is not None]
     unknowns = tuple(u for own in each for u in own)
-    return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) * len(each),)) if len(each) > 1 else None
+    return PlacedEffect(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) * len(each),)) if len(each) > 1 else None
 
 
-def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+def about_common(network: Network, term: PlacedEffect, x: Sequence[float]) -> PlacedEffect | None:
     """An effect of all walls whose size varies between segments by a fraction of the common size x."""
     effect = effect_of(term)
     if term.place != ALL_PLACES or effect.owner != "segment" or not all(x) or len(term.unknowns[0].moves) < 2:
@@ -165,10 +165,10 @@ def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | Non
             each = Unknown(f"{variable} {OWN}", SHIFT, moves, low, -low, unknown.unit, ratio=unknown.ratio)
             own.append(replace(each, group=variable.rpartition(".")[2]))
     unknowns = (*term.unknowns, *own)
-    return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) + (0.0,) * len(own),))
+    return PlacedEffect(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) + (0.0,) * len(own),))
 
 
-def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+def placed(network: Network, term: PlacedEffect, x: Sequence[float]) -> PlacedEffect | None:
     """A localised effect with a free position, from the sizes x of the usual part; or, if its position is free, with a
     free length.
 
@@ -186,7 +186,7 @@ def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
     return replace(term, unknowns=(*term.unknowns, *(searched(effect, c) for c in along)), starts=tuple(starts))
 
 
-def rewired(network: Network, terms: Iterable[Term]) -> Network:
+def rewired(network: Network, terms: Iterable[PlacedEffect]) -> Network:
     """The network with the terms at zero size; a rewiring term at the start of its search."""
     for term in terms:
         effect = effect_of(term)

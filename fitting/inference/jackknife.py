@@ -86,9 +86,9 @@ def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
         if there.all() or not len(fit.x):
             continue
         (J, z), (there_J, there_z) = (_within(whole, fit, chosen) for chosen in (~there, there))
-        left = there_z + there_J @ linear_step(fit, J, z)
+        residual = there_z + there_J @ linear_step(fit, J, z)
         # the uncertainty of the unknowns, estimated from the others, adds to the covariance
         spread = np.linalg.pinv(J.T @ J + np.diag(precision(fit.prior, fit.x)), hermitian=True)
-        V = np.eye(len(left)) + there_J @ spread @ there_J.T
-        found[site] = float(np.sqrt(left @ np.linalg.solve(V, left) / len(left)))
+        V = np.eye(len(residual)) + there_J @ spread @ there_J.T
+        found[site] = float(np.sqrt(residual @ np.linalg.solve(V, residual) / len(residual)))
     return found

@@ -112,11 +112,11 @@ def estimated(fit: Fit, blocks: Sequence[Block], n_parts: int) -> Array:
     return np.where(parts > 10.0 * _SMALLEST, parts, 0.0)
 
 
-def worst_octave(left: Array, order: Array) -> float:
-    """The largest mean over an octave (harmonics 0 to 3, then 4 to 7, 8 to 15 …) of squares ``left`` : (n,) of a
+def worst_octave(residual: Array, order: Array) -> float:
+    """The largest mean over an octave (harmonics 0 to 3, then 4 to 7, 8 to 15 …) of squares ``residual`` : (n,) of a
     whitened residual, which an error that is equal at all harmonics underestimates. order : (n,) harmonics."""
     octave = np.maximum(np.log2(np.maximum(order, 1)).astype(int), 1)
-    return float((np.bincount(octave, left) / np.maximum(np.bincount(octave), 1)).max())
+    return float((np.bincount(octave, residual) / np.maximum(np.bincount(octave), 1)).max())
 
 
 def _sums(fit: Fit, blocks: Sequence[Block], parts: Array) -> tuple[Array, Array]:
@@ -129,10 +129,10 @@ def _sums(fit: Fit, blocks: Sequence[Block], parts: Array) -> tuple[Array, Array
     x = -known @ sum(j @ y[b.rows] for b, j in zip(blocks, JC, strict=True))
     power, trace, whole = np.zeros(len(parts)), np.zeros(len(parts)), np.zeros(len(parts))
     for b, C, j in zip(blocks, inverse, JC, strict=True):
-        left = b.B.T @ (C @ (y[b.rows] + fit.J[b.rows] @ x))
+        projected = b.B.T @ (C @ (y[b.rows] + fit.J[b.rows] @ x))
         taken = b.B.T @ j.T
         own = (b.B * (C @ b.B)).sum(axis=0)
-        power += np.bincount(b.part, left**2, len(parts))
+        power += np.bincount(b.part, projected**2, len(parts))
         trace += np.bincount(b.part, own - (taken * (taken @ known)).sum(axis=1), len(parts))
         whole += np.bincount(b.part, own, len(parts))
     return power, np.maximum(trace, _TAKEN * whole)

@@ -50,7 +50,7 @@ def figures(report: CheckReport) -> dict[str, Drawing]:
 def page(report: CheckReport, drawings: Mapping[str, Drawing]) -> str:
     """The report as one HTML page with its figures inside."""
     template = environment(Path(__file__).parent / "templates").get_template("check.html.j2")
-    told, data = in_words(report.sources["parameter_set"]["provenance"])
+    provenance, data = in_words(report.sources["parameter_set"]["provenance"])
     return template.render(
         report=report,
         rows=[_row(channel) for channel in report.channels],
@@ -60,7 +60,7 @@ def page(report: CheckReport, drawings: Mapping[str, Drawing]) -> str:
         change=number(report.run["change"], 2),
         values=_value_rows(report.sources["parameter_set"]),
         stiffness=_stiffness(report.sources["parameter_set"]["provenance"]),
-        provenance=told,
+        provenance=provenance,
         data=data,
     )
 
@@ -99,8 +99,8 @@ def _value_rows(parameters: Mapping[str, Any]) -> list[dict[str, str]]:
     weak, rows = set(parameters["provenance"].get("undetermined", ())), []
     for name, each in parameters["values"].items():
         unit, factor = shown_in(quantity_of(name))
-        told = name not in weak and not endless(each["value"], each["ci95"])
-        value, ends = with_interval(each["value"], each["ci95"], factor, told)
+        determined = name not in weak and not endless(each["value"], each["ci95"])
+        value, ends = with_interval(each["value"], each["ci95"], factor, determined)
         rows.append({"name": name, "value": value, "interval": ends, "unit": unit})
     return rows
 

@@ -56,8 +56,8 @@ def _loop(ax: Axes, fitted: WallFit, beats: Beats | None) -> None:
         ax.plot([], [], ".", color=SKY, label="all beats")
     ax.plot(*_closed(1e3 * fitted.loop.R, fitted.loop.P / MMHG), color=BLACK, linewidth=1.0, label="mean beat")
     # above the harmonics of the pressure, the curve would show the noise of R, whose rate the model multiplies by φ0
-    shown = _harmonics_shown(fitted)
-    R_model, P_model = _closed(1e3 * _up_to(shown, fitted.solution.R), _up_to(shown, fitted.P_fitted / MMHG))
+    harmonics = _harmonics_shown(fitted)
+    R_model, P_model = _closed(1e3 * _up_to(harmonics, fitted.solution.R), _up_to(harmonics, fitted.P_fitted / MMHG))
     ax.plot(R_model, P_model, color=VERMILION, linewidth=1.8, linestyle=(0, (4, 2)), label="model")
     ax.set_title(f"{_TITLES.get(fitted.model.name, fitted.model.name)}\n{fitted.model.elastic} law")
     ax.set_xlabel("radius R, mm")
@@ -76,14 +76,16 @@ def _loop(ax: Axes, fitted: WallFit, beats: Beats | None) -> None:
 
 def _spectrum(ax: Axes, fits: Sequence[WallFit]) -> None:
     """|residual_k| per model and its expected noise, up to the last harmonic of P above the noise."""
-    shown = _harmonics_shown(fits[0])
+    harmonics = _harmonics_shown(fits[0])
     for fitted, colour, marker in zip(fits, (BLUE, VERMILION, GREEN, PURPLE), "osD^", strict=False):
         k, size, _ = fitted.residual_spectrum()
-        ax.semilogy(k[1:shown], size[1:shown] / MMHG, marker, color=colour, markersize=4, label=fitted.model.name)
+        ax.semilogy(
+            k[1:harmonics], size[1:harmonics] / MMHG, marker, color=colour, markersize=4, label=fitted.model.name
+        )
     k, _, expected = fits[-1].residual_spectrum()
     P = np.abs(np.fft.rfft(fits[0].loop.P)) / fits[0].loop.N
-    ax.semilogy(k[1:shown], P[1:shown] / MMHG, color=BLACK, linewidth=1.0, label="pressure")
-    ax.semilogy(k[1:shown], expected[1:shown] / MMHG, color=SKY, linewidth=2.0, label=_expected(fits[-1]))
+    ax.semilogy(k[1:harmonics], P[1:harmonics] / MMHG, color=BLACK, linewidth=1.0, label="pressure")
+    ax.semilogy(k[1:harmonics], expected[1:harmonics] / MMHG, color=SKY, linewidth=2.0, label=_expected(fits[-1]))
     ax.set_title("Residual of the pressure")
     ax.set_xlabel("harmonic k")
     ax.set_ylabel("Fourier coefficient, mmHg")

@@ -50,10 +50,10 @@ def in_words(entries: Mapping[str, Any]) -> tuple[dict[str, str], list[str]]:
 
     Empty entries are omitted.
     """
-    told = {key.replace("_", " "): words(value) for key, value in entries.items() if value not in ([], {})}
+    named = {key.replace("_", " "): words(value) for key, value in entries.items() if value not in ([], {})}
     nested = {key.replace("_", " ") for key, value in entries.items() if _depth(value) > 1}
-    data = [key for key, text in told.items() if key in nested or len(text) > _LONGEST]
-    return {key: text for key, text in told.items() if key not in data}, data
+    data = [key for key, text in named.items() if key in nested or len(text) > _LONGEST]
+    return {key: text for key, text in named.items() if key not in data}, data
 
 
 def _depth(value: Any) -> int:

@@ -36,9 +36,9 @@ def stream(function: Callable[[Task], Answer], tasks: Sequence[Task], scheduler:
     with _client(Client, scheduler) as client:
         _await_worker(client, scheduler)
         mine = software()
-        left = {client.submit(_done, function, task, mine, pure=False): i for i, task in enumerate(tasks)}
-        for future in as_completed(list(left), loop=client.loop):
-            i = left.pop(future)
+        pending = {client.submit(_done, function, task, mine, pure=False): i for i, task in enumerate(tasks)}
+        for future in as_completed(list(pending), loop=client.loop):
+            i = pending.pop(future)
             answer = _answer(future, scheduler)
             future.release()
             yield i, answer

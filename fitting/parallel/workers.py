@@ -82,20 +82,20 @@ class Workers:
         if self.jobs < 2 or len(tasks) < 2:
             yield from ((i, here(task)) for i, task in enumerate(tasks))
             return
-        left = {answer: i for i, answer in enumerate(self._submitted(tasks, there))}
+        pending = {answer: i for i, answer in enumerate(self._submitted(tasks, there))}
         try:
-            while left:
-                mine = next((answer for answer in reversed(left) if answer.cancel()), None)  # nobody has begun it
+            while pending:
+                mine = next((answer for answer in reversed(pending) if answer.cancel()), None)  # nobody has begun it
                 if mine is None:
-                    wait(left, return_when=FIRST_COMPLETED)
+                    wait(pending, return_when=FIRST_COMPLETED)
                 else:
-                    i = left.pop(mine)
+                    i = pending.pop(mine)
                     yield i, here(tasks[i])
-                for answer in [each for each in left if each.done() and not each.cancelled()]:
-                    i = left.pop(answer)
+                for answer in [each for each in pending if each.done() and not each.cancelled()]:
+                    i = pending.pop(answer)
                     yield i, taken(answer.result()) if self._answered(answer) else here(tasks[i])
         finally:
-            for answer in left:
+            for answer in pending:
                 answer.cancel()
 
     def close(self) -> None:

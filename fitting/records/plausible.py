@@ -19,7 +19,7 @@ import numpy as np
 from solver.network.description import Network
 from solver.quantities.units import of_signal
 
-from . import limits as limit
+from . import limits
 from .read.record import Record
 from .read.sensors import KINDS, UnusableRecord
 from .read.titles import factor
@@ -75,7 +75,7 @@ def _advice(name: str, values: Array, scale: float, artery: Artery) -> str:
         return f'its numbers are those of a diameter: give it as one, --map "{name}={site}.D [mm]"'
     # no unit moves zero: a flow under the title of a pressure keeps its negative numbers
     column = "it falls to zero or below, as a flow does: check that the column is a pressure"
-    doubt = kind == "P" and np.nanpercentile(values, limit.LEVELS[0]) <= 0.0
+    doubt = kind == "P" and np.nanpercentile(values, limits.LEVELS[0]) <= 0.0
     for unit in UNITS[kind]:
         other = factor(unit, KINDS[kind]) or 1.0
         if abs(other / scale - 1.0) > 0.1 and not _fault(kind, values * (other / scale), artery):
@@ -85,38 +85,38 @@ def _advice(name: str, values: Array, scale: float, artery: Artery) -> str:
 
 
 def _pulse(values: Array) -> float:
-    low, _, high = np.nanpercentile(values, limit.LEVELS)
+    low, _, high = np.nanpercentile(values, limits.LEVELS)
     return float(high - low)
 
 
 def _fault(kind: str, values: Array, artery: Artery) -> str:
     """Why values (n,) [SI] are no artery's, in the unit that people read; "" if they may be."""
-    unit, shown = of_signal(kind)
-    low, middle, high = np.nanpercentile(values, limit.LEVELS)
+    unit, factor = of_signal(kind)
+    low, middle, high = np.nanpercentile(values, limits.LEVELS)
     pulse = high - low
     if kind == "P":
-        if abs(middle) > limit.HIGHEST_MEAN:
-            return f"its mean is {shown * middle:.4g} {unit}, and no artery's is beyond 300 {unit}"
-        if not limit.PULSE[0] <= pulse <= limit.PULSE[1]:
-            return f"its pulse is {shown * pulse:.3g} {unit}, and that of arteries from 2 to 200 {unit}"
-        if 0.0 < middle < limit.LOW_MEAN and pulse < limit.SYSTEMIC * middle:
-            return f"its mean is {shown * middle:.3g} {unit}, and its pulse but {pulse / middle:.2g} of that"
-        if artery.pulse is not None and not 1.0 / limit.STEEP < pulse / artery.pulse < limit.STEEP:
+        if abs(middle) > limits.HIGHEST_MEAN:
+            return f"its mean is {factor * middle:.4g} {unit}, and no artery's is beyond 300 {unit}"
+        if not limits.PULSE[0] <= pulse <= limits.PULSE[1]:
+            return f"its pulse is {factor * pulse:.3g} {unit}, and that of arteries from 2 to 200 {unit}"
+        if 0.0 < middle < limits.LOW_MEAN and pulse < limits.SYSTEMIC * middle:
+            return f"its mean is {factor * middle:.3g} {unit}, and its pulse but {pulse / middle:.2g} of that"
+        if artery.pulse is not None and not 1.0 / limits.STEEP < pulse / artery.pulse < limits.STEEP:
             return f"it rises {pulse / artery.pulse:.3g} times as steeply with the radius as in the model"
     if kind == "R":
-        if not limit.RADIUS[0] <= middle <= limit.RADIUS[1]:
-            return f"its mean is {shown * middle:.4g} {unit}, and arteries have from 0.05 to 40 {unit}"
-        if artery.R0 is not None and not 1.0 / limit.TO_R0 < middle / artery.R0 < limit.TO_R0:
-            return f"its mean is {shown * middle:.4g} {unit}, and R0 is {shown * artery.R0:.4g} {unit}"
-        if artery.h is not None and not limit.WALL[0] <= artery.h / middle <= limit.WALL[1]:
+        if not limits.RADIUS[0] <= middle <= limits.RADIUS[1]:
+            return f"its mean is {factor * middle:.4g} {unit}, and arteries have from 0.05 to 40 {unit}"
+        if artery.R0 is not None and not 1.0 / limits.TO_R0 < middle / artery.R0 < limits.TO_R0:
+            return f"its mean is {factor * middle:.4g} {unit}, and R0 is {factor * artery.R0:.4g} {unit}"
+        if artery.h is not None and not limits.WALL[0] <= artery.h / middle <= limits.WALL[1]:
             return (
-                f"its mean is {shown * middle:.4g} {unit} and h is {shown * artery.h:.3g} {unit}, which is "
-                f"{artery.h / middle:.2g} of it, where arteries have from {limit.WALL[0]:g} to {limit.WALL[1]:g}"
+                f"its mean is {factor * middle:.4g} {unit} and h is {factor * artery.h:.3g} {unit}, which is "
+                f"{artery.h / middle:.2g} of it, where arteries have from {limits.WALL[0]:g} to {limits.WALL[1]:g}"
             )
     if kind == "Q" and artery.R0 is not None:
         peak = max(abs(low), abs(high)) / (np.pi * artery.R0**2)
-        if peak > limit.FASTEST_FLOW:
+        if peak > limits.FASTEST_FLOW:
             return (
-                f"its peak is {peak:.3g} m/s over the area at R0, and no artery's is beyond {limit.FASTEST_FLOW:g} m/s"
+                f"its peak is {peak:.3g} m/s over the area at R0, and no artery's is beyond {limits.FASTEST_FLOW:g} m/s"
             )
     return ""

@@ -46,13 +46,13 @@ def mixture(parts: Sequence[tuple[float, float, float, float]]) -> tuple[float, 
     A component without width (standard deviation 0) or with probability below 1e-6 is merged into the first one.
     """
     first = parts[0]
-    told = [part for part in parts if part[0] > _IMPROBABLE and part[2] > 0.0] or [first]
-    ends = [tuple(m + stdtrit(n, q) * sd for _, m, sd, n in told) for q in (0.025, 0.975)]
-    if len(told) == 1:
+    probable = [part for part in parts if part[0] > _IMPROBABLE and part[2] > 0.0] or [first]
+    ends = [tuple(m + stdtrit(n, q) * sd for _, m, sd, n in probable) for q in (0.025, 0.975)]
+    if len(probable) == 1:
         return float(ends[0][0]), float(ends[1][0])
-    total = sum(p for p, *_ in told)
+    total = sum(p for p, *_ in probable)
     low, high = (
-        brentq(lambda x, q=q: sum(p * stdtr(n, (x - m) / sd) for p, m, sd, n in told) / total - q, min(e), max(e))
+        brentq(lambda x, q=q: sum(p * stdtr(n, (x - m) / sd) for p, m, sd, n in probable) / total - q, min(e), max(e))
         for q, e in zip((0.025, 0.975), ends, strict=True)
     )
     return float(low), float(high)

@@ -104,11 +104,11 @@ def quantity_of(name: str) -> Quantity:
     """
     prefix, dot, key = name.rpartition(".")
     last = prefix.rpartition(".")[2]
-    what = prefix if prefix in ("network", "fluid") else last if last in ("outlet", "junction") else "segment"
-    known = _quantities(what)
+    owner = prefix if prefix in ("network", "fluid") else last if last in ("outlet", "junction") else "segment"
+    known = _quantities(owner)
     if not dot or not prefix or key not in known:
         raise InputError(
-            f"{name}: no {what} has a parameter {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}."
+            f"{name}: no {owner} has a parameter {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}."
         )
     return known[key]
 
@@ -169,10 +169,10 @@ def set_format(path: Path) -> str:
 _OWNERS: Mapping[str, type] = {"network": Network, "fluid": Fluid, "segment": Segment, "junction": Junction}
 
 
-def _quantities(what: str) -> dict[str, Quantity]:
+def _quantities(owner: str) -> dict[str, Quantity]:
     """Quantities of an owner by key, from the solver: a new one needs no change here."""
-    kinds = outlets.OUTLETS if what == "outlet" else (_OWNERS[what],)
-    return {key: q for kind in kinds for key, q in (quantities(kind) | terms_of(what)).items()}
+    kinds = outlets.OUTLETS if owner == "outlet" else (_OWNERS[owner],)
+    return {key: q for kind in kinds for key, q in (quantities(kind) | terms_of(owner)).items()}
 
 
 def _checked(name: str, value: Value) -> Value:

@@ -68,9 +68,11 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
     Sources: D. H. Bergel, J. Physiol. 156 (1961) 445; J. C. Bramwell and A. V. Hill, Proc. R. Soc. B 93 (1922) 298.
     """
     P_mean = float(beats.mean(f"{fit.site}.P").mean())
-    told = [(p, *_with_sd(law, P_mean, rho), law.dof) for p, law in fit.laws]
+    weighted = [(p, *_with_sd(law, P_mean, rho), law.dof) for p, law in fit.laws]
     of_law = {
-        name: Estimate(float(told[0][1][i]), unit, mixture([(p, float(x[i]), float(sd[i]), n) for p, x, sd, n in told]))
+        name: Estimate(
+            float(weighted[0][1][i]), unit, mixture([(p, float(x[i]), float(sd[i]), n) for p, x, sd, n in weighted])
+        )
         for i, (name, unit) in enumerate(OF_LAW)
     }
     return of_law | {"loss_measured": measured_loss(without_lag(beats, fit), fit.site)}
@@ -79,8 +81,10 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
 def E_inc(fit: WallFit) -> Estimate:
     """The incremental elastic modulus of :func:`indices`, at the mean pressure of the loop that was fitted."""
     P_mean = float(fit.loop.P.mean())
-    told = [(p, *_with_sd(law, P_mean, 1.0), law.dof) for p, law in fit.laws]
-    return Estimate(float(told[0][1][0]), "Pa", mixture([(p, float(x[0]), float(sd[0]), n) for p, x, sd, n in told]))
+    weighted = [(p, *_with_sd(law, P_mean, 1.0), law.dof) for p, law in fit.laws]
+    return Estimate(
+        float(weighted[0][1][0]), "Pa", mixture([(p, float(x[0]), float(sd[0]), n) for p, x, sd, n in weighted])
+    )
 
 
 def _with_sd(fit: WallFit, P_mean: float, rho: float) -> tuple[Array, Array]:

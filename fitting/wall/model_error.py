@@ -78,5 +78,5 @@ def widening(loop: Loop, found: Solution) -> float:
     if not loop.model_error:
         return max(1.0, found.chi2 / dof)
     k = np.abs(np.fft.fftfreq(loop.N, 1.0 / loop.N)).round().astype(int)
-    left = (np.abs(spectral.coefficients(found.residual)) / found.expected)[k] ** 2
-    return max(1.0, worst_octave(left * loop.N / dof, k))
+    ratio = (np.abs(spectral.coefficients(found.residual)) / found.expected)[k] ** 2
+    return max(1.0, worst_octave(ratio * loop.N / dof, k))

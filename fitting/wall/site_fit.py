@@ -82,9 +82,9 @@ def _by_evidence(by: Callable[[WallModel], WallFit], name: str) -> WallFit:
     if not any(f.model.elastic in (w.model.elastic for w in weights) for f in fits):
         weights, without = fits, refused
     found = evidence([w for w in weights if w.model.elastic not in refused], tuple(without | refused))
-    told = [replace(f, evidence=found) for f in fits if f.model.elastic in found.of]
-    kept = next(f for f in told if f.model.elastic == found.kept)
-    return replace(kept, others=tuple(f for f in told if f is not kept))
+    judged = [replace(f, evidence=found) for f in fits if f.model.elastic in found.of]
+    kept = next(f for f in judged if f.model.elastic == found.kept)
+    return replace(kept, others=tuple(f for f in judged if f is not kept))
 
 
 def _by_laws(by: Callable[[WallModel], WallFit], name: str) -> tuple[list[WallFit], dict[str, NoFit]]:

@@ -70,7 +70,7 @@ def given_arteries(network: Network, settings: Settings, given: Starts) -> tuple
     """Network and settings with the start values that they hold, so that everybody who opens the FMU finds the same
     values; the table of variables, and the start values that are its alone. Raises ValueError for one that is not
     allowed."""
-    with_starts(variable_table(network, settings), given)  # refuses names and values
+    with_starts(variable_table(network, settings), given)  # rejects names and values
     network, settings = _network_with(network, given), _settings_with(settings, given)
     table, others = _others(variable_table(network, settings), given)
     if "network" in (variable.start for variable in table if variable.name == "inlet.drive"):
@@ -100,7 +100,7 @@ def _lumped(
     uses: tuple[str, ...], starts: Starts, fmi: int,
 ) -> FMUContents:  # fmt: skip
     """A heart or a body with these start values. variables : the table of one. uses : of the page."""
-    with_starts(variables(part), starts)  # refuses names and values
+    with_starts(variables(part), starts)  # rejects names and values
     part = part.with_values(starts)
     table, others = _others(variables(part), starts)
     pages = lumped_document.documents(part.name, title, part.reference, uses, table, fmi)
@@ -129,8 +129,8 @@ def _check_code(network: Network) -> None:
     used += [(f"{outlet.segment}.outlet", outlet, "solver/laws/outlets.py") for outlet in network.outlets]
     used += [("network.elastic_law", ELASTIC_LAWS[network.elastic_law], "solver/laws/wall_laws.py")]
     used += [("network.viscous_law", VISCOUS_LAWS[network.viscous_law], "solver/laws/wall_laws.py")]
-    for name, thing, home in used:
-        kind = type(thing)
+    for name, value, home in used:
+        kind = type(value)
         if kind.__module__.partition(".")[0] != "solver":
             raise InputError(
                 f"{name}: its class {kind.__name__} is in {kind.__module__}, and an FMU carries only the code of the "

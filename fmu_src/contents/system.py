@@ -106,13 +106,13 @@ def _structure(name: str, parts: Sequence[Part], wires: Sequence[Wire], stop_tim
     elements = _sub(system, "ssd:Elements")
     for part in parts:
         wired = {w[1] for w in wires if w[0] == part.name} | {w[3] for w in wires if w[2] == part.name}
-        shown = [v for v in part.table if v.name in wired or (v.causality == "output" and not v.late)]
+        connected = [v for v in part.table if v.name in wired or (v.causality == "output" and not v.late)]
         component = _sub(
             elements, "ssd:Component", name=part.name, type="application/x-fmu-sharedlibrary",
             source=f"resources/{part.fmu}.fmu",
         )  # fmt: skip
         connectors = _sub(component, "ssd:Connectors")
-        for v in shown:
+        for v in connected:
             assert v.quantity is not None
             connector = _sub(connectors, "ssd:Connector", name=v.name, kind=v.causality)
             _sub(connector, "ssc:Real", unit=v.quantity.unit)

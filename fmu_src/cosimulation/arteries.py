@@ -21,9 +21,9 @@ from solver.scheme.model import Model, Settings, build
 from solver.scheme.outputs import reporter, venous_flow, volume_weights
 from solver.scheme.step import State, initial_state
 
+from .communication_step import CommunicationStep, Drive, Position, rounded
 from .drive import inlet_with, own_drive
 from .ports import Impedances, endless, impedances, port_names, port_values
-from .stretch import Drive, Position, Stretch, rounded
 
 Array = np.ndarray
 
@@ -79,7 +79,7 @@ class CoSimulation(Component):
         # the last position with known inflow, and that of the outputs: the same except with ``smooth``
         self.known = self.shown = Position(self.model, self._start(t0, values), self._drive_at(t0, values), 0.0)
         self.slope = np.zeros(len(self.drives))  # of the inflows in the last communication step [m³/s²]
-        self.last = self._stretch(self.dt, values)
+        self.last = self._step_of(self.dt, values)
         self.basis, self.basis_time = (self.known, self.shown, self.last), t0
         self.V = self.V_0 = self._volume()
         self.V_venous = self.Q_venous = 0.0
@@ -116,7 +116,7 @@ class CoSimulation(Component):
             return self._built(*origin).with_parameters(parameters)
 
         model = Kind(lambda model: {"origin": self.origin, "parameters": model.parameters}, made)
-        return {Model: model, **dataclasses(Stretch, Position, State, Layout)}
+        return {Model: model, **dataclasses(CommunicationStep, Position, State, Layout)}
 
     def resumed(self) -> None:
         """The reports follow from the model."""
@@ -136,10 +136,10 @@ class CoSimulation(Component):
         self._check_time(t, h)
         self.remark = self._unheard(values)
         values = self._received(values)
-        stretch = self._stretch(h, values)
+        step = self._step_of(h, values)
         halved = self.shown.state.halved
-        known, shown, slope = self._driven(stretch, self._driving(values))
-        self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
+        known, shown, slope = self._driven(step, self._driving(values))
+        self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, step, t + h
         if shown.state.halved > halved:
             self.remark = (
                 f"the step from t = {t:g} s did not converge and was cut into halves; a smaller dt avoids that."
@@ -147,8 +147,8 @@ class CoSimulation(Component):
         self.V = self._volume()
         V_venous = self.V_0 + shown.V_in - self.V
         self.V_venous, self.Q_venous = V_venous, (V_venous - self.V_venous) / h
-        if self.time - self.basis_time >= _RENEWED or not stretch.as_long_as(self.basis[2]):
-            self.basis, self.basis_time, self.found = (known, shown, stretch), self.time, None
+        if self.time - self.basis_time >= _RENEWED or not step.as_long_as(self.basis[2]):
+            self.basis, self.basis_time, self.found = (known, shown, step), self.time, None
 
     def _received(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """The inputs. Some masters that run all FMUs in parallel set every input to 0 before the first step; the start
@@ -175,10 +175,10 @@ class CoSimulation(Component):
         self.unset = None
         return f"{' and '.join(self.drives)} is ignored: inlet.drive = network; take input to drive the network by it."
 
-    def _driven(self, stretch: Stretch, Q: Array) -> tuple[Position, Position, Array]:
+    def _driven(self, step: CommunicationStep, Q: Array) -> tuple[Position, Position, Array]:
         """The next ``known``, ``shown`` and ``slope`` after a communication step with the inlets at Q."""
         if self.own is not None:
-            after = stretch.run_along(self.known.under(stretch.model), self.time, self.own)
+            after = step.run_along(self.known.under(step.model), self.time, self.own)
             return after, after, 0.0 * Q
         if self.interpolation == "smooth":
             known, slope = replace(self.known, drive=Q), 0.0 * Q
@@ -189,16 +189,16 @@ class CoSimulation(Component):
                     if np.array_equal(Q, self.shown.drive)
                     else self.last.run(self.known, self.known.drive, Q)
                 )
-                if stretch.h > _FURTHEST * self.last.h:
+                if step.h > _FURTHEST * self.last.h:
                     slope = 0.0 * Q
-            known = known.under(stretch.model)
+            known = known.under(step.model)
             try:
-                return known, stretch.run(known, Q, Q + slope * stretch.h), slope
+                return known, step.run(known, Q, Q + slope * step.h), slope
             except NonPhysicalState:  # of a flow that was only extrapolated: without that
-                return known, stretch.run(known, Q, Q), 0.0 * Q
+                return known, step.run(known, Q, Q), 0.0 * Q
         Q_start = Q if self.interpolation == "hold" else self.known.drive
-        after = stretch.run(self.known.under(stretch.model), Q_start, Q)
-        return after, after, (Q - Q_start) / stretch.h
+        after = step.run(self.known.under(step.model), Q_start, Q)
+        return after, after, (Q - Q_start) / step.h
 
     def outputs(self) -> list[float]:
         """The outputs at the last communication point, in the order of the variable table, without the ports."""
@@ -208,17 +208,17 @@ class CoSimulation(Component):
         """The ports by name, over the next communication step, assumed as long as the last one."""
         if self.found is None:
             self.found = self._impedances()
-        stretch = replace(self.last, model=self.model)
-        values = port_values(stretch, self.shown, self._trial(stretch), self.found)
+        step = replace(self.last, model=self.model)
+        values = port_values(step, self.shown, self._trial(step), self.found)
         return dict(zip(self.port_names, values, strict=True))
 
-    def _trial(self, stretch: Stretch) -> Position:
+    def _trial(self, step: CommunicationStep) -> Position:
         """The result of the next step under the extrapolated drive; the present position if it fails."""
-        Q = self.shown.drive + self.slope * stretch.h
+        Q = self.shown.drive + self.slope * step.h
         try:
             if self.own is not None:
-                return stretch.run_along(self.shown, self.time, self.own)
-            return stretch.run(self.shown, Q if self.interpolation == "hold" else self.shown.drive, Q)
+                return step.run_along(self.shown, self.time, self.own)
+            return step.run(self.shown, Q if self.interpolation == "hold" else self.shown.drive, Q)
         except NonPhysicalState:
             return self.shown
 
@@ -236,14 +236,14 @@ class CoSimulation(Component):
     def _volume(self) -> float:
         return float(self.weights @ self.shown.state.y[0])
 
-    def _stretch(self, h: float, values: Mapping[str, Any]) -> Stretch:
+    def _step_of(self, h: float, values: Mapping[str, Any]) -> CommunicationStep:
         ratio = h / self.dt
         steps, dt = round(ratio), self.dt
         if steps == 0 or abs(ratio - steps) > _ON_GRID:
             steps = max(1, steps, math.ceil(ratio / _LONGEST))
             dt = rounded(h / steps)
         P_venous = np.array([values[name] for name in self.venous])
-        return Stretch(self.model, h, steps, dt, P_venous)
+        return CommunicationStep(self.model, h, steps, dt, P_venous)
 
     def _check_time(self, t: float, h: float) -> None:
         check_time(t, h, self.time, 2 * _ON_GRID * self.dt)

@@ -25,14 +25,14 @@ from solver.network.description import Network
 from solver.scheme.model import Model
 from solver.scheme.outputs import inlet_answers, venous_flow
 
-from .stretch import Position, Stretch
+from .communication_step import CommunicationStep, Position
 
 Array = np.ndarray
 
 INLET_PORTS = {"flow": ("P_0", "Z", "Z_0"), "pressure": ("Q_0", "Y", "Y_0")}  # by its causality
 _SMALL = 1e-3  # of A0 c0 and ρ c0², flow and pressure at the wave speed: small, yet far above round-off
-# basis of the impedances: the last position with known inflow, that of the outputs, the next stretch
-Basis = tuple[Position, Position, Stretch]
+# basis of the impedances: the last position with known inflow, that of the outputs, the next communication step
+Basis = tuple[Position, Position, CommunicationStep]
 
 _CLOSED = 1e15  # Pa·s/m³, of an outlet that no pressure opens
 # Internal steps of the trials for the impedances, at most, but with ``hold``, whose jumps need all. Those of the
@@ -68,20 +68,20 @@ def impedances(basis: Basis, interpolation: str) -> Impedances:
 
     Raises NonPhysicalState if the next communication step fails.
     """
-    known, shown, stretch = basis
-    stretch = stretch if interpolation == "hold" else stretch.in_at_most(_STEPS)
-    model, Q, n, k = stretch.model, shown.drive[:, None], len(stretch.P_venous), len(shown.drive)
+    known, shown, step = basis
+    step = step if interpolation == "hold" else step.in_at_most(_STEPS)
+    model, Q, n, k = step.model, shown.drive[:, None], len(step.P_venous), len(shown.drive)
     small, copies = _SMALL * _sizes_of_drives(model), 1 + k + n
     changes = _SMALL * (model.outlet_wall.rho * model.outlet_wall.c0**2)[0]
     # side by side: no change, each flow changed, and each P_venous changed
     changed = Q + small[:, None] * np.eye(k, copies, 1)
-    P_venous = stretch.P_venous + np.eye(copies, n, -1 - k) * changes
+    P_venous = step.P_venous + np.eye(copies, n, -1 - k) * changes
     before = changed if interpolation == "hold" else np.repeat(Q, copies, axis=1)
-    tried = replace(stretch, P_venous=P_venous).run(shown.copies(copies), before, changed)
+    tried = replace(step, P_venous=P_venous).run(shown.copies(copies), before, changed)
     Z, Z_0 = _rise(model, tried) / small, np.zeros(k)
     if interpolation == "smooth":  # the flow at the start of the step is not known yet, nor the end of the one before
         ends, far = changed[:, : 1 + k], np.repeat(known.drive[:, None], 1 + k, axis=1)
-        after = stretch.run(stretch.run(known.copies(1 + k), far, ends), ends, np.repeat(Q, 1 + k, axis=1))
+        after = step.run(step.run(known.copies(1 + k), far, ends), ends, np.repeat(Q, 1 + k, axis=1))
         Z_0 = _rise(model, after) / small
     flows = venous_flow(model, tried.state, P_venous)
     less = flows[0] - flows[1 + k :].diagonal()
@@ -103,11 +103,11 @@ def endless(model: Model) -> Impedances:
     return Impedances(np.where(model.inlets.by_flow, Z, 1.0 / Z), 0.0 * Z, outlets)
 
 
-def port_values(stretch: Stretch, at: Position, tried: Position, found: Impedances) -> list[float]:
+def port_values(step: CommunicationStep, at: Position, tried: Position, found: Impedances) -> list[float]:
     """The values of :func:`port_names` over a communication step from a position, whose trial step ended at
     ``tried``."""
-    inlets = inlet_answers(stretch.model, tried.state)[0] - found.Z * tried.drive - found.Z_0 * at.drive
-    outlets = stretch.P_venous + found.outlets * venous_flow(stretch.model, tried.state, stretch.P_venous)[0]
+    inlets = inlet_answers(step.model, tried.state)[0] - found.Z * tried.drive - found.Z_0 * at.drive
+    outlets = step.P_venous + found.outlets * venous_flow(step.model, tried.state, step.P_venous)[0]
     both = np.column_stack([inlets, found.Z, found.Z_0]), np.column_stack([outlets, found.outlets])
     return [value for table in both for value in table.ravel().tolist()]
 

@@ -96,7 +96,7 @@ status only (FMPy: <code>simulate_fmu(..., debug_logging=True)</code>). When a s
 result without an error: compare the last time with the stop time.</li>
 <li><strong>Saved states.</strong> The state can be saved, restored, written as bytes and read again, in this
 instance, another one or a new process; what follows is the same to the last bit. Bytes that are damaged or those of
-another FMU are refused. A state that was freed, or is none, crashes the host: the wrapper of pythonfmu does not check
+another FMU are rejected. A state that was freed, or is none, crashes the host: the wrapper of pythonfmu does not check
 it.</li>
 <li><strong>Reading it back.</strong> <code>resources/network.toml</code> is the network file that this FMU was built
 from, with the values that were set at the build.</li>
@@ -144,13 +144,13 @@ _NOTHING = """
 <p>Nothing: no Python, no other program. Its folder may be unpacked anywhere."""
 NATIVE_HOST = f"""{_NOTHING} Of the network it holds one mesh and the
 physics that it had when the FMU was built: a length that needs other elements, and a value that switches on what acts
-on a part of a segment, are refused with a sentence. <code>network.start</code> = <code>periodic</code> holds for the
+on a part of a segment, are rejected with a sentence. <code>network.start</code> = <code>periodic</code> holds for the
 start values in the model description. Directional derivatives are those of the last step.</p>
 """
 NATIVE_HOST_OF_FEW = f"{_NOTHING} Directional derivatives are those of the last step.</p>\n"  # of a heart or a body
 _CRASHES = """A state that was freed, or is none, crashes the host: the wrapper of pythonfmu does not check
 it."""
-_REFUSES = "A state that was freed, or is none, is refused; to another instance it goes as bytes."
+_REFUSES = "A state that was freed, or is none, is rejected; to another instance it goes as bytes."
 
 
 def _use(network: Network) -> str:

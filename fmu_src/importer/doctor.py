@@ -100,7 +100,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         return findings  # the rest concerns FMUs of this project
     findings += [*_drive(archive), *_binaries(archive)]
     if archive.execution_tool:
-        remedy = "for importers that refuse it (PyFMI), build with --no-execution-tool"
+        remedy = "for importers that reject it (PyFMI), build with --no-execution-tool"
         findings.append(Finding("execution tool", NOTE, "the FMU requires Python on the host", remedy))
     try:
         where = interpreter(python)
@@ -271,16 +271,16 @@ def _numpy(where: Interpreter) -> Finding:
 
 def _host(where: Interpreter) -> Iterator[Finding]:
     """How a host that is not written in Python finds this Python."""
-    what = "hosts in C, C++, …"
+    label = "hosts in C, C++, …"
     if sys.platform == "win32":
         remedy = f"put {os.path.dirname(where.executable)} (python3.dll) on the PATH of the host"
-        yield Finding(what, NOTE, "the wrapper loads python3.dll", remedy)
+        yield Finding(label, NOTE, "the wrapper loads python3.dll", remedy)
     elif where.library is None:
         remedy = "use a Python with a shared library: Debian's libpython3.x, conda, or one built with --enable-shared"
-        yield Finding(what, PROBLEM, "this Python has no libpython to load; hosts in Python run", remedy)
+        yield Finding(label, PROBLEM, "this Python has no libpython to load; hosts in Python run", remedy)
     else:
         line = " ".join(f"{name}={_shell(value)}" for name, value in where.environment().items())
-        yield Finding(what, OK, f"libpython: {where.library}", f"{START}{line} HOST")
+        yield Finding(label, OK, f"libpython: {where.library}", f"{START}{line} HOST")
 
 
 def _shell(value: str) -> str:
@@ -292,12 +292,12 @@ def _shell(value: str) -> str:
 def _paths(path: Path) -> Iterator[Finding]:
     """Check paths: hosts pass the resource folder as a URI, and the wrapper decodes only blanks in it."""
     temporary = _temporary()
-    for what, folder in (("temporary folder", temporary), ("folder of the FMU", path.absolute().parent)):
+    for label, folder in (("temporary folder", temporary), ("folder of the FMU", path.absolute().parent)):
         bad = "".join(sorted(set(undecoded(folder))))
         if bad:
             remedy = "set TMPDIR to a folder without them" if folder == temporary else "unpack the FMU elsewhere"
             remedy += "; letters, digits, blanks and - . _ ~ are safe"
-            yield Finding(what, PROBLEM if folder == temporary else NOTE, f"{folder} holds {bad}: hosts crash", remedy)
+            yield Finding(label, PROBLEM if folder == temporary else NOTE, f"{folder} holds {bad}: hosts crash", remedy)
     if not (temporary.is_dir() and os.access(temporary, os.W_OK)):
         yield Finding("temporary folder", PROBLEM, f"{temporary} cannot be written", "set TMPDIR to one that can")
     elif shutil.disk_usage(temporary).free < 10e6:
@@ -315,7 +315,7 @@ def _temporary() -> Path:
 
 def _trial(path: Path, python: str, remedy: str) -> Finding:
     """One step in a new process; remedy : the remedy if it fails."""
-    what = "one step"
+    label = "one step"
     try:
         with unpacking_folder("doctor_") as folder:
             with zipfile.ZipFile(path) as file:
@@ -323,17 +323,21 @@ def _trial(path: Path, python: str, remedy: str) -> Finding:
             line = [python, os.fspath(Path(trial.__file__).resolve()), folder]
             done = subprocess.run(line, capture_output=True, cwd=folder, timeout=_PATIENCE)
     except subprocess.TimeoutExpired:
-        return Finding(what, PROBLEM, f"not done within {_PATIENCE:.0f} s", remedy)
+        return Finding(label, PROBLEM, f"not done within {_PATIENCE:.0f} s", remedy)
     except (OSError, zipfile.BadZipFile, zlib.error, RuntimeError, ValueError) as error:
-        return Finding(what, PROBLEM, f"could not be tried ({error})", "check the temporary folder, or set TMPDIR")
-    told = _json_lines(done.stdout)
-    if done.returncode == 0 and {"done": "free"} in told:
-        return Finding(what, OK, "loaded, initialized, stepped, read, freed")
-    reached = [line["done"] for line in told if "done" in line]
-    said = [line["said"].splitlines()[-1] for line in told if line.get("said", "").strip()]
-    reason = said[-1] if said else (done.stderr.decode("utf-8", "replace").strip().splitlines() or ["no message"])[-1]
+        return Finding(label, PROBLEM, f"could not be tried ({error})", "check the temporary folder, or set TMPDIR")
+    reported = _json_lines(done.stdout)
+    if done.returncode == 0 and {"done": "free"} in reported:
+        return Finding(label, OK, "loaded, initialized, stepped, read, freed")
+    reached = [line["done"] for line in reported if "done" in line]
+    messages = [line["said"].splitlines()[-1] for line in reported if line.get("said", "").strip()]
+    reason = (
+        messages[-1]
+        if messages
+        else (done.stderr.decode("utf-8", "replace").strip().splitlines() or ["no message"])[-1]
+    )
     ended = f"the process {died(done.returncode)}" if done.returncode < 0 else reason
-    return Finding(what, PROBLEM, f"failed after {reached[-1] if reached else 'the start'}: {ended}", remedy)
+    return Finding(label, PROBLEM, f"failed after {reached[-1] if reached else 'the start'}: {ended}", remedy)
 
 
 def _json_lines(output: bytes) -> list[dict[str, str]]:

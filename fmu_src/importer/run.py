@@ -84,13 +84,13 @@ def run_fmu(
         shown[n][1:] if n.endswith(("inlet.Q", "inlet.P")) else _sampled(n, u, middle)
         for n, u in {**given, **inputs}.items()
     ]
-    held = np.column_stack([np.empty((len(middle), 0)), *columns])
+    samples = np.column_stack([np.empty((len(middle), 0)), *columns])
     driven = [variables[name].valueReference for name in shown]
     outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output" and not is_port(v.name)}
     # the FMU shares this Python, and would treat Ctrl-C within a call as its own error
     with interrupts_later() as due, _instantiated(fmu, description) as slave:
         _initialize(slave, variables, starts, driven, [values[0] for values in shown.values()])
-        table = _steps(slave, time, driven, held, list(outputs.values()), progress, due)
+        table = _steps(slave, time, driven, samples, list(outputs.values()), progress, due)
         slave.terminate()
     return {"time": time, **shown, **{name: table[:, i].copy() for i, name in enumerate(outputs)}}
 
@@ -140,12 +140,12 @@ def read_description(fmu: str | os.PathLike[str]) -> ModelDescription:
             f"{os.fspath(fmu)}: cannot be read ({error.strerror or 'not a file'}); check the path."
         ) from None
     except (zipfile.BadZipFile, KeyError):
-        what = "not an FMU; build one with arterial-fmu build"
+        reason = "not an FMU; build one with arterial-fmu build"
         if _is_system(fmu):
-            what = (
+            reason = (
                 "a system of FMUs (SSP); run it in a simulator that reads SSP, or unpack it: its FMUs are in resources/"
             )
-        raise InputError(f"{os.fspath(fmu)}: {what}.") from None
+        raise InputError(f"{os.fspath(fmu)}: {reason}.") from None
 
 
 def _is_system(path: str | os.PathLike[str]) -> bool:
@@ -242,7 +242,7 @@ def _steps(
     slave: Slave,
     time: Array,
     driven: list[int],
-    held: Array,
+    samples: Array,
     outputs: list[int],
     progress: Callable[[float], None] | None,
     due: Callable[[], None],
@@ -253,13 +253,13 @@ def _steps(
     """
     table = np.empty((len(time), len(outputs)))
     table[0] = slave.getReal(outputs)
-    for i, values in enumerate(held.tolist()):
+    for i, values in enumerate(samples.tolist()):
         slave.setReal(driven, values)
         slave.doStep(time[i], time[i + 1] - time[i])
         table[i + 1] = slave.getReal(outputs)
         due()
         if progress:
-            progress((i + 1) / len(held))
+            progress((i + 1) / len(samples))
     return table
 
 

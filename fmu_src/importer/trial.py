@@ -27,8 +27,8 @@ class Callbacks(Structure):
     ]
 
 
-def tell(**what: object) -> None:
-    print(json.dumps(what), flush=True)
+def tell(**record: object) -> None:
+    print(json.dumps(record), flush=True)
 
 
 def binary(folder: Path, model: str, three: bool) -> Path:

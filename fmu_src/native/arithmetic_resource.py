@@ -34,18 +34,18 @@ def resource(component: Arithmetic, table: Sequence[Variable]) -> bytes:
     programs = recorded(component, [variable.name for variable in given], choices, shared)
     arrays = tables(table, texts, n_programs=len(programs), n_arithmetic=programs[0].n_state)
     arrays |= {"index": shared.index.all(), "numbers": shared.constants.all()}
-    return file_of(arrays, texts, [array for one in programs for array in _program(one, texts)])
+    return file_of(arrays, texts, [array for program in programs for array in _program(program, texts)])
 
 
-def _program(one: Recorded, texts: Texts) -> Iterator[Array]:
+def _program(recorded: Recorded, texts: Texts) -> Iterator[Array]:
     """Counts and places, code, where phases begin; and nothing more."""
-    p, at = one.program, one.program.address
-    numbers = [p.n_fixed, p.n_work, len(one.loops), len(one.requirements)]
+    p, at = recorded.program, recorded.program.address
+    numbers = [p.n_fixed, p.n_work, len(recorded.loops), len(recorded.requirements)]
     numbers += [at.get(name, -1) for name in ("values", "state", "t", "h", "direction")]
     numbers += [at["next_state"], at["outputs"]]
-    for k, size in enumerate(one.loops):
+    for k, size in enumerate(recorded.loops):
         numbers += [size, *(at[f"{name}_{k}"] for name in ("begin", "before", "after"))]
-    for k, must in enumerate(one.requirements):
+    for k, must in enumerate(recorded.requirements):
         _check(must)
         places = [at[f"number_{k}_{i}"] for i in range(must.numbers)]
         numbers += [must.phase, at[f"required_{k}"], texts.at(must.sentence), *places, *[0] * (_NUMBERS - len(places))]

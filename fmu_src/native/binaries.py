@@ -67,10 +67,10 @@ def _compiler(name: str) -> list[str]:
     own = compiler.own() if name == here() else []
     if own:
         return own[0]
-    which = "no C compiler (cc, gcc, clang) is there" if name == here() else f"the one here makes no binary for {name}"
+    reason = "no C compiler (cc, gcc, clang) is there" if name == here() else f"the one here makes no binary for {name}"
     raise InputError(
         "an FMU that needs no Python has a binary, which the published wheels of arterial-fmu bring; this installation "
-        f"has none for {name}, and {which}: pip install ziglang."
+        f"has none for {name}, and {reason}: pip install ziglang."
     )
 
 

@@ -152,14 +152,14 @@ def _units3(root: Element, table: Sequence[Variable]) -> None:
 
 def _variable3(variables: Element, vr: int, variable: Variable) -> None:
     initial = {"parameter": {"initial": "exact"}, "output": {"initial": "calculated"}}.get(variable.causality, {})
-    told = {**_facts(vr, variable), **initial}
+    attributes = {**_facts(vr, variable), **initial}
     quantity = variable.quantity
     if quantity is None:
         start = str(variable.number(str(variable.start)))
-        SubElement(variables, "Enumeration", told, declaredType=type_name(variable), start=start)
+        SubElement(variables, "Enumeration", attributes, declaredType=type_name(variable), start=start)
         return
     numbers = {"min": quantity.low, "max": quantity.high, "nominal": quantity.nominal}
-    told |= {"unit": quantity.unit, **({"displayUnit": quantity.display} if quantity.display else {})}
-    told |= {key: repr(float(value)) for key, value in numbers.items() if math.isfinite(value)}
-    told |= {} if variable.start is None else {"start": repr(float(variable.start))}
-    SubElement(variables, "Float64", told)
+    attributes |= {"unit": quantity.unit, **({"displayUnit": quantity.display} if quantity.display else {})}
+    attributes |= {key: repr(float(value)) for key, value in numbers.items() if math.isfinite(value)}
+    attributes |= {} if variable.start is None else {"start": repr(float(variable.start))}
+    SubElement(variables, "Float64", attributes)

@@ -106,8 +106,8 @@ def recorded(
                     continue
                 set_so = replace(network, elastic_law=law, viscous_law=other)
                 one = _whole(set_so, settings, bent, shared)
-                held = bent and (law == network.elastic_law or one.program.code.nbytes <= _SMALL)
-                derivatives.append(derivative(set_so, settings, bent, shared) if held else None)
+                derived = bent and (law == network.elastic_law or one.program.code.nbytes <= _SMALL)
+                derivatives.append(derivative(set_so, settings, bent, shared) if derived else None)
                 any_law = not one.model.wall.nonlinear and not bent
                 found.append(((elastic.index(law) + 1, 0 if any_law else viscous.index(other) + 1), one))
                 if any_law:
@@ -174,8 +174,8 @@ def _state(model: Model, state: State) -> Array:
     return np.concatenate([[state.dt], state.y[0], state.A_t.ravel(), state.H[0], *(x.ravel() for x in pair)])
 
 
-def _program(laws: tuple[int, int], one: Whole, texts: Texts) -> Iterator[Array]:
-    p, model = one.program, one.model
+def _program(laws: tuple[int, int], whole: Whole, texts: Texts) -> Iterator[Array]:
+    p, model = whole.program, whole.model
     shapes, layout = model.layout.shapes, model.layout
     counts = (
         p.n_fixed, p.n_work, layout.size, int(np.prod(shapes["A"])), int(np.prod(shapes["Q"])),
@@ -186,8 +186,8 @@ def _program(laws: tuple[int, int], one: Whole, texts: Texts) -> Iterator[Array]
     unread = dict.fromkeys(("parameters", "dt", "element_length", *_MARGINS), -1)
     unread |= dict.fromkeys(("g_begin", "g", "g_report", "g_show"), 2)  # anywhere: of n_sources numbers
     places = [{**unread, **p.address}[name] for name in (*PLACES, *FURTHER)]
-    reasons = [texts.at(text) for reason in one.reasons for text in reason]
-    yield integers([*laws, len(one.reasons), *counts, *places, *model.inlets.first, *reasons])
+    reasons = [texts.at(text) for reason in whole.reasons for text in reason]
+    yield integers([*laws, len(whole.reasons), *counts, *places, *model.inlets.first, *reasons])
     yield from (p.code, p.begin)
 
 

@@ -13,8 +13,8 @@ from solver.scheme.failure import NonPhysicalState
 
 def compensate(instance: Fmi2Slave) -> None:
     """The wrapper drops these references before it reports fmi2Fatal, and once more when it frees the instance."""
-    for held in (type(instance), instance, instance.log_queue):
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
+    for owner in (type(instance), instance, instance.log_queue):
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
 
 
 def sentence(who: str, error: BaseException, what: str) -> str:

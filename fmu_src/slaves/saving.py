@@ -86,8 +86,8 @@ class SavingSlave(Fmi2Slave):
             if state.blob is None:  # the wrapper asks twice: for the size and for the bytes
                 component = cls._new()
                 component.__dict__ |= state.component
-                held = {name: value for name, value in state.component.items() if name not in component.remade}
-                state.blob = to_bytes(cls.content_hash, {"slave": state.slave, "component": held}, component.kinds())
+                content = {name: value for name, value in state.component.items() if name not in component.remade}
+                state.blob = to_bytes(cls.content_hash, {"slave": state.slave, "component": content}, component.kinds())
             return state.blob
 
         return cls._refused("writing a state", write)
@@ -96,10 +96,10 @@ class SavingSlave(Fmi2Slave):
     def _fmu_state_from_bytes(cls, blob: bytes) -> Snapshot:
         def read() -> Snapshot:
             component = cls._new()
-            held = from_bytes(blob, cls.content_hash, component.kinds())
-            component.__dict__ |= held["component"]
+            content = from_bytes(blob, cls.content_hash, component.kinds())
+            component.__dict__ |= content["component"]
             component.resumed()
-            return Snapshot(cls.content_hash, held["slave"], component.__dict__, blob)
+            return Snapshot(cls.content_hash, content["slave"], component.__dict__, blob)
 
         return cls._refused("reading a state", read)
 

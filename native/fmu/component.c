@@ -284,7 +284,7 @@ static void renew(component *c)
     memcpy(x + c->basis_known, x + (x[FRESH] != 0.0 ? c->shown : c->known), bytes);
 }
 
-static void remember(component *c, const stretch *s)
+static void remember(component *c, const communication_step *s)
 {
     double *const x = c->numbers;
     x[LAST_H] = s->h;
@@ -325,7 +325,7 @@ int initialized(component *c)
     x[FRESH] = 1.0;
     memset(x + c->slope, 0, sizeof(double) * (size_t)c->r.n_inlets);
     venous_values(c, c->pressures);
-    const stretch s = stretch_of(c, x[DT], c->pressures);
+    const communication_step s = step_of(c, x[DT], c->pressures);
     remember(c, &s);
     renew(c);
     x[V_NOW] = x[V_0] = volume(c, x + c->now, (int32_t)x[NOW], shown);
@@ -345,12 +345,12 @@ int component_leave(component *c)
 }
 
 /* What the next known, shown and slope are; inputs Q at the inlets. */
-static int driven(component *c, const stretch *s, double *Q)
+static int driven(component *c, const communication_step *s, double *Q)
 {
     double *const x = c->numbers, *const shown = x + c->shown, *const known = x + c->known;
     const int32_t n = c->r.n_inlets;
     const size_t bytes = sizeof(double) * (size_t)c->n_position;
-    const int end = x[WAY] == HOLD; /* below, what the flow at the start of a stretch is in parts of the input */
+    const int end = x[WAY] == HOLD; /* below, what the flow at the start of a communication step is in parts of the input */
     if (c->d && x[WAY] != SMOOTH && !derivative_begins(c, shown, SHOWN, 1, end, x[OWN] == 0.0)) return 0;
     if (x[OWN] != 0.0) return run_along(c, s, shown, x[TIME]);
     if (x[WAY] != SMOOTH) {
@@ -358,7 +358,7 @@ static int driven(component *c, const stretch *s, double *Q)
             c->answers[i] = x[WAY] == HOLD ? Q[i] : shown[AT_DRIVE + i];
             x[c->slope + i] = (Q[i] - c->answers[i]) / s->h;
         }
-        return run_stretch(c, s, shown, x[TIME], c->answers, Q);
+        return run_straight(c, s, shown, x[TIME], c->answers, Q);
     }
     memset(x + c->slope, 0, sizeof(double) * (size_t)n);
     if (x[FRESH] != 0.0) {
@@ -370,10 +370,10 @@ static int driven(component *c, const stretch *s, double *Q)
         if (!c->d && same(Q, shown + AT_DRIVE, n)) {
             memcpy(known, shown, bytes);
         } else {
-            const stretch last = {x[LAST_H], x[LAST_DT], (int64_t)x[LAST_STEPS], (int32_t)c->before[NOW],
+            const communication_step last = {x[LAST_H], x[LAST_DT], (int64_t)x[LAST_STEPS], (int32_t)c->before[NOW],
                                   c->before + c->now, x + c->last_venous};
             if (c->d && !derivative_begins(c, known, KNOWN, 0, 0.0, 1.0)) return 0;
-            if (!run_stretch(c, &last, known, x[TIME] - x[LAST_H], known + AT_DRIVE, Q)) return 0;
+            if (!run_straight(c, &last, known, x[TIME] - x[LAST_H], known + AT_DRIVE, Q)) return 0;
             if (x[RETUNED] != 0.0) under(c, known);
         }
     }
@@ -382,11 +382,11 @@ static int driven(component *c, const stretch *s, double *Q)
     const double further = x[FRESH] == 0.0 && s->h <= FURTHEST * x[LAST_H] ? 1.0 + s->h / x[LAST_H] : 1.0;
     x[FRESH] = 0.0;
     if (c->d && !derivative_begins(c, shown, KNOWN_AS_SHOWN, 1, 1.0, further)) return 0;
-    if (run_stretch(c, s, shown, x[TIME], Q, c->answers)) return 1;
+    if (run_straight(c, s, shown, x[TIME], Q, c->answers)) return 1;
     memcpy(shown, known, bytes); /* of a flow that was only extrapolated: without that */
     memset(x + c->slope, 0, sizeof(double) * (size_t)n);
     if (c->d && !derivative_begins(c, shown, KNOWN_AS_SHOWN, 1, 1.0, 1.0)) return 0;
-    return run_stretch(c, s, shown, x[TIME], Q, Q);
+    return run_straight(c, s, shown, x[TIME], Q, Q);
 }
 
 /* The inputs; before the first step of ``smooth`` zeros may mean that nothing has been sent yet. */
@@ -436,7 +436,7 @@ static int stepped(component *c, double t, double h)
         return say(c, "communication step of %g s: more than 1000000 internal steps of %g s; take shorter communication steps.",
                    h, x[DT]);
     received(c, Q, c->pressures);
-    const stretch s = stretch_of(c, h, c->pressures);
+    const communication_step s = step_of(c, h, c->pressures);
     const int heard = x[OWN] != 0.0 && x[HEARD] == 0.0 && !same(Q, x + c->unset, c->r.n_inlets);
     if (!driven(c, &s, Q)) return say(c, "%s", c->failure);
     x[TIME] = t + h;

@@ -93,7 +93,7 @@ typedef struct {
     int64_t steps;
     int32_t program;
     const double *parameters, *venous;
-} stretch;
+} communication_step;
 
 typedef struct {
     double dt, length, used; /* length : solver.element_length, which the mesh must have */
@@ -154,11 +154,11 @@ memory memory_for(component *c, int32_t program, double *fixed);
 double *further(component *c, int32_t program, const memory *m, int which);
 
 /* Runs along straight lines, or along the network's own curves from a time t; 0 with a sentence in failure. */
-int run_stretch(component *c, const stretch *s, double *position, double t, const double *start, const double *end);
-int run_along(component *c, const stretch *s, double *position, double t);
+int run_straight(component *c, const communication_step *s, double *position, double t, const double *start, const double *end);
+int run_along(component *c, const communication_step *s, double *position, double t);
 double drive_at(component *c, int32_t inlet, double t);
 const double *acting_at(component *c, double t, double dt); /* of tables, at t and at the stages of a step from there */
-stretch stretch_of(const component *c, double h, const double *venous);
+communication_step step_of(const component *c, double h, const double *venous);
 double rounded(double dt);
 
 void half_of(const double *drive, int32_t n, int half, double *found); /* of a step, by the same cubic */
@@ -167,14 +167,14 @@ void half_of(const double *drive, int32_t n, int half, double *found); /* of a s
 size_t step_bytes(const component *c);
 int component_again(component *c, double t, double h);
 
-/* While c->d is there: a position begins a stretch whose drives have directions start and end times those of inputs;
+/* While c->d is there: a position begins a communication step whose drives have directions start and end times those of inputs;
    acts : whether parameters have theirs. */
 enum { KNOWN, SHOWN, KNOWN_AS_SHOWN };
 int derivative_begins(component *c, const double *position, int which, int acts, double start, double end);
 void derivative_drive(component *c, int64_t k, int64_t steps); /* of internal step k; steps = 0: none */
 void derivative_half(component *c, int half, int depth);
 void derivative_came(component *c, double time); /* by given flows */
-int derivative_step(component *c, const stretch *s, double t, double dt, int depth, int own);
+int derivative_step(component *c, const communication_step *s, double t, double dt, int depth, int own);
 
 /* Volume, answers and venous flows of a position at a time t; returns the volume. */
 double shown_of(component *c, int32_t program, const double *parameters, const double *position, double t,

@@ -75,7 +75,7 @@ static int coefficients(component *c, const double *parameters, double dt)
     return 1;
 }
 
-int derivative_step(component *c, const stretch *s, double t, double dt, int depth, int own)
+int derivative_step(component *c, const communication_step *s, double t, double dt, int depth, int own)
 {
     struct derivative *const d = c->d;
     const arterial_program *const q = &d->of->program;

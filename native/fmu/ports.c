@@ -7,10 +7,10 @@
 static const double SMALL = 1e-3, CLOSED = 1e15;
 static const int64_t IN_AT_MOST = 3;
 
-static stretch basis_of(const component *c)
+static communication_step basis_of(const component *c)
 {
     const double *const x = c->numbers;
-    stretch s = {x[BASIS_H], x[BASIS_DT], (int64_t)x[BASIS_STEPS], (int32_t)x[NOW], x + c->now, c->pressures};
+    communication_step s = {x[BASIS_H], x[BASIS_DT], (int64_t)x[BASIS_STEPS], (int32_t)x[NOW], x + c->now, c->pressures};
     if (x[WAY] != HOLD && s.steps > IN_AT_MOST) {
         s.steps = IN_AT_MOST;
         s.dt = rounded(s.h / (double)IN_AT_MOST);
@@ -22,10 +22,10 @@ static stretch basis_of(const component *c)
 static int tried(component *c, const double *Q, double *answers, double *flows)
 {
     const double *const x = c->numbers;
-    const stretch s = basis_of(c);
+    const communication_step s = basis_of(c);
     double *const position = c->tried[0];
     memcpy(position, x + c->basis_shown, sizeof(double) * (size_t)c->n_position);
-    if (!run_stretch(c, &s, position, x[BASIS_TIME], x[WAY] == HOLD ? Q : position + AT_DRIVE, Q)) return 0;
+    if (!run_straight(c, &s, position, x[BASIS_TIME], x[WAY] == HOLD ? Q : position + AT_DRIVE, Q)) return 0;
     shown_of(c, s.program, s.parameters, position, x[BASIS_TIME] + s.h, s.venous, answers, flows);
     return 1;
 }
@@ -34,12 +34,12 @@ static int tried(component *c, const double *Q, double *answers, double *flows)
 static int tried_smooth(component *c, const double *Q, double *answers)
 {
     const double *const x = c->numbers;
-    const stretch s = basis_of(c);
+    const communication_step s = basis_of(c);
     double *const position = c->tried[0];
     memcpy(position, x + c->basis_known, sizeof(double) * (size_t)c->n_position);
     const double t = x[BASIS_KNOWN];
-    if (!run_stretch(c, &s, position, t, position + AT_DRIVE, Q) ||
-        !run_stretch(c, &s, position, t + s.h, Q, x + c->basis_shown + AT_DRIVE))
+    if (!run_straight(c, &s, position, t, position + AT_DRIVE, Q) ||
+        !run_straight(c, &s, position, t + s.h, Q, x + c->basis_shown + AT_DRIVE))
         return 0;
     shown_of(c, s.program, s.parameters, position, t + 2.0 * s.h, s.venous, answers, NULL);
     return 1;
@@ -81,13 +81,13 @@ static int impedances(component *c, const double *small_drives, const double *sm
 }
 
 /* The next step under the extrapolated drive; where it breaks down, the present position. */
-static const double *trial(component *c, const stretch *s, double *t)
+static const double *trial(component *c, const communication_step *s, double *t)
 {
     double *const x = c->numbers, *const position = c->tried[0], *const Q = c->tried[1];
     memcpy(position, x + c->shown, sizeof(double) * (size_t)c->n_position);
     for (int32_t i = 0; i < c->r.n_inlets; i++) Q[i] = position[AT_DRIVE + i] + x[c->slope + i] * s->h;
     const int done = x[OWN] != 0.0 ? run_along(c, s, position, x[TIME])
-                                   : run_stretch(c, s, position, x[TIME], x[WAY] == HOLD ? Q : position + AT_DRIVE, Q);
+                                   : run_straight(c, s, position, x[TIME], x[WAY] == HOLD ? Q : position + AT_DRIVE, Q);
     *t = x[TIME] + (done ? s->h : 0.0);
     return done ? position : x + c->shown;
 }
@@ -111,7 +111,7 @@ int ports(component *c, double *values)
         }
         x[FOUND] = 1.0;
     }
-    const stretch s = {x[LAST_H], x[LAST_DT], (int64_t)x[LAST_STEPS], program, x + c->now, x + c->last_venous};
+    const communication_step s = {x[LAST_H], x[LAST_DT], (int64_t)x[LAST_STEPS], program, x + c->now, x + c->last_venous};
     double t;
     const double *const next = trial(c, &s, &t);
     shown_of(c, program, s.parameters, next, t, s.venous, c->answers, c->flows);

@@ -13,8 +13,8 @@ class HostDied(RuntimeError):
 
     exit_code = ExitCode.DOES_NOT_RUN
 
-    def __init__(self, fmu: str | os.PathLike[str], code: int, said: str = "") -> None:
-        last = f", its last words: {said.rstrip('.')}" if said else ""
+    def __init__(self, fmu: str | os.PathLike[str], code: int, message: str = "") -> None:
+        last = f", its last words: {message.rstrip('.')}" if message else ""
         super().__init__(
             f"{os.fspath(fmu)}: the process that ran it {ended(code)}{last}; ask arterial-fmu doctor "
             f"{os.fspath(fmu)}, and report it with what that says."

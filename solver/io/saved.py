@@ -142,18 +142,18 @@ class _Reader:
     def value(self, tree: Any) -> Any:
         if not isinstance(tree, list):
             return tree
-        what, *rest = tree
-        if what in ("list", "tuple"):
-            return (list if what == "list" else tuple)(map(self.value, rest))
-        if what == "dict":
+        tag, *rest = tree
+        if tag in ("list", "tuple"):
+            return (list if tag == "list" else tuple)(map(self.value, rest))
+        if tag == "dict":
             return {self.value(key): self.value(each) for key, each in rest}
-        if what == "again":
+        if tag == "again":
             return self.objects[rest[0]]
-        if what == "array":
+        if tag == "array":
             found = self.arrays[rest[0]]
-        elif what == "scalar":
+        elif tag == "scalar":
             found = self.arrays[rest[0]][()]
         else:
-            found = self.kinds[what].make(**{name: self.value(part) for name, part in rest})
+            found = self.kinds[tag].make(**{name: self.value(part) for name, part in rest})
         self.objects.append(found)
         return found

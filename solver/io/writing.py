@@ -125,8 +125,8 @@ def _check_way(folder: Path) -> None:
     """Raise ValueError if a file is in the place of a folder."""
     file = next((each for each in (folder, *folder.parents) if each.exists() and not each.is_dir()), None)
     if file is not None:
-        what = "is a file, not a folder" if file == folder else f"cannot be made, as {file} is a file"
-        raise InputError(f"{folder}: {what}; give another folder.")
+        reason = "is a file, not a folder" if file == folder else f"cannot be made, as {file} is a file"
+        raise InputError(f"{folder}: {reason}; give another folder.")
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

@@ -30,17 +30,17 @@ def _terms(owner: str, catalogue: tuple[Effect, ...]) -> Mapping[str, Quantity]:
     return {key: q for e in catalogue if e.owner == owner and not e.always for key, q in e.terms.items()}
 
 
-def quantities_of(thing: Any) -> dict[str, Quantity]:
+def quantities_of(owner: Any) -> dict[str, Quantity]:
     """The quantities of an object of the network: its fields and its terms."""
-    held = getattr(thing, "terms", {})
-    known = _terms(thing.OWNER, effects.ALL) if held else {}
-    return quantities(thing) | {key: q for key, q in known.items() if key in held}
+    terms = getattr(owner, "terms", {})
+    known = _terms(owner.OWNER, effects.ALL) if terms else {}
+    return quantities(owner) | {key: q for key, q in known.items() if key in terms}
 
 
-def value_of(thing: Any, key: str) -> float:
+def value_of(owner: Any, key: str) -> float:
     """The number behind a key of :func:`quantities_of`."""
-    held = getattr(thing, "terms", {})
-    return held[key] if key in held else getattr(thing, key)
+    terms = getattr(owner, "terms", {})
+    return terms[key] if key in terms else getattr(owner, key)
 
 
 def neutral_value(key: str, variable: str = "") -> float:

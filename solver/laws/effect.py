@@ -9,18 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
 from ..errors import InputError
 from ..quantities.coordinate import SCALE, SHIFT, Coordinate, allowed
-from ..quantities.quantity import Quantity
+from ..quantities.quantity import Quantity, quantities
 from .wall import Wall
 
 Array = np.ndarray
 Values = Mapping[str, Array]
 Anatomy = TypeVar("Anatomy", bound="Described")
+Default = TypeVar("Default", bound="float | None")
 
 ALL_PLACES = "all"
 # the source in the equations that represents an effect (:mod:`~solver.mesh.sources`)
@@ -220,7 +222,7 @@ class Effect:
 
     def acts_on(self, owner: Any) -> bool:
         """Whether it can act at this segment, outlet or junction."""
-        return self.needs is None or _number_or_zero(owner, self.needs) > 0.0
+        return self.needs is None or number_of(owner, self.needs, 0.0) > 0.0
 
     def of_animal(self, network: Described, place: str) -> bool:
         """Whether it only means that this animal's artery differs from the network's: no discovery if all differ."""
@@ -265,7 +267,7 @@ class Effect:
     def step(self, network: Described, owner: Any, key: str) -> float:
         """Change of a shifted number of one owner, in SI, for x = 1: its typical size."""
         size, relative = self.search.typical.get(key, self.terms[key].nominal), self.search.relative
-        return size * _number_or_zero(owner, relative[key][0]) if key in relative else size
+        return size * number_of(owner, relative[key][0], 0.0) if key in relative else size
 
     def scaled(self, key: str, values: Sequence[float]) -> float | None:
         """Change of the logarithm for x = 1 if a number with these values is scaled, None if it is shifted."""
@@ -287,11 +289,10 @@ class Effect:
         if everywhere and key in self.search.relative:
             ratio, unit = self.search.relative[key]
             if factor is None:
-                size, first = self.search.typical.get(key, 1.0), first / _number_or_zero(owners[0], ratio)
+                size, first = self.search.typical.get(key, 1.0), first / number_of(owners[0], ratio, 0.0)
             else:
-                first = float(
-                    np.mean([_number_or_zero(owner, key) / _number_or_zero(owner, ratio) for owner in owners])
-                )
+                ratios = [number_of(owner, key, 0.0) / number_of(owner, ratio, 0.0) for owner in owners]
+                first = float(np.mean(ratios))
         name = f"{ALL_PLACES}.{key}" if everywhere else variables[0]
         return Coordinate(name, kind, moves, low, high, unit, size, first, ratio)
 
@@ -331,10 +332,18 @@ class Effect:
         return numbers
 
 
-def _number_or_zero(owner: Any, key: str) -> float:
-    """A number of an owner, field or term; 0 if the owner does not have it."""
-    terms: Mapping[str, float] = owner.terms
-    return float(terms.get(key, getattr(owner, key, 0.0)))
+def number_of(owner: Any, key: str, default: Default) -> float | Default:
+    """The value of an owner's key, a term or a field; the default if it has neither."""
+    terms: Mapping[str, float] = getattr(owner, "terms", {})
+    if key in terms:
+        return terms[key]
+    kind: Any = type(owner)
+    return float(getattr(owner, key)) if key in _fields(kind) else default
+
+
+@lru_cache(maxsize=64)
+def _fields(kind: type) -> frozenset[str]:
+    return frozenset(quantities(kind))
 
 
 def check_known(where: str, keys: Iterable[str], known: Iterable[str]) -> None:

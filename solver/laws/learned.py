@@ -74,8 +74,8 @@ class LearnedWall(Effect):
             "learned_cubic": "cubic ε̇³",
             "learned_friction": "friction tanh(4ε̇/rate)",
         }
-        said = f"σ = … + {' + '.join(each[key] for key in keys)}"
-        return said + (", u = (ε - low)/span" if {"learned_rise", "learned_fall"} & set(keys) else "")
+        text = f"σ = … + {' + '.join(each[key] for key in keys)}"
+        return text + (", u = (ε - low)/span" if {"learned_rise", "learned_fall"} & set(keys) else "")
 
 
 class LearnedOutlet(Effect):
@@ -137,5 +137,5 @@ class LearnedOutlet(Effect):
 
     def formula(self, keys: Sequence[str]) -> str:
         each = {"learned_open": "open u", "learned_shut": "shut (1 - u)"}
-        said = " + ".join(each[key] for key in keys)
-        return f"Q = … + ({said}) (P - P_venous), u = (P - P_venous - from)/over"
+        text = " + ".join(each[key] for key in keys)
+        return f"Q = … + ({text}) (P - P_venous), u = (P - P_venous - from)/over"

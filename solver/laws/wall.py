@@ -72,8 +72,8 @@ class Wall:
         return self._with(lambda array: array.reshape(*array.shape[:-1], *shape).copy())
 
     def _with(self, change: Callable[[Array], Array]) -> Wall:
-        held = {name: getattr(self, name) for name in _WALL_ARRAYS}
-        changed: dict[str, Any] = {name: change(array) for name, array in held.items() if array is not None}
+        arrays = {name: getattr(self, name) for name in _WALL_ARRAYS}
+        changed: dict[str, Any] = {name: change(array) for name, array in arrays.items() if array is not None}
         return replace(self, **changed)
 
     @property

@@ -162,10 +162,10 @@ class _Trial:
         L, B = self.heart.heart.rho * valve.l / valve.A, 0.5 * self.heart.heart.rho / valve.A**2
         rate = self.c_end * Q + self.c_now * before.Q + self.c_before * before.Q_before
         speed = sqrt(Q * Q + _LAMINAR * _LAMINAR)
-        left = drop - valve.R * Q
-        value = L * s * rate + B * speed * Q - s * s * left
+        driving = drop - valve.R * Q
+        value = L * s * rate + B * speed * Q - s * s * driving
         by_Q = L * s * self.c_end + B * (speed + Q * Q / speed) + s * s * valve.R
-        return value, by_Q, d_s * (L * rate - 2.0 * s * left) - s * s
+        return value, by_Q, d_s * (L * rate - 2.0 * s * driving) - s * s
 
     def equations(self, Q_m: Number, Q_a: Number) -> tuple[Number, ...]:
         """The laws of the mitral and of the aortic valve, of Q_m, Q_a [m³/s]: see :meth:`law`."""

@@ -140,14 +140,14 @@ class Factor:
         """-G⁻¹ net : (B, n)."""
         if not self.plan.rounds:
             return np.matmul(self.inverse, net[..., None])[..., 0]
-        left = net.copy()
+        remaining = net.copy()
         for r, passed in zip(self.plan.rounds, self.passed, strict=True):
-            going = passed * left.take(r.source, 1)
-            left[:, r.passes.targets] -= np.add.reduceat(going, r.passes.first, 1)
-        found = np.empty_like(left)
-        found[:, self.plan.core] = np.matmul(self.inverse, left[:, self.plan.core, None])[..., 0]
+            going = passed * remaining.take(r.source, 1)
+            remaining[:, r.passes.targets] -= np.add.reduceat(going, r.passes.first, 1)
+        found = np.empty_like(remaining)
+        found[:, self.plan.core] = np.matmul(self.inverse, remaining[:, self.plan.core, None])[..., 0]
         for r, taken, own in zip(reversed(self.plan.rounds), reversed(self.taken), reversed(self.own), strict=True):
-            x = own * left.take(r.nodes, 1)
+            x = own * remaining.take(r.nodes, 1)
             x += taken[:, 0] * found.take(r.near, 1)
             x += taken[:, 1] * found.take(r.far, 1)
             found[:, r.nodes] = x

@@ -206,9 +206,9 @@ class Mesh:
     def _holding(self, segment: Array, position: Array) -> Array:
         """The elements that contain the points x/L of segments."""
         begins = ((first, self.left[first : first + n]) for first, n in zip(self.first, self.count, strict=True))
-        left = dict(enumerate(begins))
+        ends = dict(enumerate(begins))
         points = zip(segment, position, strict=True)
-        return np.array([left[s][0] + left[s][1].searchsorted(x, side="right") - 1 for s, x in points], int)
+        return np.array([ends[s][0] + ends[s][1].searchsorted(x, side="right") - 1 for s, x in points], int)
 
 
 def build_mesh(

@@ -34,16 +34,16 @@ ENDS = {number: term for effect in effects.ALL for number, term in effect.at_end
 
 def fluid(table: Mapping[str, Any], rho: float, parse: Parse) -> dict[str, Any]:
     """The section [fluid] with nu for mu, friction and alpha for profile. Raises ValueError for duplicates."""
-    left = dict(table)
+    remaining = dict(table)
     for key, own in (("mu", ("nu",)), ("profile", ("friction", "alpha"))):
         _alone("fluid", table, key, own)
-    given = {key: _checked("fluid", key, left.pop(key), q, parse) for key, q in FLUID.items() if key in table}
+    given = {key: _checked("fluid", key, remaining.pop(key), q, parse) for key, q in FLUID.items() if key in table}
     if "mu" in given:
-        left["nu"] = given["mu"] / rho
+        remaining["nu"] = given["mu"] / rho
     if "profile" in given:
         exponent = given["profile"]
-        left |= {"friction": 2.0 * (exponent + 2.0), "alpha": (exponent + 2.0) / (exponent + 1.0)}
-    return left
+        remaining |= {"friction": 2.0 * (exponent + 2.0), "alpha": (exponent + 2.0) / (exponent + 1.0)}
+    return remaining
 
 
 def segment(
@@ -59,14 +59,14 @@ def segment(
     if not any(key in SEGMENT or isinstance(value, list) for key, value in table.items()):
         return dict(table)
     every = dict(known) | SEGMENT
-    left = {key: value for key, value in table.items() if key not in SEGMENT and not isinstance(value, list)}
-    at = {key: _both(name, key, value, every, parse) for key, value in table.items() if key not in left}
+    remaining = {key: value for key, value in table.items() if key not in SEGMENT and not isinstance(value, list)}
+    at = {key: _both(name, key, value, every, parse) for key, value in table.items() if key not in remaining}
 
     def needed(key: str, whose: str) -> Array:
-        if key not in at and key not in left:
+        if key not in at and key not in remaining:
             raise InputError(f"{name}: {whose} needs {key} beside it; add {key}.")
         if key not in at:
-            at[key] = np.full(2, _checked(name, key, left[key], every[key], parse))
+            at[key] = np.full(2, _checked(name, key, remaining[key], every[key], parse))
         return at[key]
 
     if "A0" in at:
@@ -82,11 +82,11 @@ def segment(
             raise InputError(f"{name}.C_v = {table['C_v']}: phi0 is constant along a segment; give one number.")
         at["phi0"] = np.full(2, 2.0 * plate * rho * R0.mean() * C_v[0] / h.mean())
     for key, (a, b) in at.items():
-        left[key] = float(a) if a == b else 0.5 * float(a + b)
+        remaining[key] = float(a) if a == b else 0.5 * float(a + b)
         if a != b:
             _alone(name, table, key, (ENDS[key],))
-            left[ENDS[key]] = float((b - a) / left[key])
-    return left
+            remaining[ENDS[key]] = float((b - a) / remaining[key])
+    return remaining
 
 
 def outlet(table: Mapping[str, Any], given: Set[str]) -> dict[str, Any]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..laws import effects
-from ..laws.effect import Effect
+from ..laws.effect import Effect, number_of
 from ..laws.outlets import Condition, Load, Outlet, steady
 from ..laws.wall import Wall
 from ..laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
@@ -138,9 +138,9 @@ class Coefficients:
         """All numbers of the segments and the fluid in them : (B, n_segments, m)."""
         along = [value for term in self.terms if term.effect.owner in _ALONG for value in term.values.values()]
         base = self.base.A0, self.base.K, self.base.K_h, self.base.P_ref
-        held = self.L, *base, self.rho, self.nu, self.C_f, self.P_0, *along
-        found = np.empty((*self.L.shape, len(held)))
-        for i, values in enumerate(held):
+        groups = self.L, *base, self.rho, self.nu, self.C_f, self.P_0, *along
+        found = np.empty((*self.L.shape, len(groups)))
+        for i, values in enumerate(groups):
             found[..., i] = values
         return found
 
@@ -215,8 +215,8 @@ def coefficients(
     size = batch_size(parameters)
     numbers = _Numbers(network, parameters, size or 1)
     segments, fluid = numbers.owners["segment"], numbers.owners["fluid"]
-    held = (term for term in map(numbers.term, effects.ALL) if term is not None)
-    terms = tuple(term for term in held if every or term.active)
+    present = (term for term in map(numbers.term, effects.ALL) if term is not None)
+    terms = tuple(term for term in present if every or term.active)
     rho, nu = numbers.of(fluid, "rho"), numbers.of(fluid, "nu")
     C_f, alpha = numbers.of(fluid, "friction") * np.pi * nu, np.ones_like(rho)
     junctions: Mapping[str, Array] = {"k": np.zeros((numbers.size, len(network.junctions)))}
@@ -249,8 +249,8 @@ def coefficients(
 def walls_at(network: Network, parameters: Parameters | None, segment: Array, x: Array) -> Wall:
     """The walls of :func:`coefficients` alone, of parameters that are not checked, as :meth:`Coefficients.wall_at`."""
     numbers = _Numbers(network, parameters or {}, batch_size(parameters or {}) or 1)
-    held = (numbers.term(effect) for effect in effects.ALL if effect.owner == "segment" and numbers.acts(effect))
-    return _with_effects(_walls(numbers), [term for term in held if term is not None], segment, x)
+    present = (numbers.term(effect) for effect in effects.ALL if effect.owner == "segment" and numbers.acts(effect))
+    return _with_effects(_walls(numbers), [term for term in present if term is not None], segment, x)
 
 
 def _with_effects(base: Wall, terms: Sequence[EffectValues], segment: Array, x: Array) -> Wall:
@@ -282,7 +282,7 @@ class _Numbers:
         values = np.empty_like(self.like, float, shape=(self.size, len(owners)))
         for i, (prefix, owner) in enumerate(owners):
             name = f"{prefix}.{key}"
-            values[:, i] = self.parameters[name] if name in self.parameters else _number(owner, key, otherwise)
+            values[:, i] = self.parameters[name] if name in self.parameters else number_of(owner, key, otherwise)
         return values
 
     def acts(self, effect: Effect) -> bool:
@@ -291,7 +291,7 @@ class _Numbers:
         for key, neutral in effect.neutral.items():
             for prefix, owner in self.owners[effect.owner] if key not in how else ():
                 name = f"{prefix}.{key}"
-                value = self.parameters[name] if name in self.parameters else _number(owner, key, neutral)
+                value = self.parameters[name] if name in self.parameters else number_of(owner, key, neutral)
                 if np.any(value != neutral):
                     return True
         return False
@@ -300,24 +300,10 @@ class _Numbers:
         """The numbers of an effect, neutral if an owner does not have them; None if no owner has them, or if the effect
         has no neutral values."""
         owners = self.owners[effect.owner]
-        held = effect.always or any(key in owner.terms for _, owner in owners for key in effect.terms)
-        if not held or not effect.neutral:
+        present = effect.always or any(key in owner.terms for _, owner in owners for key in effect.terms)
+        if not present or not effect.neutral:
             return None
         return EffectValues(effect, {key: self.of(owners, key, effect.neutral[key]) for key in effect.terms})
-
-
-def _number(owner: Any, key: str, otherwise: float | None) -> float | None:
-    """The value of an owner's key, a term or a field."""
-    held: Mapping[str, float] = getattr(owner, "terms", {})
-    if key in held:
-        return held[key]
-    kind: Any = type(owner)
-    return float(getattr(owner, key)) if key in _fields(kind) else otherwise
-
-
-@lru_cache(maxsize=64)
-def _fields(kind: type) -> frozenset[str]:
-    return frozenset(quantities(kind))
 
 
 def _walls(numbers: _Numbers) -> Wall:

@@ -263,8 +263,8 @@ def _channel(name: str, table: Mapping[str, Any]) -> Channel:
 def _numbers(kind: Any, where: str, table: Mapping[str, Any], others: Iterable[str] = ()) -> dict[str, Any]:
     """The quantities of ``kind`` in a section, in SI, with its terms of effects; ``others`` are keys without
     numbers."""
-    own, held = quantities(kind), terms_of(getattr(kind, "OWNER", ""))
-    check_keys(where, table, (*own, *held, *others))
+    own, terms = quantities(kind), terms_of(getattr(kind, "OWNER", ""))
+    check_keys(where, table, (*own, *terms, *others))
     for f in fields(kind):
         if f.name in own and f.default is MISSING and f.name not in table:
             wanted = own[f.name]
@@ -276,7 +276,7 @@ def _numbers(kind: Any, where: str, table: Mapping[str, Any], others: Iterable[s
     def read(known: Mapping[str, Quantity]) -> dict[str, Any]:
         return {key: parse_quantity(table[key], q.unit, f"{where}.{key}") for key, q in known.items() if key in table}
 
-    return {**read(own), **({"terms": read(held)} if held else {})}
+    return {**read(own), **({"terms": read(terms)} if terms else {})}
 
 
 def _texts_out(owner: Any, *keys: str) -> list[str]:
@@ -290,10 +290,10 @@ def _numbers_out(owner: Any) -> list[str]:
 
 def _lines(values: Mapping[str, float], known: Mapping[str, Quantity]) -> list[str]:
     """One line per number; repr is the shortest text that reads back to the same float."""
-    shown = {key: (repr(float(value)), known[key].unit) for key, value in values.items()}
+    entries = {key: (repr(float(value)), known[key].unit) for key, value in values.items()}
     return [
         f"{key} = {number}" if unit == "1" else f'{key} = "{number} {pint_spelling(unit)}"'
-        for key, (number, unit) in shown.items()
+        for key, (number, unit) in entries.items()
     ]
 
 

@@ -41,9 +41,9 @@ def drives_of(network: Network, inflow: Inflows | None, B: int) -> Drives:
         if name not in own:
             raise InputError(f"inflow: {name} does not drive an inlet of network {network.name}; use {', '.join(own)}.")
         if not callable(given[name]):
-            what = f"{given[name]!r:.40}" if np.isscalar(given[name]) else f"a {type(given[name]).__name__}"
+            shown = f"{given[name]!r:.40}" if np.isscalar(given[name]) else f"a {type(given[name]).__name__}"
             raise InputError(
-                f"inflow {name}: {what} is no function of time; give one that takes an array of times [s], such as "
+                f"inflow {name}: {shown} is no function of time; give one that takes an array of times [s], such as "
                 "sampled_inflow(t, Q) of samples. A duration is given by name: duration=2.0."
             )
     found = {name: given.get(name, default) for name, default in own.items()}

@@ -88,10 +88,10 @@ def check(sources: tuple[TableSource, ...], network: Described) -> None:
             raise InputError(f"{source.label}: network {network.name} has none there; use {', '.join(known)}{near}.")
 
 
-def refuse(sources: tuple[TableSource, ...], what: str) -> None:
+def refuse(sources: tuple[TableSource, ...], action: str) -> None:
     """Raise ValueError where there are sources that something does not have."""
     for source in sources:
-        raise InputError(f"{source.label}: {what} does not have tables of sources; leave it out.")
+        raise InputError(f"{source.label}: {action} does not have tables of sources; leave it out.")
 
 
 def read(table: Any, folder: Path | None) -> TableSource:

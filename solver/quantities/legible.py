@@ -81,10 +81,12 @@ def interval(low: float, high: float) -> str:
     return f"{rounded(low, half)} … {rounded(high, half)}"
 
 
-def with_interval(value: float, ends: tuple[float, float] | None, factor: float, told: bool = True) -> tuple[str, str]:
-    """A number and its interval in a unit, by the factor from SI; ends : None if it has none; told : False if the
+def with_interval(
+    value: float, ends: tuple[float, float] | None, factor: float, bounded: bool = True
+) -> tuple[str, str]:
+    """A number and its interval in a unit, by the factor from SI; ends : None if it has none; bounded : False if the
     record does not determine it."""
-    if not told:
+    if not bounded:
         return number(factor * value), NOT_DETERMINED
     if ends is None:
         return number(factor * value, 4), DASH

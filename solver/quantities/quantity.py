@@ -83,9 +83,9 @@ def quantity(default: float | None, unit: str, description: str, low: float, hig
     return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
 
 
-def quantities(thing: Any) -> dict[str, Quantity]:
+def quantities(owner: Any) -> dict[str, Quantity]:
     """The quantities of a dataclass or of one of its instances, by field name."""
-    return dict(_quantities(thing if isinstance(thing, type) else type(thing)))
+    return dict(_quantities(owner if isinstance(owner, type) else type(owner)))
 
 
 @cache

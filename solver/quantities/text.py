@@ -49,24 +49,26 @@ def parse_quantity(value: str | float, unit: str, name: str) -> float:
     unit : as in :class:`solver.network.description.Quantity` ("Pa.s", "1"). name : what the number is, for the error.
     Raises ValueError, one sentence, if it is not a finite number or the unit is unknown or of another kind.
     """
-    shown = f"{name} = {json.dumps(value, ensure_ascii=False, default=str)}"
+    assignment = f"{name} = {json.dumps(value, ensure_ascii=False, default=str)}"
     wanted = "a number without unit" if unit == "1" else f"a number in {pint_spelling(unit)}"
     numeric = isinstance(value, str | float | int) and not isinstance(value, bool)
     match = _NUMBER.fullmatch(str(value).strip()) if numeric else None
     if match is None:
         raise InputError(
-            f'{shown}: must be {wanted}; write it bare or with a unit in quotes, such as "{example(unit)}".'
+            f'{assignment}: must be {wanted}; write it bare or with a unit in quotes, such as "{example(unit)}".'
         )
     magnitude = float(match[1])
     if magnitude == 0.0:
-        _factor(match[2], unit, shown)
+        _factor(match[2], unit, assignment)
         return magnitude  # keeps the sign of -0.0
     try:
-        result = float(Fraction(match[1]) * _factor(match[2], unit, shown)) if math.isfinite(magnitude) else magnitude
+        result = (
+            float(Fraction(match[1]) * _factor(match[2], unit, assignment)) if math.isfinite(magnitude) else magnitude
+        )
     except OverflowError:
         result = math.inf
     if not math.isfinite(result):
-        raise InputError(f"{shown}: must be {wanted} that is finite; check the value.")
+        raise InputError(f"{assignment}: must be {wanted} that is finite; check the value.")
     return result
 
 
@@ -114,7 +116,7 @@ _ENDLESS = re.compile(
 )
 
 
-def _factor(text: str, unit: str, shown: str) -> Fraction:
+def _factor(text: str, unit: str, assignment: str) -> Fraction:
     """The exact factor from the unit in ``text`` to ``unit``; no text means that unit itself."""
     wanted = pint_spelling(unit)
     known = exact_factor(pint_spelling(text).replace("*", "."), unit) if text else Fraction(1)
@@ -129,12 +131,12 @@ def _factor(text: str, unit: str, shown: str) -> Fraction:
     # the parser of pint lets all of these through for text that is not a unit
     except (tokenize.TokenError, AssertionError, AttributeError, ValueError, TypeError, ArithmeticError, LookupError):
         raise InputError(
-            f'{shown}: the unit {text} is not known; expected {wanted or "no unit"}, such as "{example(unit)}".'
+            f'{assignment}: the unit {text} is not known; expected {wanted or "no unit"}, such as "{example(unit)}".'
         ) from None
     target = registry.parse_units(wanted)
     if dimension != target.dimensionality:
         raise InputError(
-            f"{shown}: the unit {text} does not convert to the expected {wanted or 'number without unit'}; "
+            f"{assignment}: the unit {text} does not convert to the expected {wanted or 'number without unit'}; "
             f'correct the unit or the key, such as "{example(unit)}".'
         )
     return registry.convert(Fraction(1), given, target)

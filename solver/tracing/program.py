@@ -166,8 +166,8 @@ def _uses(instructions: Iterable[Instruction]) -> Counter[Slot]:
 
 def _width(each: Instruction, units: int) -> int:
     """Numbers of a part; for a product, its rows or matrices."""
-    count, *rest = each.sizes
-    return (rest[0] if each.name == "product" and count == 1 else count) // units
+    count, *sizes = each.sizes
+    return (sizes[0] if each.name == "product" and count == 1 else count) // units
 
 
 def _apart(each: Instruction) -> list[Operand]:

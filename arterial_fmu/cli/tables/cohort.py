@@ -24,8 +24,8 @@ _SHOWN = (
 
 def tables(cohort: Cohort) -> list[RenderableType]:
     """Means ± standard deviations of the main model by site, the claims, and the failures."""
-    shown = [cohort] if cohort.evidence is None or cohort.evidence.decided else [cohort, *cohort.others]
-    means = [_means(each) for each in shown]
+    cohorts = [cohort] if cohort.evidence is None or cohort.evidence.decided else [cohort, *cohort.others]
+    means = [_means(each) for each in cohorts]
     means[-1].caption = evidence_sentence(cohort)
     claims = Table("claim", "verdict", "why", title=f"Claims of the paper; {cohort.label}", show_lines=True)
     for claim in cohort.claims():

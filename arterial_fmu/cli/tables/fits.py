@@ -69,11 +69,9 @@ def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, f
     """Interval and bootstrap; the effect of a time lag, and of ignoring the noise of R, on the value."""
     # in units of the interval, because a relative change is meaningless for a value near 0
     moved = ("moved by P\n1 ms late", "by ignoring\nnoise of R")
-    told = fitted.model.elastic if fitted.evidence is None or fitted.evidence.decided else "either"
+    law = fitted.model.elastic if fitted.evidence is None or fitted.evidence.decided else "either"
     columns = ("95 % interval", *(["bootstrap"] if bootstrapped else []), *moved)
-    table = Table(
-        "", *map(right, columns), title=f"Uncertainty: {fitted.model.name} model of {fitted.site}, {told} law"
-    )
+    table = Table("", *map(right, columns), title=f"Uncertainty: {fitted.model.name} model of {fitted.site}, {law} law")
     for name in fitted.model.free:
         label, factor = SHOWN[name]
         row = [label, _ends(fitted.ci95(name), factor)]
@@ -115,8 +113,8 @@ def calibration_table(result: Calibration) -> Table:
     table = Table("parameter", right("value"), right("95 % interval"), "unit", title=title)
     for name, value in result.values.items():
         unit, factor = shown_in(quantity_of(name))
-        told = name not in result.undetermined
-        table.add_row(name, *with_interval(value, result.ci95[name], factor, told), unit)
+        determined = name not in result.undetermined
+        table.add_row(name, *with_interval(value, result.ci95[name], factor, determined), unit)
     return table
 
 
@@ -141,5 +139,5 @@ def _plus_minus(estimate: Estimate | None, factor: float) -> str:
         return DASH
     low, high = estimate.ci95
     value, half = factor * estimate.value, factor * (high - low) / 2.0
-    shown = rounded(value, max(half, _FOUR_DIGITS * abs(value)))
-    return f"{shown}\n(given)" if half < _ROUND_OFF * abs(value) else f"{shown}\n±{number(half, 2)}"
+    mean = rounded(value, max(half, _FOUR_DIGITS * abs(value)))
+    return f"{mean}\n(given)" if half < _ROUND_OFF * abs(value) else f"{mean}\n±{number(half, 2)}"

@@ -21,8 +21,8 @@ def preview_table(found: dict[str, Any]) -> Printed:
             " ".join("" if value is None else f"{value:.{digits}g}" for value in values)
             for values in (each["first"], [each["min"]], [each["max"]])
         )
-        told = each["read_as"] if each["understood"] else "?, see below"
-        texts = (each["title"], each["unit"], first, low, high, str(each["gaps"]), told)
+        meaning = each["read_as"] if each["understood"] else "?, see below"
+        texts = (each["title"], each["unit"], first, low, high, str(each["gaps"]), meaning)
         table.add_row(*(text.replace("[", "\\[") for text in texts))  # rich reads brackets as styles
     return table
 

@@ -23,18 +23,18 @@ def recordings_table(result: Calibration, held_out: Sequence[HeldOut] = ()) -> T
     columns += [right(f"{name}\n{shown_in(quantity_of(name))[0]}") for name in own]
     table = Table("recording", right("χ²/dof"), *columns, title="RMS residual over the beat")
 
-    def row(said: str, ratio: str, rms: Mapping[str, float], values: Sequence[str]) -> None:
-        table.add_row(said, ratio, *(_signal(name, rms) for name in channels), *values)
+    def row(label: str, ratio: str, rms: Mapping[str, float], values: Sequence[str]) -> None:
+        table.add_row(label, ratio, *(_signal(name, rms) for name in channels), *values)
 
     for i, each in enumerate(result.recordings):
         weak = result.of(i).undetermined
         values = [NOT_DETERMINED if n in weak else _value(n, each.values, each.ci95) for n in own]
         row(each.label, number(each.chi2 / each.dof), each.rms, values)
-    for held in held_out:
-        label = Path(held.source).stem
-        row(f"{label}, not fitted", DASH, held.rms, [DASH] * len(own))
-        if held.refitted:
-            row("  varying values fitted", DASH, held.refitted, [_value(n, held.values) for n in own])
+    for fold in held_out:
+        label = Path(fold.source).stem
+        row(f"{label}, not fitted", DASH, fold.rms, [DASH] * len(own))
+        if fold.refitted:
+            row("  varying values fitted", DASH, fold.refitted, [_value(n, fold.values) for n in own])
     return table
 
 

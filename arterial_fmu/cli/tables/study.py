@@ -39,11 +39,11 @@ def effects_table(outcome: Outcome) -> Table:
     if outcome.verdict == "ambiguous" and len(outcome.members) < 2:
         title = "two sensor faults"
     numbers = (Column(each, no_wrap=True) for each in ("parameter", "value", "95 % interval", "confidence"))
-    table, told = Table("effect", "where", *numbers, title=title, pad_edge=False), None  # fits 80 columns
+    table, previous = Table("effect", "where", *numbers, title=title, pad_edge=False), None  # fits 80 columns
     for effect, where, *parameter, confidence in effect_rows(outcome):
-        first = (effect, where) != told
+        first = (effect, where) != previous
         table.add_row(*((effect, where) if first else ("", "")), *parameter, confidence if first else "")
-        told = (effect, where)
+        previous = (effect, where)
     return table
 
 
@@ -57,18 +57,20 @@ def recordings_table(outcome: Outcome) -> Table:
 
 
 def gap_text(outcome: Outcome) -> str:
-    """The gap to the record, before and after, and the RMS of the channels over the held-out beats, in their units. The
-    table of several recordings has these RMS."""
+    """The gap to the record, before and after, and the RMS of the channels over the held-out beats with their means, in
+    their units. With several recordings, a table has these RMS instead."""
     if outcome.gap_before is None:
         return ""
     before, after = gap_pair(outcome.gap_before), gap_pair(outcome.gap_after)
-    fitted, held = (b if outcome.gap_after is None else f"{b} -> {a}" for b, a in zip(before, after, strict=True))
+    fitted, held_out = (b if outcome.gap_after is None else f"{b} -> {a}" for b, a in zip(before, after, strict=True))
     first, last = ({c.name: pair[1] for c in outcome.channels if (pair := getattr(c, key))} for key in _RMS)
     loud = {c.name: c.gap_before[1] for c in outcome.channels}
     rms = ""
     if first and sum(each.fitted for each in outcome.recordings) < 2:
-        rms = f"; rms {changes(first, last, loud) if set(last) == set(first) else sizes(first, loud)}"
-    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out beats{rms}\n  {gap_unit(outcome)}"
+        rms = f"; rms with the means: {changes(first, last, loud) if set(last) == set(first) else sizes(first, loud)}"
+    return (
+        f"gap (1 = noise): {fitted} on the fitted beats, {held_out} on the held-out beats{rms}\n  {gap_unit(outcome)}"
+    )
 
 
 def statements(outcome: Outcome) -> Iterator[str]:
@@ -106,13 +108,13 @@ def plan_table(plan: SensorPlan) -> Table:
 def plan_statements(plan: SensorPlan) -> Iterator[str]:
     """The effects that are not distinguishable, those that are invisible, and the sensor to add."""
     found = {effect: rivals for effect in plan.table.visible if (rivals := plan.table.confused(effect))}
-    told = "; ".join(f"{plain(effect)} from {_few(rivals)}" for effect, rivals in found.items())
-    apart = f"Not distinguishable (separation below {INSEPARABLE:g}): {told}."
+    confusions = "; ".join(f"{plain(effect)} from {_few(rivals)}" for effect, rivals in found.items())
+    apart = f"Not distinguishable (separation below {INSEPARABLE:g}): {confusions}."
     yield apart if found else "Every visible effect can be distinguished from every other."
     invisible, not_judged = (", ".join(map(plain, each)) for each in (plan.table.invisible, plan.table.not_judged))
-    said = f"Invisible (d′ below {INVISIBLE:g}): {invisible}."
-    left = f" Not judged (the simulation fails with it): {not_judged}." if not_judged else ""
-    yield (said if invisible else "No effect of typical size is invisible.") + left
+    statement = f"Invisible (d′ below {INVISIBLE:g}): {invisible}."
+    not_simulated = f" Not judged (the simulation fails with it): {not_judged}." if not_judged else ""
+    yield (statement if invisible else "No effect of typical size is invisible.") + not_simulated
     useful = [f"{g.channel} ({_brings(g)})" for g in plan.gains if g.visible or g.separable > 0][:_MOST_GAINS]
     if useful:
         yield f"Add {useful[0]}" + (f"; otherwise {', or '.join(useful[1:])}." if useful[1:] else ".")
@@ -127,7 +129,7 @@ def _few(effects: Sequence[str]) -> str:
 
 def _brings(gain: Gain) -> str:
     """The gain from a sensor, in words."""
-    said = [f"reveals {', '.join(map(plain, gain.visible))}"] if gain.visible else []
+    gains = [f"reveals {', '.join(map(plain, gain.visible))}"] if gain.visible else []
     if gain.separable > 0:
-        said.append(f"separates {gain.separable} more pair{'s' if gain.separable > 1 else ''}")
-    return "; ".join(said)
+        gains.append(f"separates {gain.separable} more pair{'s' if gain.separable > 1 else ''}")
+    return "; ".join(gains)

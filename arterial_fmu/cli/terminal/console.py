@@ -29,10 +29,10 @@ def sentences(*kinds: type[Exception], interrupted: str = "nothing was written."
 
     interrupted : the sentence after Ctrl-C.
     """
-    told: tuple[type[Exception], ...] = (InputError, *kinds)
+    expected: tuple[type[Exception], ...] = (InputError, *kinds)
     try:
         yield
-    except told as error:
+    except expected as error:
         complain(f"Error: {error}")
         raise typer.Exit(getattr(error, "exit_code", ExitCode.BAD_INPUT)) from None
     except KeyboardInterrupt:

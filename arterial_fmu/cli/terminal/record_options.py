@@ -10,9 +10,14 @@ import typer
 
 from arterial_fmu.cli.terminal.console import put, say, sentences, show
 from fitting.cohort.file import read_cohort
+from fitting.first.options import VENOUS, FirstOptions
+from fitting.first.species import NAMES, typical
 from fitting.records.read.columns import Reading
 from fitting.records.recordings import check_readable
+from solver.errors import InputError
 from solver.network.files import parse_quantity
+from solver.quantities.text import typed_quantity
+from solver.quantities.units import MMHG
 
 from ..tables.preview import preview_table
 
@@ -110,6 +115,29 @@ HeldOutFiles = Annotated[
     typer.Option("--hold-out", metavar="FILE", help="A held-out recording for validation, repeatable."),
 ]
 
+# of a first model
+Like = Annotated[
+    str | None,
+    typer.Option(
+        help=f"Species of the typical aorta: {', '.join(NAMES)}; default: a mammal of the recorded stroke volume."
+    ),
+]
+Mass = Annotated[str | None, typer.Option(help='Body mass, "35 kg"; default: typical of the species.')]
+Venous = Annotated[
+    str | None,
+    typer.Option(help=f"Venous pressure at the end of all resistances; default: {VENOUS / MMHG:g} mmHg."),
+]
+Distances = Annotated[
+    list[str] | None,
+    typer.Option("--distance", help='Distance of a site from the root along the vessels, repeatable: "FA=45 cm".'),
+]
+Paths = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--path", help='Sites along a path, repeatable: "Ao,CA"; default: by the delays; side branches are found.'
+    ),
+]
+
 
 def seconds(text: str | None, name: str) -> float | None:
     """The value of an option in seconds; None if it is not given."""
@@ -137,3 +165,26 @@ def beats_of(
     if not as_measured:
         check_plausible(measured, arteries)
     return align(measured, period)
+
+
+def first_options(
+    like: str | None, mass: str | None, venous: str | None, distance: list[str] | None, path: list[str] | None
+) -> FirstOptions:
+    """The options of a first model. Raises ValueError, one sentence, for an unknown species or an invalid quantity."""
+    kilograms = None if mass is None else typed_quantity(mass, "kg", "--mass")
+    typical(like or "human", kilograms)
+    P_venous = VENOUS if venous is None else typed_quantity(venous, "Pa", "--venous")
+    return FirstOptions(like, kilograms, P_venous, _distances(distance or []), tuple(path or ()))
+
+
+def _distances(texts: list[str]) -> dict[str, float]:
+    """{"FA": 0.45} of ["FA=45 cm"]. Raises ValueError for a text that is none, or a length that is not positive."""
+    found = {}
+    for text in texts:
+        site, equals, length = (part.strip() for part in text.partition("="))
+        if not (site and equals):
+            raise InputError(f'--distance "{text}": must be SITE=LENGTH, such as --distance "FA=45 cm".')
+        found[site] = typed_quantity(length, "m", f"--distance {site}")
+        if not 0.0 < found[site] <= 10.0:
+            raise InputError(f"--distance {site} = {length}: must be more than 0 and at most 10 m; check its unit.")
+    return found

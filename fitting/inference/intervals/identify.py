@@ -60,19 +60,19 @@ def sentences(
     terms = names if terms is None else terms
     sd = np.sqrt(np.diag(known.covariance))
     weak = known.singular_values < _WEAK
-    said: set[int] = set()
+    reported: set[int] = set()
     result = []
     for direction in _sparse(known.directions[weak]):
         parts = np.flatnonzero(np.abs(direction) > _PART * np.abs(direction).max())
         if len(parts) == 1:
             i = int(parts[0])
-            said.add(i)
+            reported.add(i)
             prior = prior_sd[i]
             of = "and it has no prior" if prior is None else f"sd {sd[i]:.2g} of prior {prior:.2g}"
             result.append(f"the data do not determine {names[i]} ({of})")
         elif len(parts) == 2:
             a, b = int(parts[0]), int(parts[1])
-            said.update((a, b))
+            reported.update((a, b))
             # this combination does not change along the direction
             factor = -direction[a] * known.sizes[a] / (direction[b] * known.sizes[b])
             along = known.covariance[np.ix_(parts, parts)]
@@ -82,13 +82,13 @@ def sentences(
                 f"determined (sd {spread:.2g})"
             )
         else:
-            said.update(int(i) for i in parts)
+            reported.update(int(i) for i in parts)
             combination = _sum([terms[int(i)] for i in parts], direction[parts] * known.sizes[parts])
             result.append(f"the data do not determine a change along {combination}")
     correlation = known.covariance / np.outer(sd, sd)
     for a in range(len(names)):
         for b in range(a):
-            if abs(correlation[a, b]) > _CORRELATED and not {a, b} <= said:
+            if abs(correlation[a, b]) > _CORRELATED and not {a, b} <= reported:
                 pair = f"{names[b]} and {names[a]}"
                 result.append(f"{pair} are hard to distinguish (correlation {correlation[a, b]:.3f})")
     return result

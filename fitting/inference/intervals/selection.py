@@ -41,16 +41,18 @@ def reach(d: float, threshold: float, quantile: float) -> tuple[float, float]:
     return d - low, max(high - d, 0.0)
 
 
-def conditioned(told: Estimate, toward_low: bool, d: float, threshold: float, quantile: float) -> Estimate:
+def conditioned(estimate: Estimate, toward_low: bool, d: float, threshold: float, quantile: float) -> Estimate:
     """An estimate of a size of d standard deviations, conditioned on its detection.
 
     toward_low : whether the value is smaller where the effect is absent.
     """
     toward, away = (x / quantile for x in reach(d, threshold, quantile))
     below, above = (toward, away) if toward_low else (away, toward)
-    low, high = told.ci95
+    low, high = estimate.ci95
     return Estimate(
-        told.value, told.unit, (told.value - below * (told.value - low), told.value + above * (high - told.value))
+        estimate.value,
+        estimate.unit,
+        (estimate.value - below * (estimate.value - low), estimate.value + above * (high - estimate.value)),
     )
 
 

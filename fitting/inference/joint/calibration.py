@@ -133,7 +133,7 @@ def recorded(
 def widening(problem: Problem, z: Array, paid: float) -> float:
     """Factor by which the covariance of the unknowns is too small, by the worst octave of a channel. z : (n,) whitened
     with the error; paid : degrees of freedom of the unknowns."""
-    left, worst = z**2 * len(z) / max(len(z) - paid, 1.0), 1.0
+    scaled, worst = z**2 * len(z) / max(len(z) - paid, 1.0), 1.0
     for part, rows in zip(problem.parts, problem.whole.rows, strict=True):
-        worst = max(worst, worst_octave(left[rows], part.entries[0]))
+        worst = max(worst, worst_octave(scaled[rows], part.entries[0]))
     return worst

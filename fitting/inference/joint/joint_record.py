@@ -27,7 +27,7 @@ from ..extended_network import allowed
 from ..fit import Array, Fit, Member, begun, taken_over
 from ..forward import Forward, Single
 from ..gauss_newton import Point, Search, Trial, continued, promised, search
-from ..hypothesis import Term
+from ..hypothesis import PlacedEffect
 from ..jackknife import Rest
 from ..model_discrepancy import Beside, settled
 from ..models.bench import Bench
@@ -111,7 +111,7 @@ class Several(Forward):
         # bounded, because R2 and P_venous are aliases
         return tuple(parse_unknown(name, self.network).within(OUTLIER) for name in names)
 
-    def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
+    def hypothesis(self, terms: Sequence[PlacedEffect]) -> tuple[Unknown, ...]:
         mine = [u for t in terms for u in t.unknowns]
         present = {v for t in terms if t.rewires for u in t.unknowns for v in u.variables}
         animal = [u for u in self.first.hypothesis(terms) if u not in mine]
@@ -232,7 +232,7 @@ class Several(Forward):
         points = self.points(trials, runs) if trials else []
         return [np.inf if p is None else promised(p.z, start) + p.log_volume for p in points]
 
-    def begin(self, terms: tuple[Term, ...], start: Fit | None = None) -> list[Member]:
+    def begin(self, terms: tuple[PlacedEffect, ...], start: Fit | None = None) -> list[Member]:
         """Starting points for a hypothesis: another fit, with its new terms at each of their starts."""
         unknowns = self.hypothesis(terms)
         known = set() if start is None else {u.name for u in start.unknowns}
@@ -242,7 +242,7 @@ class Several(Forward):
                 members = [trial for m in members for trial in begun(m, term)]
         return members
 
-    def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
+    def refit(self, hypotheses: Sequence[tuple[PlacedEffect, ...]], start: Fit | None = None, runs: Runs | None = None,
               columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
         runs = runs or Runs()
         members = self.nearest([self.begin(t, start) for t in hypotheses], runs, start)
@@ -274,7 +274,7 @@ class Several(Forward):
             found.append(replace(fit, z=z, J=J, log_volume=sum(f.log_volume for f in own), derived_at=at))
         return found
 
-    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
+    def columns(self, at: Fit, terms: Sequence[PlacedEffect], runs: Runs | None = None) -> dict[str, Array]:
         found = [part.columns(self.of(at, i), terms, runs) for i, part in enumerate(self.parts)]
         return {n: np.concatenate([own[n] for own in found]) for n in found[0] if all(n in own for own in found)}
 
@@ -309,7 +309,7 @@ class Several(Forward):
         pairs = zip(self.parts, errors, strict=True)
         return replace(self, parts=tuple(part if e is None else part.widened(e) for part, e in pairs))
 
-    def refined(self, fit: Fit, term: Term) -> Term | None:
+    def refined(self, fit: Fit, term: PlacedEffect) -> PlacedEffect | None:
         return self.first.refined(self.of(fit, 0), term)
 
     def held_out(self, beats: Beats, fitted: Beats) -> Several:
@@ -339,7 +339,9 @@ class Several(Forward):
         return all(part.shows(self.of(fit, i)) for i, part in enumerate(self.parts))
 
 
-def derivatives(start: Fit, hypotheses: Sequence[tuple[Term, ...]], columns: Mapping[str, Array]) -> dict[str, Array]:
+def derivatives(
+    start: Fit, hypotheses: Sequence[tuple[PlacedEffect, ...]], columns: Mapping[str, Array]
+) -> dict[str, Array]:
     """The whitened derivatives (n,) of a fit by its unknowns and by those of the terms that ``columns`` has."""
     terms = [t for terms in hypotheses for t in terms if t.label in columns]
     new = [t for t in terms if columns[t.label].shape[1] == len(t.unknowns)]

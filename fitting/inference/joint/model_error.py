@@ -59,10 +59,10 @@ def minimum(whole: Several, fit: Fit, rules: Rules, runs: Runs) -> Ended:
     """Search from a point, alternating with estimates of the model errors. whole : networks, without model errors."""
     errors, history, converged = np.full(2, math.inf), list[float](), False
     for _ in range(_ALTERNATIONS):
-        told = model_errors(whole, fit)
-        if np.all(np.abs(told - errors) <= _SAME * told):
+        sizes = model_errors(whole, fit)
+        if np.all(np.abs(sizes - errors) <= _SAME * sizes):
             break
-        errors, wide = told, granted(whole, told)
+        errors, wide = sizes, granted(whole, sizes)
         (begun,) = wide.restated([fit], whole)
         found = Search(begun.member, rules, Point(begun.z, begun.J))
         search(partial(wide.points, runs=runs), [found])

@@ -12,7 +12,7 @@ from solver.network.description import Network
 from solver.simulate import BROKEN
 
 from ..fit import Member
-from ..hypothesis import Term, rewired
+from ..hypothesis import PlacedEffect, rewired
 from ..runs import TIME_IS_OVER, OutOfTime, Runs
 from ..unknown import parameter_values
 from .bench_observation import driven, inlet_sensor, sense
@@ -54,12 +54,12 @@ def simulated(
         return X
 
     found = runs.workers.share(batches, _elsewhere, counted, lambda batch: _batch(*batch[:3], runs))
-    shown: list[list[Array | None]] = [[None] * len(members) for _, members in sets]
+    spectra: list[list[Array | None]] = [[None] * len(members) for _, members in sets]
     for (s, part), own in zip(parts, found, strict=True):
         simulator, members = sets[s]
         for i, X in zip(part, own, strict=False):  # a batch may have more members: see _batch_of
-            shown[s][i] = None if X is None else sense(members[i], simulator.names, X, simulator.T)
-    return shown
+            spectra[s][i] = None if X is None else sense(members[i], simulator.names, X, simulator.T)
+    return spectra
 
 
 def _cut(there: list[int], jobs: int) -> list[list[int]]:
@@ -93,7 +93,7 @@ def _elsewhere(batch: Batch) -> Answer:
         return None, runs.meter.simulations
 
 
-def kind_of(terms: Sequence[Term]) -> str:
+def kind_of(terms: Sequence[PlacedEffect]) -> str:
     """The kind of a hypothesis: those that share a mesh, outlets, states and leaks run in one batch."""
     own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts or t.remembers]
     own += ["leaks" for t in terms if t.leaks]

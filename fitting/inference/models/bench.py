@@ -30,7 +30,7 @@ from ..extended_network import allowed
 from ..fit import Fit, Member, begun, taken_over
 from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, search
-from ..hypothesis import Term, nuisances
+from ..hypothesis import PlacedEffect, nuisances
 from ..jackknife import Rest, without_groups
 from ..model_discrepancy import Beside, Block, beside, sizes
 from ..runs import Runs
@@ -149,10 +149,10 @@ class Bench(Single):
     def dof_of_noise(self) -> float:
         return degrees_of_freedom(self.n_beats, real=True)
 
-    def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
+    def hypothesis(self, terms: Sequence[PlacedEffect]) -> tuple[Unknown, ...]:
         return (*nuisances(self.network, self.site), *(u for term in terms for u in term.unknowns))
 
-    def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
+    def refit(self, hypotheses: Sequence[tuple[PlacedEffect, ...]], start: Fit | None = None, runs: Runs | None = None,
               columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
         """The most probable unknowns of every hypothesis; ``start`` : a fit to another one.
 
@@ -167,7 +167,7 @@ class Bench(Single):
                 known = min(known, best.cost)
         return found
 
-    def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:
+    def _fitted(self, terms: tuple[PlacedEffect, ...], start: Fit | None, known: float) -> Fit | None:
         """The best fit of all starting points of a hypothesis; ``start`` : a fit to a simpler one."""
         found = [self._searched(member, known) for member in _begin(self, terms, start)]
         best = min((f for f in found if f is not None), key=lambda f: f.cost, default=None)
@@ -189,7 +189,7 @@ class Bench(Single):
             found.append(there and allowed(self.network, there))
         return found
 
-    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
+    def columns(self, at: Fit, terms: Sequence[PlacedEffect], runs: Runs | None = None) -> dict[str, Array]:
         found = {}
         for term in terms:
             x = np.concatenate([at.x, np.zeros(len(term.unknowns))])
@@ -255,8 +255,8 @@ class Bench(Single):
         state = _settled(self, fit.member)
         if state is None:
             return self.loop.P
-        seen = self.seen(fit.member, fit.x[None])
-        return seen.true(state.memory.radius(state.memory.z))[1][0]
+        observed = self.seen(fit.member, fit.x[None])
+        return observed.true(state.memory.radius(state.memory.z))[1][0]
 
     def driven(self, wave: Array) -> Drive:
         """The pressure at the artery's end, which is the site's."""
@@ -309,7 +309,7 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
 # --- the search -------------------------------------------------------------------------------------------------------
 
 
-def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[Member]:
+def _begin(problem: Bench, terms: tuple[PlacedEffect, ...], start: Fit | None) -> list[Member]:
     """Starting points: the simpler fit, with new terms at the best of their own starts.
 
     If a term has several starts or the simpler fit has an odd wall, also one with a nominal wall: a slow sensor and a
@@ -360,16 +360,16 @@ def _linearised(problem: Bench, member: Member, r: Array, by: Array | None = Non
     steps, n = finite_steps(member.unknowns, member.x, _STEP), 2 * problem.K + 1
     F, memory = fourier(len(r)), None
     with np.errstate(all="ignore"):
-        seen = problem.seen(member, np.concatenate([member.x[None], (member.x + np.diag(steps))[by]]))
-        G = seen.pressure(r)
+        observed = problem.seen(member, np.concatenate([member.x[None], (member.x + np.diag(steps))[by]]))
+        G = observed.pressure(r)
         columns = (G[1:] - G[0]).T / steps[by]
         try:
             # L in the order of the harmonics: an entry of z depends only on harmonics up to its own
             if radius:
-                memory = linearise(problem.loop, r, G[0], seen.slope(r), columns, F)
+                memory = linearise(problem.loop, r, G[0], observed.slope(r), columns, F)
                 z, columns, L = memory.z[:n], memory.columns[:n], memory.L
             else:
-                z, columns, L = leading(problem.loop, r, G[0], seen.slope(r), columns, F[:n])
+                z, columns, L = leading(problem.loop, r, G[0], observed.slope(r), columns, F[:n])
         except NoFit:
             return None
     return Point(z, -columns, 2.0 * float(np.log(np.diag(L)[:n]).sum()), memory)

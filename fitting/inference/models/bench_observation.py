@@ -73,12 +73,12 @@ def meter(member: Member, n: int, T: float) -> tuple[Array, float]:
     return H, float(offset[0])
 
 
-def driven(shown: Inflow, members: Sequence[Member]) -> Inflow:
-    """The true inflow of each hypothesis if the flow meter showed ``shown``; that itself without meter faults."""
+def driven(drive: Inflow, members: Sequence[Member]) -> Inflow:
+    """The true inflow of each hypothesis if the flow meter showed ``drive``; that itself without meter faults."""
     if not any(map(inlet_sensor, members)):
-        return shown
-    H, offset = zip(*(meter(m, shown.X.shape[-1], shown.T) for m in members), strict=True)
-    return shown.true(np.array(H), np.array(offset)[:, None])
+        return drive
+    H, offset = zip(*(meter(m, drive.X.shape[-1], drive.T) for m in members), strict=True)
+    return drive.true(np.array(H), np.array(offset)[:, None])
 
 
 def shown(member: Member, wave: Array, T: float) -> Inflow:

@@ -23,10 +23,10 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from solver.errors import InputError
 from solver.loop import circulant
 
-from ...records import limits as limit
+from ...records import limits
 from ...records.alignment.beats import Beats
 from ...records.channels import spectral
-from ...records.channels.inflow_variability import felt
+from ...records.channels.inflow_variability import beat_variation
 from ...records.channels.noise import following, steady_beats
 from ...records.channels.spectral import coefficients
 
@@ -91,8 +91,8 @@ class Loop:
 
     def misfit(self, P: Array, R: Array) -> float:
         """-2 ln of the joint likelihood of true waves P, R : (N,), up to a constant."""
-        left = coefficients(np.array([self.P - P, self.R - R])).T
-        return float(np.einsum("ki,kij,kj->", left.conj(), self.weights, left).real)
+        residual = coefficients(np.array([self.P - P, self.R - R])).T
+        return float(np.einsum("ki,kij,kj->", residual.conj(), self.weights, residual).real)
 
 
 def mean_loop(beats: Beats, site: str) -> Loop:
@@ -133,19 +133,19 @@ def _loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
     a = _law(beats, names, raw)
     K = len(raw) - 1
     A = _series(a, beats.T, K)
-    seen = felt(beats, R, lambda T, n: _series(a, T, n)[:, None], K, memory=False)
-    moved = following(beats, A[:, None], seen, R)[0]
+    variation = beat_variation(beats, R, lambda T, n: _series(a, T, n)[:, None], K, memory=False)
+    moved = following(beats, A[:, None], variation, R)[0]
     # a name without converter: the rounding error of the mean beat is no beat-to-beat variation
     both = replace(beats, values={P: beats.values[P], _FOLLOWING: moved}).covariance((P, _FOLLOWING))
     followed, could = both[:, 0, 1].real, both[:, 1, 1].real
-    coherent = followed**2 > limit.COHERENT * both[:, 0, 0].real * could
-    gaps = any(np.isnan(beats.values[name]).mean() > limit.HOLES for name in names)
-    seam = np.zeros(beats.N) if seen is None else seen.seam[0]
-    known = np.abs(limit.SEAM_ERROR * coefficients(seam)) ** 2
-    if gaps or (seen is None and not coherent[1 : limit.LOW].any()):
+    coherent = followed**2 > limits.COHERENT * both[:, 0, 0].real * could
+    gaps = any(np.isnan(beats.values[name]).mean() > limits.HOLES for name in names)
+    seam = np.zeros(beats.N) if variation is None else variation.seam[0]
+    known = np.abs(limits.SEAM_ERROR * coefficients(seam)) ** 2
+    if gaps or (variation is None and not coherent[1 : limits.LOW].any()):
         raw[:, 0, 0] += known
         return raw, spectral.resample(seam, N)
-    share, steady = steady_beats(beats, (P,), A[:, None], seen, R)
+    share, steady = steady_beats(beats, (P,), A[:, None], variation, R)
     noise = steady.covariance(names) * share[:, None, None]
     own, S_R = steady.covariance((P,))[:, 0, 0].real, noise[:, 1, 1].real
     could = np.sqrt(own * share * S_R)
@@ -163,10 +163,10 @@ def _law(beats: Beats, names: tuple[str, str], noise: Array) -> Array:
     """(_ORDER,) real a with P_k = Σ a_i (iω_k)^i R_k of the mean loop, by least squares."""
     P, R = (coefficients(beats.mean(name)) for name in names)
     sd = np.sqrt(np.maximum(np.einsum("kii->ki", noise).real, np.finfo(float).tiny))
-    told = (np.abs(R) > limit.LOOP_SHOWN * sd[:, 1]) & (np.abs(P) > limit.LOOP_SHOWN * sd[:, 0])
-    told[0] = False
-    told[1 : _ORDER + 1] = True
-    k = np.flatnonzero(told)
+    significant = (np.abs(R) > limits.LOOP_SHOWN * sd[:, 1]) & (np.abs(P) > limits.LOOP_SHOWN * sd[:, 0])
+    significant[0] = False
+    significant[1 : _ORDER + 1] = True
+    k = np.flatnonzero(significant)
     weight = 1.0 / np.sqrt(sd[k, 0] ** 2 + np.abs(P[k] / R[k]) ** 2 * sd[k, 1] ** 2)
     columns = (2j * np.pi / beats.T * k[:, None]) ** np.arange(_ORDER) * (R[k] * weight)[:, None]
     right = P[k] * weight
@@ -199,18 +199,18 @@ class Linear:
     V: Array
     R_bar: Array
 
-    def radius(self, left: Array) -> Array:
-        """The most probable radius (N,) for a remaining residual ``left`` : (N,) of z."""
-        w = solve_triangular(self.L, left, lower=True, trans=1, check_finite=False)
+    def radius(self, whitened: Array) -> Array:
+        """The most probable radius (N,) for a remaining residual ``whitened`` : (N,) of z."""
+        w = solve_triangular(self.L, whitened, lower=True, trans=1, check_finite=False)
         return self.R_bar + self.B.T @ (w if self.F is None else self.F.T @ w)
 
     def after(self, step: Array) -> Array:
         """The most probable radius (N,) after a step (p,) along the columns."""
         return self.radius(self.z - self.columns @ step)
 
-    def unwhiten(self, left: Array) -> Array:
+    def unwhiten(self, whitened: Array) -> Array:
         """The u : (N,) of some z."""
-        u = self.L @ left
+        u = self.L @ whitened
         return u if self.F is None else self.F.T @ u
 
 

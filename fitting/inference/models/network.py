@@ -19,7 +19,7 @@ from solver.quantities.units import INFLOW
 
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow import flowed, inflow, undone
-from ...records.channels.inflow_variability import Felt
+from ...records.channels.inflow_variability import BeatVariation
 from ...records.channels.noise import (
     Target,
     degrees_of_freedom,
@@ -35,7 +35,7 @@ from ..extended_network import allowed
 from ..fit import Fit, Member, begun, sizes_of, taken_over
 from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, continued, promised, search
-from ..hypothesis import EVERY, Term, about_common, refined, rewired
+from ..hypothesis import EVERY, PlacedEffect, about_common, refined, rewired
 from ..jackknife import Rest, leave_one_site_out, without_each_site
 from ..model_discrepancy import sizes
 from ..prior import of_animal
@@ -65,9 +65,9 @@ class NetworkProblem(Single):
     error : (K+1, m) standard deviation of the errors of solver and network. accuracy : of the network, its stated error
     at every harmonic as a fraction of a channel's pulsation. exact : target without model error, if there is any, and
     model_error : its covariance (K+1, m, m). More beats reduce neither. response : (K+1, m) of the channels to the
-    inflow. felt : that of the network without effects to beats that differ, with the parameters felt_at. deviations :
-    unknowns of individual arteries; empty for common walls. possible : those that may be used. step : finite difference
-    step of x.
+    inflow. variation : of the network without effects, to beats that differ, at the parameters variation_at.
+    deviations : unknowns of individual arteries; empty for common walls. possible : those that may be used. step :
+    finite difference step of x.
     """
 
     kind = "network"
@@ -78,8 +78,8 @@ class NetworkProblem(Single):
     target: Target
     error: Array
     response: Array
-    felt: Felt | None = None
-    felt_at: Mapping[str, float] = field(default_factory=dict)
+    variation: BeatVariation | None = None
+    variation_at: Mapping[str, float] = field(default_factory=dict)
     exact: Target | None = None
     model_error: Array | float = 0.0
     deviations: tuple[Unknown, ...] = ()
@@ -96,8 +96,8 @@ class NetworkProblem(Single):
     ) -> NetworkProblem:  # fmt: skip
         """The problem of a record weighted at a member. error : (K+1, m) standard deviation of the solver's."""
         error = np.hypot(error, accuracy * pulses(beats, simulator.names))
-        own, response, felt, at = weighted(beats, simulator, member, error)
-        return cls(beats, simulator, own, error, response, felt, at, possible=possible, step=step, accuracy=accuracy)
+        own, H, variation, at = weighted(beats, simulator, member, error)
+        return cls(beats, simulator, own, error, H, variation, at, possible=possible, step=step, accuracy=accuracy)
 
     @property
     def network(self) -> Network:  # type: ignore[override]
@@ -125,16 +125,17 @@ class NetworkProblem(Single):
         order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
         return order, np.tile(np.arange(m), 2 * K + 1)
 
-    def refined(self, fit: Fit, term: Term) -> Term | None:
+    def refined(self, fit: Fit, term: PlacedEffect) -> PlacedEffect | None:
         return (about_common if self.deviations else refined)(self.network, term, sizes_of(fit, term))
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         drive = inflow(beats, self.simulator.settings.dt, self.network)
-        felt = varying(beats, self.network, self.signals, self.K, self.felt_at)
+        variation = varying(beats, self.network, self.signals, self.K, self.variation_at)
         own = (self.exact or self.target).covariance
         covariance = of_other_beats(own, beats, fitted, self.signals, self.error)
-        other = Target.of(self.signals, mean_beat(beats, self.signals, self.K, felt), covariance)
-        found = replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
+        other = Target.of(self.signals, mean_beat(beats, self.signals, self.K, variation), covariance)
+        found = replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other)
+        found = replace(found, variation=variation)
         return found if self.exact is None else replace(found, exact=None).widened(self.model_error)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
@@ -161,7 +162,7 @@ class NetworkProblem(Single):
         gain = gain * undone(self.network, INFLOW, self.simulator.drive)[: self.K + 1]
         full = np.fft.rfft(beats.mean(INFLOW), norm="forward")
         weights = np.linalg.inv(self.target.covariance)
-        S = inflow_noise(beats, self.signals, self.response, weights, self.felt)
+        S = inflow_noise(beats, self.signals, self.response, weights, self.variation)
         full[: self.K + 1] += S * np.einsum("ki,kij,kj->k", self.response.conj(), weights, self.target.X - X)
         full[0] -= offset
         full[: self.K + 1] /= gain
@@ -175,14 +176,14 @@ class NetworkProblem(Single):
         if beats is fitted:
             return self.target.X[: K + 1]
         X = self.held_out(beats, fitted).target.X
-        return under_drive_of(fitted, X, beats, self.signals, self.response, self.felt)[: K + 1]
+        return under_drive_of(fitted, X, beats, self.signals, self.response, self.variation)[: K + 1]
 
     def steady(self, beats: Beats, fitted: Beats) -> Beats:
-        share, steady = steady_beats(fitted, self.signals, self.response, self.felt)
+        share, steady = steady_beats(fitted, self.signals, self.response, self.variation)
         if beats is fitted:
             return steady
-        felt = varying(beats, self.network, self.signals, self.K, self.felt_at)
-        return steady_beats(beats, self.signals, self.response, felt, share=share)[1]
+        variation = varying(beats, self.network, self.signals, self.K, self.variation_at)
+        return steady_beats(beats, self.signals, self.response, variation, share=share)[1]
 
     def driven(self, wave: Array) -> Drive:
         """The inflow."""
@@ -198,7 +199,7 @@ class NetworkProblem(Single):
 
     # --- hypotheses ---------------------------------------------------------------------------------------------------
 
-    def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
+    def hypothesis(self, terms: Sequence[PlacedEffect]) -> tuple[Unknown, ...]:
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
         # parameters of a rewired outlet are unknowns of its term, not of a nuisance of all outlets
         nuisance = [u for u in of_animal(rewired(self.network, terms), self.deviations) if not set(u.variables) <= mine]
@@ -250,7 +251,7 @@ class NetworkProblem(Single):
             found.append(None if whole is None else (whole[..., 0], (whole[..., 1:] - whole[..., :1]) / step))
         return found
 
-    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
+    def columns(self, at: Fit, terms: Sequence[PlacedEffect], runs: Runs | None = None) -> dict[str, Array]:
         terms, trials = [t for t in terms if not t.rewires], list[Trial]()
         for term in terms:
             x = np.concatenate([at.x, absent(term.unknowns)])
@@ -261,7 +262,7 @@ class NetworkProblem(Single):
 
     # --- search -------------------------------------------------------------------------------------------------------
 
-    def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
+    def refit(self, hypotheses: Sequence[tuple[PlacedEffect, ...]], start: Fit | None = None, runs: Runs | None = None,
               columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
         """The most probable unknowns of every hypothesis, all fitted together in batches.
 
@@ -276,15 +277,17 @@ class NetworkProblem(Single):
         found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
         return [None if f is None else allowed(self.network, f) for f in found]
 
-    def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs) -> Search:
+    def _begin(
+        self, terms: tuple[PlacedEffect, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs
+    ) -> Search:
         unknowns = self.hypothesis(terms)
         there = taken_over(terms, unknowns, start)
         begun = self._started(there, start, runs)
         old = set() if start is None else {t.label for t in start.terms}
         new = [t for t in terms if t.label not in old]
         simpler = start is not None and old <= {t.label for t in terms}  # else its residual is of a larger hypothesis
-        told = all(t.label in columns and not (t.rewires or t.moves_along) for t in new)
-        if start is None or not (simpler and told and np.array_equal(begun.x, there.x)):
+        predicted = all(t.label in columns and not (t.rewires or t.moves_along) for t in new)
+        if start is None or not (simpler and predicted and np.array_equal(begun.x, there.x)):
             return Search(begun, _RULES)
         own = dict(start.columns)
         for t in new:
@@ -373,15 +376,17 @@ class NetworkProblem(Single):
         """(m,) RMS residual of each channel over the RMS of its pulsation. z : (n,) whitened."""
         return self.rms(z) / pulses(self.beats, self.signals)
 
-    def at(self, terms: Sequence[Term], unknowns: tuple[Unknown, ...], x: Array) -> NetworkProblem:
+    def at(self, terms: Sequence[PlacedEffect], unknowns: tuple[Unknown, ...], x: Array) -> NetworkProblem:
         """The same problem weighted for these parameters."""
         return self._weighted(Member(tuple(terms), unknowns, x), self.error)
 
     def _weighted(self, member: Member, error: Array) -> Self:
         """The same problem with the solver's error (K+1, m), and the responses to the inflow's noise and to beats that
         differ, at a member."""
-        own, response, felt, at = weighted(self.beats, self.simulator, member, error, self.felt, self.felt_at)
-        return replace(self, target=own, exact=None, error=error, response=response, felt=felt, felt_at=at)
+        now = self.variation, self.variation_at
+        own, response, variation, at = weighted(self.beats, self.simulator, member, error, *now)
+        found = replace(self, target=own, exact=None, error=error, response=response)
+        return replace(found, variation=variation, variation_at=at)
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """New sensors and positions along a segment at the best of their starting points; one simulation each."""

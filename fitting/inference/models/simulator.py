@@ -16,7 +16,7 @@ from solver.quantities.units import INFLOW
 
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow import Inflow, undoable
-from ...records.channels.inflow_variability import Felt, felt
+from ...records.channels.inflow_variability import BeatVariation, beat_variation
 from ...records.channels.noise import response
 from ...records.limits import NEIGHBOURS
 from ..runs import Runs
@@ -163,13 +163,13 @@ def linear_response(network: Network, names: Sequence[str], T: float, K: int, pa
     """The linearised response (K + 1 + neighbours, m) to the inflow, with the filters of both. If the linear solver
     lacks a wall term, the response of walls without terms."""
     K += NEIGHBOURS
-    shown = filters(network, names, T, K) / undoable(network, INFLOW, 2.0 * np.pi / T * np.arange(K + 1))[:, None]
+    filtered = filters(network, names, T, K) / undoable(network, INFLOW, 2.0 * np.pi / T * np.arange(K + 1))[:, None]
     try:
-        return shown * response(network, names, T, K, parameters)
+        return filtered * response(network, names, T, K, parameters)
     except InputError:
         plain = replace(network, segments=tuple(replace(s, terms={}) for s in network.segments))
         known = {n: v for n, v in parameters.items() if n in plain.parameters()}
-        return shown * response(plain, names, T, K, known)
+        return filtered * response(plain, names, T, K, known)
 
 
 def varying(
@@ -178,10 +178,10 @@ def varying(
     names: Sequence[str],
     K: int,
     parameters: Mapping[str, float] | None = None,
-) -> Felt | None:
+) -> BeatVariation | None:
     """The linearised response to beat-to-beat variation of the inflow; None for beats cut at equal intervals."""
 
     def transfer(T: float, n: int) -> Array:
         return linear_response(network, names, T, n, parameters or {})[: n + 1]
 
-    return felt(beats, INFLOW, transfer, K + NEIGHBOURS)
+    return beat_variation(beats, INFLOW, transfer, K + NEIGHBOURS)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...records.alignment.beats import Beats
-from ...records.channels.inflow_variability import Felt
+from ...records.channels.inflow_variability import BeatVariation
 from ...records.channels.noise import Target, target
 from ..fit import Member
 from ..hypothesis import rewired
@@ -20,9 +20,9 @@ Array = np.ndarray
 
 
 def weighted(
-    beats: Beats, simulator: Simulator, member: Member, error: Array, known: Felt | None = None,
+    beats: Beats, simulator: Simulator, member: Member, error: Array, known: BeatVariation | None = None,
     known_at: Mapping[str, float] | None = None,
-) -> tuple[Target, Array, Felt | None, Mapping[str, float]]:  # fmt: skip
+) -> tuple[Target, Array, BeatVariation | None, Mapping[str, float]]:  # fmt: skip
     """The weighted data of a record at a member, the response (K+1, m) to the inflow's noise, and that to beats that
     differ, with its parameters.
 
@@ -36,7 +36,7 @@ def weighted(
     at = {name: float(value) for name, value in values.items()}
     H = sense(member, names, linear_response(network, names, T, K, at), T, means=False)
     H = H / meter(member, len(H), T)[0][:, None]  # a slow meter hides more noise of the true inflow
-    felt, felt_at = known, known_at or {}
+    variation, variation_at = known, known_at or {}
     if known is None or not member.terms:
-        felt, felt_at = varying(beats, network, names, K, at), at
-    return target(beats, names, H, error, felt), H[: K + 1], felt, felt_at
+        variation, variation_at = varying(beats, network, names, K, at), at
+    return target(beats, names, H, error, variation), H[: K + 1], variation, variation_at

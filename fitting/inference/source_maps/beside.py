@@ -67,8 +67,8 @@ def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs)
         G = model.responses(found.x)
     except _NO_ANSWER:
         return None
-    left = D - np.einsum("kms,ks->km", G[:, :, columns], g)  # in the linear model: without the sources
-    z, J = problem.target.whiten(left[..., None])[:, 0], problem.target.whiten(found.J)
+    residual = D - np.einsum("kms,ks->km", G[:, :, columns], g)  # in the linear model: without the sources
+    z, J = problem.target.whiten(residual[..., None])[:, 0], problem.target.whiten(found.J)
     fit = replace(none, x=found.x, z=z, J=J, log_volume=0.0)
     return _integrated_out(model, Point(active, found.x, g, {}, D, found.J, G), fit)
 

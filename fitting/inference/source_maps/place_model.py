@@ -22,7 +22,7 @@ from ...records.channels.noise import pulses
 from ..fit import Member
 from ..gauss_newton import Trial
 from ..hierarchy import APART, Linear, beforehand
-from ..hypothesis import Term, rewired
+from ..hypothesis import PlacedEffect, rewired
 from ..models.network import NetworkProblem
 from ..models.simulator import Forced, filters
 from ..places import Place, places
@@ -69,7 +69,7 @@ class PlaceModel:
     that narrows some; by default those of the problem."""
 
     def __init__(
-        self, problem: NetworkProblem, runs: Runs, terms: Sequence[Term] = (), unknowns: Sequence[Unknown] = ()
+        self, problem: NetworkProblem, runs: Runs, terms: Sequence[PlacedEffect] = (), unknowns: Sequence[Unknown] = ()
     ) -> None:
         self.problem, self.runs, self.terms = problem, runs, tuple(terms)
         self.unknowns = tuple(unknowns) or problem.hypothesis(self.terms)
@@ -290,14 +290,14 @@ def with_signals(problem: NetworkProblem, signals: Sequence[tuple[Place, Array]]
     """A problem whose simulations contain sources at some places, with harmonics (K+1, q) [SI] each. It uses harmonic
     balance only: without a balance there is no time stepping, which takes a hundred times as long."""
     sources, amplitudes = list[Source](), list[Array]()
-    shown = np.zeros((problem.K + 1, len(problem.signals)), complex)
+    spectra = np.zeros((problem.K + 1, len(problem.signals)), complex)
     for place, g in signals:
         if place.sources:
             sources += place.sources
             amplitudes += list(g.T)
         elif place.channel is not None:
-            shown[:, problem.signals.index(place.channel)] += g[:, 0]
-    forced = Forced(tuple(sources), np.stack(amplitudes, axis=1) if sources else np.zeros((1, 0)), shown)
+            spectra[:, problem.signals.index(place.channel)] += g[:, 0]
+    forced = Forced(tuple(sources), np.stack(amplitudes, axis=1) if sources else np.zeros((1, 0)), spectra)
     return replace(problem, simulator=replace(problem.simulator, forced=forced))
 
 

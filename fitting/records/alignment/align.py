@@ -10,11 +10,12 @@ import numpy as np
 from solver.errors import InputError
 
 from ...parallel.threads import single_threaded
-from .. import limits as limit
+from .. import limits
 from ..read.record import Array, Record
 from ..read.sensors import converter_step
 from .beats import Beats, require_phases
 from .equal_beats import Grid, check_steady, grid, strict_period, without_jitter
+from .limited import limited_sensors
 from .period import PeriodFound, usual_period
 from .spikes import without_spikes
 from .upstrokes import find_upstrokes, without_gaps
@@ -34,7 +35,7 @@ def align(record: Record, period: float | None = None) -> Beats:
     if period is not None:
         _check(period, record)
     steps = {name: step for name, x in record.channels.items() if (step := converter_step(x)) > 0.0}
-    cut, T, said = _cut(record, period, steps)
+    cut, T, notes = _cut(record, period, steps)
     channels, spikes = without_spikes(record.channels, cut, steps)
     for name, x in channels.items():
         require_phases((~np.isnan(x[cut.samples])).sum(axis=0), name, record.path)
@@ -44,8 +45,8 @@ def align(record: Record, period: float | None = None) -> Beats:
         singly = replace(cut, channels={name: without_gaps(x) for name, x in channels.items()})
     else:
         values, shifts = without_jitter(values, T)
-    said = (*record.said, *said)
-    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, singly, record.told, said)
+    notes = (*record.said, *notes, *limited_sensors(values, T))
+    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, singly, record.told, notes)
     check_steady(beats.unsteadiness, T, record.path)
     return beats
 
@@ -60,7 +61,7 @@ def _check(period: float, record: Record) -> None:
             f"{record.path}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
             "give a shorter one or record at least two whole beats."
         )
-    if period < limit.FEWEST_SAMPLES * record.dt:
+    if period < limits.FEWEST_SAMPLES * record.dt:
         grid(period, record.dt, len(record.time), record.path)
 
 
@@ -77,32 +78,32 @@ def _cut(
     except InputError:  # too irregular or too short to tell: then the word of the user counts
         if period is None:
             raise
-        usual, told = PeriodFound(period), False
+        usual, stated = PeriodFound(period), False
     else:
-        told = True
-    if period is not None and abs(period / usual.other - 1.0) <= limit.NEAR:  # the record does not tell which
+        stated = True
+    if period is not None and abs(period / usual.other - 1.0) <= limits.NEAR:  # the record does not tell which
         usual = replace(usual, T=period)
     found = find_upstrokes(channels, usual.T / dt)
     singly, T = None if found is None else cut_variable(channels, dt, found), usual.T
     if singly is not None:
         T = singly.T
-    elif told:
+    elif stated:
         T = T if found is None else dt * found.line[0]
         ordinary, _ = without_spikes(channels, grid(T, dt, n, source), steps)
         T = strict_period(ordinary, dt, T, source)
-    said = usual.said
+    notes = usual.said
     if period is not None:
         count = max(1, round(period / T))
         off = abs(period / T - count)
-        if off > limit.NEAR if singly is not None else off / count * n * dt / period > limit.VARIES:
+        if off > limits.NEAR if singly is not None else off / count * n * dt / period > limits.VARIES:
             raise InputError(
                 f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
             )
-        said = ()
+        notes = ()
         if singly is None:
             T = float(period)
         elif count > 1:
-            said = (
+            notes = (
                 f"the given period of {period:.4g} s holds {count} beats; they vary, so that each was cut by itself.",
             )
-    return singly or grid(T, dt, n, source), T, said
+    return singly or grid(T, dt, n, source), T, notes

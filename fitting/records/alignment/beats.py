@@ -12,7 +12,7 @@ import numpy as np
 from solver.errors import InputError
 from solver.quantities.units import of_signal
 
-from .. import limits as limit
+from .. import limits
 from ..read.record import Array, require
 from .rounding import rounded_harmonics
 from .variable_beats import VariableBeats, unlikeness
@@ -71,12 +71,12 @@ class Beats:
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting an interval, one sentence each."""
         found = list(self.said)
-        if self.n_beats < limit.FEWEST_BEATS:
+        if self.n_beats < limits.FEWEST_BEATS:
             found.append(
-                f"{self.n_beats} beats say little about the noise; record at least {limit.FEWEST_BEATS} for honest "
+                f"{self.n_beats} beats say little about the noise; record at least {limits.FEWEST_BEATS} for honest "
                 "intervals."
             )
-        if self.unsteadiness > limit.UNSTEADY:
+        if self.unsteadiness > limits.UNSTEADY:
             found.append(
                 f"the heart rate was not steady: a beat lasted up to {self.unsteadiness:.1%} of the period more or "
                 "less; intervals do not cover what that does to the shape of a beat."
@@ -84,7 +84,7 @@ class Beats:
         found += self.variable.said if self.variable else ()
         for name, count in self.spikes.items():
             found.append(
-                f"spikes of {name} left out ({count} samples): more than {limit.FAR:g} robust standard deviations "
+                f"spikes of {name} left out ({count} samples): more than {limits.FAR:g} robust standard deviations "
                 "off the other beats, and alone among their neighbours."
             )
         return (*found, *self._trends(), *self._odd_beats())
@@ -98,15 +98,15 @@ class Beats:
         for name, beats in self.values.items():
             usual = self.mean(name)
             there = np.flatnonzero(~np.isnan(beats).all(axis=1))
-            if len(there) < limit.FEWEST_BEATS:
+            if len(there) < limits.FEWEST_BEATS:
                 continue
             level = usual.mean() + np.nanmean((beats - usual)[there], axis=1)
             line = np.polyfit(there, level, 1)
             change = float(line[0] * (self.n_beats - 1))
-            if abs(change) > limit.NEAR * max(abs(float(usual.mean())), float(usual.std())):
-                unit, shown = of_signal(name)
+            if abs(change) > limits.NEAR * max(abs(float(usual.mean())), float(usual.std())):
+                unit, factor = of_signal(name)
                 found.append(
-                    f"the mean of {name} goes from {shown * line[1]:.3g} to {shown * (line[1] + change):.3g} {unit} "
+                    f"the mean of {name} goes from {factor * line[1]:.3g} to {factor * (line[1] + change):.3g} {unit} "
                     "over the beats used: the mean beat is of no single state, or a zero drifts; cut the file to a "
                     "steady part."
                 )
@@ -121,15 +121,15 @@ class Beats:
             measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
             size = unlikeness(beats[measured])
             usual, pulse = float(np.median(size)), float(np.ptp(self.mean(name)))
-            for i in np.flatnonzero(size > max(limit.ODD * usual, limit.VISIBLE * pulse)):
+            for i in np.flatnonzero(size > max(limits.ODD * usual, limits.VISIBLE * pulse)):
                 b = int(measured[i])
-                said = (
+                sentences = (
                     f"beat {b + 1} ({begins[b]:.4g} s after the record's start) is unlike the others in {name}: "
                     f"it deviates by {size[i] / pulse:.1%} of the pulse, they by {usual / pulse:.2g} of it; "
                     "if it is an artefact, leave its samples empty."
                 )
-                found.setdefault(b, (name, said))
-        if len(found) <= limit.NAMED:
+                found.setdefault(b, (name, sentences))
+        if len(found) <= limits.NAMED:
             return [found[b][1] for b in sorted(found)]
         names = ", ".join(dict.fromkeys(found[b][0] for b in sorted(found)))
         return [
@@ -190,7 +190,7 @@ class Beats:
         pooled[0] = C[0].real * np.outer(factors, factors) + np.diag(V[0])
         C[:, at, at] += V
         for k in range(1, K + 1):
-            half = min(limit.NEIGHBOURS, max(1, k - 1)) if self.n_beats >= limit.MANY else limit.NEIGHBOURS
+            half = min(limits.NEIGHBOURS, max(1, k - 1)) if self.n_beats >= limits.MANY else limits.NEIGHBOURS
             pooled[k] = C[max(1, k - half) : k + half + 1].mean(axis=0)
         if self.N % 2 == 0:
             pooled[K] = pooled[K].real
@@ -261,5 +261,5 @@ def _serial_factor(means: Array) -> float:
     means = means - means.mean()
     n, power = len(means), means @ means
     r = float(means[1:] @ means[:-1] / power) if power > 0.0 else 0.0
-    r = min(r, limit.MOST_SERIAL)
-    return (1.0 + r) / (1.0 - r) if n > 2 and r > limit.FIVE_PERCENT / np.sqrt(n) else 1.0
+    r = min(r, limits.MOST_SERIAL)
+    return (1.0 + r) / (1.0 - r) if n > 2 and r > limits.FIVE_PERCENT / np.sqrt(n) else 1.0

@@ -10,7 +10,7 @@ from scipy.special import fdtrc
 
 from solver.errors import InputError
 
-from .. import limits as limit
+from .. import limits
 from .harmonic_model import evaluate, harmonics
 from .upstrokes import without_gaps
 from .variable_beats import mean
@@ -51,7 +51,7 @@ class Grid:
         N, c = self.samples.shape[1], harmonics(x, self.f)
         moved = (x - evaluate(c, self.f, len(x)))[self.samples]
         spectrum = np.fft.rfft(without_gaps(mean(moved.T)))
-        spectrum[len(c) :] = spectrum[: N // limit.MOVED] = 0.0
+        spectrum[len(c) :] = spectrum[: N // limits.MOVED] = 0.0
         return _without_slope(moved - np.fft.irfft(spectrum, N) + evaluate(c, 1.0 / N, N))
 
 
@@ -59,17 +59,17 @@ def grid(T: float, dt: float, n: int, source: str) -> Grid:
     """The grid of a period T [s] in n samples, dt [s] apart. Raises ValueError if it has fewer than two beats."""
     f = dt / T
     N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
-    if N < limit.FEWEST_SAMPLES:
+    if N < limits.FEWEST_SAMPLES:
         raise InputError(
             f"{source}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample "
-            f"{limit.FEWEST_SAMPLES} times a beat or more often, or check the unit of its time column."
+            f"{limits.FEWEST_SAMPLES} times a beat or more often, or check the unit of its time column."
         )
     if n_beats < 2:
         raise InputError(
             f"{source}: {n_beats} whole beat in {n * dt:.4g} s of record with a period of {T:.4g} s; "
             "record at least two whole beats."
         )
-    in_step = abs(N * f - 1.0) * n < limit.IN_STEP and n_beats * N <= n
+    in_step = abs(N * f - 1.0) * n < limits.IN_STEP and n_beats * N <= n
     f = 1.0 / N if in_step else f
     at = np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp)
     return Grid(f, np.minimum(at, n - 1).reshape(n_beats, N), in_step)
@@ -98,10 +98,10 @@ def strict_period(channels: Mapping[str, Array], dt: float, T: float, source: st
 
 def check_steady(unsteadiness: float, T: float, source: str) -> None:
     """Raise ValueError if intervals of beats are too far from T [s], by that part of it."""
-    if unsteadiness > limit.NEAR:
+    if unsteadiness > limits.NEAR:
         raise InputError(
             f"{source}: the heart rate is not steady: if cut every {T:.4g} s, a beat is shifted against the one before "
-            f"by up to {unsteadiness:.0%} of that, and more than {limit.NEAR:.0%} cannot be aligned; use a stretch of "
+            f"by up to {unsteadiness:.0%} of that, and more than {limits.NEAR:.0%} cannot be aligned; use a stretch of "
             "the record with a steady rate."
         )
 
@@ -111,8 +111,8 @@ def without_jitter(values: Mapping[str, Array], T: float) -> tuple[Mapping[str, 
     n_beats, N = next(iter(values.values())).shape
     turns, information, means = _timing(values.values(), N)
     free = max(n_beats - 2, 1)  # shifts beside mean and period
-    noise = 2.0 * (2.0 * limit.NEIGHBOURS + 1.0) * free  # numbers that tell it
-    if n_beats < 3 or fdtrc(free, noise, information * (turns @ turns) / free) > limit.JITTER:
+    noise = 2.0 * (2.0 * limits.NEIGHBOURS + 1.0) * free  # numbers that tell it
+    if n_beats < 3 or fdtrc(free, noise, information * (turns @ turns) / free) > limits.JITTER:
         return values, np.zeros(n_beats)
     moved = {}
     for (name, beats), mean_beat in zip(values.items(), means, strict=True):
@@ -142,7 +142,7 @@ def _timing(beats: Iterable[Array], N: int) -> tuple[Array, float, Array]:
         turned -= mean[:, None]
         S = _pooled((np.abs(turned) ** 2).sum(axis=1)) / (n_beats - 1) if S is None else S
         S = np.maximum(S, _EXACT**2 * (np.abs(mean) ** 2).sum(axis=1, keepdims=True))
-        mean *= np.abs(mean) ** 2 > limit.SURE**2 * S / n_beats
+        mean *= np.abs(mean) ** 2 > limits.SURE**2 * S / n_beats
         tau, size = -2j * np.pi * k * mean, _inner(line, line, S)
         template = tau - line * (_inner(tau, line, S) / size)
         information = float(_inner(template, template, S).sum())
@@ -150,11 +150,11 @@ def _timing(beats: Iterable[Array], N: int) -> tuple[Array, float, Array]:
             return np.zeros(n_beats), 0.0, mean
         change = (turned @ (template.conj() / S)[..., None]).real.sum(axis=0)[:, 0] / information
         change -= change.mean()
-        left = turned - change[:, None] * tau[:, None]
-        left -= (left @ (line.conj() / S)[..., None]).real / size[:, None] * line
+        residual = turned - change[:, None] * tau[:, None]
+        residual -= (residual @ (line.conj() / S)[..., None]).real / size[:, None] * line
         # the share of each harmonic's two numbers that shift and line have taken away
         taken = (np.abs(line) ** 2 / size + np.abs(template) ** 2 / information) / (2.0 * S)
-        S = _pooled((np.abs(left) ** 2).sum(axis=1)) / (_pooled(1.0 - taken) * (n_beats - 1))
+        S = _pooled((np.abs(residual) ** 2).sum(axis=1)) / (_pooled(1.0 - taken) * (n_beats - 1))
         turns = turns + change
         if np.abs(change).max() ** 2 * information < 1e-6:
             break
@@ -165,7 +165,7 @@ def _spectra(beats: Array) -> Array:
     """Fourier coefficients 1 … MAX_HARMONICS of each beat : (n_beats, K), gaps filled with the mean beat."""
     N = beats.shape[1]
     whole = np.where(np.isnan(beats), without_gaps(mean(beats.T)), beats)
-    return np.fft.rfft(whole)[:, 1 : min(limit.MAX_HARMONICS, (N - 1) // 2) + 1] / N
+    return np.fft.rfft(whole)[:, 1 : min(limits.MAX_HARMONICS, (N - 1) // 2) + 1] / N
 
 
 def _inner(a: Array, b: Array, S: Array) -> Array:
@@ -177,7 +177,7 @@ def _pooled(S: Array) -> Array:
     """The mean over neighbouring harmonics, fewer at the ends : (m, K)."""
     K = S.shape[1]
     total = np.concatenate([np.zeros((len(S), 1)), np.cumsum(S, axis=1)], axis=1)
-    low, high = np.maximum(np.arange(K) - limit.NEIGHBOURS, 0), np.minimum(np.arange(K) + limit.NEIGHBOURS + 1, K)
+    low, high = np.maximum(np.arange(K) - limits.NEIGHBOURS, 0), np.minimum(np.arange(K) + limits.NEIGHBOURS + 1, K)
     return np.asarray((total[:, high] - total[:, low]) / (high - low))
 
 

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from .. import limits as limit
+from .. import limits
 
 Array = np.ndarray
 
@@ -52,7 +52,7 @@ def evaluate(c: Array, f: float, n: int) -> Array:
 def highest(f: float, n: int, measured: int) -> int:
     """The highest harmonic that n samples, of which some are ``measured``, tell from its alias."""
     K = int(0.5 / f - 0.5 / max(1.0, n * f))  # distance to the alias: a whole turn over the record
-    return max(1, min(K, limit.MOST_HARMONICS, measured // 4))
+    return max(1, min(K, limits.MOST_HARMONICS, measured // 4))
 
 
 @lru_cache(maxsize=2)

@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.errors import InputError
 
-from .. import limits as limit
+from .. import limits
 from .upstrokes import find_upstrokes, usual_range, vertex, without_gaps
 
 Array = np.ndarray
@@ -62,14 +62,14 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Perio
     Raises ValueError if nothing repeats, or not twice, or too few samples show a beat.
     """
     span = len(next(iter(channels.values()))) * dt
-    if span < 2.0 * limit.SHORTEST:
+    if span < 2.0 * limits.SHORTEST:
         raise InputError(
-            f"{source}: {span:.3g} s of record cannot hold two beats of {limit.SHORTEST:g} s, the shortest; check the "
+            f"{source}: {span:.3g} s of record cannot hold two beats of {limits.SHORTEST:g} s, the shortest; check the "
             f"unit of its time column, or record longer."
         )
-    if limit.FEWEST_SAMPLES * dt > limit.LONGEST:
+    if limits.FEWEST_SAMPLES * dt > limits.LONGEST:
         raise InputError(
-            f"{source}: a sample every {dt:.4g} s is fewer than {limit.FEWEST_SAMPLES} in {limit.LONGEST:.3g} s, the "
+            f"{source}: a sample every {dt:.4g} s is fewer than {limits.FEWEST_SAMPLES} in {limits.LONGEST:.3g} s, the "
             "longest beat; check the unit of its time column, or record at a higher rate."
         )
     names, x, step = _screened(channels, dt)
@@ -77,34 +77,34 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Perio
     tried: list[_Later] = []  # stretches of the shortest lag after each, until all channels go on alike after one
     for each in _later(x, candidates[0], candidates) if len(candidates) else ():
         tried.append(each)
-        if (each.alike >= limit.GOES_ON).all() and _whole(x, each.lag, candidates):
+        if (each.alike >= limits.GOES_ON).all() and _whole(x, each.lag, candidates):
             break
     best = np.max([each.alike for each in tried], axis=0) if tried else np.zeros(len(names))
-    votes = best >= limit.HALF
+    votes = best >= limits.HALF
     if not votes.any():
         raise InputError(
-            f"{source}: no periodicity found between {limit.SHORTEST:g} and {limit.LONGEST:.2g} s in {span:.4g} s of "
+            f"{source}: no periodicity found between {limits.SHORTEST:g} and {limits.LONGEST:.2g} s in {span:.4g} s of "
             f"record (best correlation {best.max():.2f}, in {names[int(best.argmax())]}); check the unit of its time "
-            f"column, record at least two whole beats of {limit.FEWEST_SAMPLES} samples or more each, or give the "
+            f"column, record at least two whole beats of {limits.FEWEST_SAMPLES} samples or more each, or give the "
             "period."
         )
     scores = [float((each.alike / best)[votes].min()) for each in tried]
-    lags = [each.lag for each, score in zip(tried, scores, strict=True) if score >= min(limit.GOES_ON, max(scores))]
+    lags = [each.lag for each, score in zip(tried, scores, strict=True) if score >= min(limits.GOES_ON, max(scores))]
     lag = next((lag for lag in lags if _whole(x[votes], lag, candidates)), lags[0])
     T = lag * step
     if 2.0 * T > span * 1.02:
         raise InputError(
             f"{source}: one beat only: {span:.4g} s of record with a period of about {T:.3g} s; "
-            f"record at least two whole beats of {limit.FEWEST_SAMPLES} samples or more each."
+            f"record at least two whole beats of {limits.FEWEST_SAMPLES} samples or more each."
         )
     found = _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
     for each in tried:
         if _irregular(x[votes], each.lag, found.T / step):
-            said = (
+            note = (
                 f"the heart is irregular: beats about {each.lag * step:.3g} s apart come at intervals that do not "
                 f"repeat, as in atrial fibrillation; if one beat lasts {found.T:.3g} s, give that period."
             )
-            return PeriodFound(each.lag * step, found.T, (said,))
+            return PeriodFound(each.lag * step, found.T, (note,))
     passed = list(zip([each.lag for each in tried], scores, strict=True))
     return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
 
@@ -120,13 +120,13 @@ def repeats(values: Array, dt: float, T: float) -> tuple[float, float]:
         return np.nan, np.nan
     (later,) = _later(x, T / step, (T / step,))
     error = float(np.std(later.shift)) * np.sqrt(0.5 * np.pi / max(0.5 * len(later.shift), 1.0))
-    return later.lag * step if later.alike[0] >= limit.HALF else np.nan, error * step
+    return later.lag * step if later.alike[0] >= limits.HALF else np.nan, error * step
 
 
 def _whole(x: Array, lag: float, candidates: Array) -> bool:
     """Whether stretches as long as the lag go on alike, too: two thirds of a beat of three upstrokes do not."""
-    one, *more = _around(x, lag, candidates)
-    return all((one.alike >= limit.HALF * each.alike).all() for each in more)
+    first, *more = _around(x, lag, candidates)
+    return all((first.alike >= limits.HALF * each.alike).all() for each in more)
 
 
 def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
@@ -140,7 +140,7 @@ def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
     starts = (last // 2, 0, last)
     likeness = [float(next(_later(x[:, at : at + most], lag, (lag,))).alike.min()) for at in starts]
     best = int(np.argmax(likeness))
-    start = starts[best if likeness[best] >= limit.SAME > likeness[0] / likeness[best] else 0]
+    start = starts[best if likeness[best] >= limits.SAME > likeness[0] / likeness[best] else 0]
     part = x[:, start : start + most]
     longest = min(4.5, part.shape[1] / lag - 2.0)
     return list(_later(part, lag, (lag, *(each for each in candidates if 1.5 < each / lag < longest))))
@@ -152,30 +152,30 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     If it differs in its timing, too, or much, it is a part of a beat. Else a part of a beat cannot be told from a heart
     that alternates: a whole beat is assumed, and that is said.
     """
-    T, (one, *more) = lag * step, _around(x, lag, candidates)
-    differ = [(*_differ(one, each), each, round(each.lag / lag)) for each in more]
-    differ = [each for each in differ if each[0] > (limit.IN_TURN if each[-1] <= limit.UPSTROKES else limit.MUCH)]
+    T, (first, *more) = lag * step, _around(x, lag, candidates)
+    differ = [(*_differ(first, each), each, round(each.lag / lag)) for each in more]
+    differ = [each for each in differ if each[0] > (limits.IN_TURN if each[-1] <= limits.UPSTROKES else limits.MUCH)]
     if not differ:
         return PeriodFound(T)
     most = max(times for times, *_ in differ)
-    times, which, sure, other, count = next(each for each in differ if each[0] >= most / limit.AS_MUCH)
-    together, another_part = other.lag * step, one.alike[which] < limit.SAME * other.alike[which]
-    next_one, as_many = (_change(one, beats) for beats in (1, count))
-    timely = next_one <= max(limit.NEAR * lag, limit.UNTIMELY * as_many)
-    if count <= limit.UPSTROKES and (another_part or not timely):
-        said = (
+    times, which, sure, other, count = next(each for each in differ if each[0] >= most / limits.AS_MUCH)
+    together, another_part = other.lag * step, first.alike[which] < limits.SAME * other.alike[which]
+    next_one, as_many = (_change(first, beats) for beats in (1, count))
+    timely = next_one <= max(limits.NEAR * lag, limits.UNTIMELY * as_many)
+    if count <= limits.UPSTROKES and (another_part or not timely):
+        note = (
             f"the period may be {T:.3g} s: what comes every {T:.3g} s differs in turn, but too few times to be sure; "
             f"either a beat of {together:.3g} s has {count} upstrokes, or beats alternate. If these are beats, give "
             "their period."
         )
-        return PeriodFound(together, T, () if sure else (said,))
+        return PeriodFound(together, T, () if sure else (note,))
     far = {2: "second", 3: "third", 4: "fourth"}[count]
-    said = (
+    note = (
         f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "
         f"from the {far} next in {names[which]}; either they alternate, or {count} upstrokes are one beat. If so, give "
         "its period."
     )
-    return PeriodFound(T, together, (said,))
+    return PeriodFound(T, together, (note,))
 
 
 def _passed_over(
@@ -188,22 +188,22 @@ def _passed_over(
     """
     for lag, score in passed:
         count = round(found.T / (lag * step))
-        if count < 2 or abs(found.T / (lag * step) - count) > limit.ELASTIC:
+        if count < 2 or abs(found.T / (lag * step) - count) > limits.ELASTIC:
             continue
-        one, *more = _around(x, lag, candidates)
-        alike = any(round(each.lag / lag) == count and _differ(one, each)[0] < limit.IN_TURN for each in more)
-        if score >= limit.HALF if count > limit.UPSTROKES else alike:
-            said = (
+        first, *more = _around(x, lag, candidates)
+        alike = any(round(each.lag / lag) == count and _differ(first, each)[0] < limits.IN_TURN for each in more)
+        if score >= limits.HALF if count > limits.UPSTROKES else alike:
+            note = (
                 f"the period may be {lag * step:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; "
                 f"either rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
             )
-            return PeriodFound(found.T, lag * step, (said,))
-    if found.T < limit.FASTEST_HEART:
-        said = (
+            return PeriodFound(found.T, lag * step, (note,))
+    if found.T < limits.FASTEST_HEART:
+        note = (
             f"the period of {found.T:.3g} s is that of {60.0 / found.T:.0f} beats a minute, which only hearts of "
             "rodents reach; if it is a part of a beat, give the period."
         )
-        return replace(found, said=(said,))
+        return replace(found, said=(note,))
     return found
 
 
@@ -217,13 +217,13 @@ def _irregular(x: Array, lag: float, T: float) -> bool:
     if count < 2:
         return False
     found, together = (find_upstrokes(channels, length) for length in (lag, T))
-    if found is None or together is None or len(found.at) <= count + limit.FEWEST_BEATS:
+    if found is None or together is None or len(found.at) <= count + limits.FEWEST_BEATS:
         return False
     intervals, apart = np.diff(found.at), np.diff(together.at)
     again = float(np.median(np.abs(intervals[count:] - intervals[:-count])))
     equal = float(np.median(np.abs(apart - np.median(apart))))
-    alike = float(np.median(found.likeness)) >= limit.GOES_ON
-    return alike and again > limit.ELASTIC * lag and equal > 0.5 * limit.ELASTIC * T
+    alike = float(np.median(found.likeness)) >= limits.GOES_ON
+    return alike and again > limits.ELASTIC * lag and equal > 0.5 * limits.ELASTIC * T
 
 
 def _change(one: _Later, beats: int) -> float:
@@ -235,21 +235,21 @@ def _change(one: _Later, beats: int) -> float:
     return float(_weighted_median(change, power)[0]) if change.size else 0.0
 
 
-def _differ(one: _Later, other: _Later) -> tuple[float, int, bool]:
+def _differ(first: _Later, other: _Later) -> tuple[float, int, bool]:
     """How many times as much stretches differ from the next as from the other, at most, in which channel, and whether
     for certain; 0 where that is no more often so than by chance. Of stretches, which overlap by half, half count."""
-    n = min(one.unlike.shape[1], other.unlike.shape[1])
-    a, b = one.unlike[:, :n], other.unlike[:, :n]
+    n = min(first.unlike.shape[1], other.unlike.shape[1])
+    a, b = first.unlike[:, :n], other.unlike[:, :n]
     often = (2.0 * (a > b).mean(axis=1) - 1.0) * np.sqrt(n / 2.0)
     times = np.median(a, axis=1) / np.maximum(np.median(b, axis=1), _FINEST)
-    times = np.where(often >= min(limit.FIVE_PERCENT, 0.99 * np.sqrt(n / 2.0)), times, 0.0)
+    times = np.where(often >= min(limits.FIVE_PERCENT, 0.99 * np.sqrt(n / 2.0)), times, 0.0)
     which = int(times.argmax())
-    return float(times[which]), which, bool(often[which] >= limit.SURE)
+    return float(times[which]), which, bool(often[which] >= limits.SURE)
 
 
 def _screened(channels: Mapping[str, Array], dt: float) -> tuple[list[str], Array, float]:
     """The channels that were measured, x : (m, n) without wander, gaps and spikes, of size 1; and its time step [s]."""
-    n = round(limit.SCREENED / dt)
+    n = round(limits.SCREENED / dt)
     length = len(next(iter(channels.values())))
     parts = [slice(i, i + n) for i in range(0, max(1, length - n // 2), max(1, n))]
     gaps = [sum(int(np.isnan(x[part]).sum()) for x in channels.values()) for part in parts]
@@ -258,7 +258,7 @@ def _screened(channels: Mapping[str, Array], dt: float) -> tuple[list[str], Arra
     names, found = [], []
     for name, values in channels.items():
         there = ~np.isnan(values[part])
-        if np.count_nonzero(there) < max(2 * limit.FEWEST_SAMPLES, 0.5 * len(there)):
+        if np.count_nonzero(there) < max(2 * limits.FEWEST_SAMPLES, 0.5 * len(there)):
             continue
         x = without_gaps(values[part])
         x = np.clip(x, *usual_range(x))
@@ -273,24 +273,24 @@ def _without_wander(x: Array, step: float) -> Array:
     index = np.arange(len(x)) - (len(x) - 1) / 2.0
     x = x - x.mean()
     x = x - index * (index @ x) / (index @ index)
-    if len(x) * step * limit.WANDER >= 2.0:
+    if len(x) * step * limits.WANDER >= 2.0:
         spectrum = np.fft.rfft(x)
-        spectrum[np.fft.rfftfreq(len(x), step) < limit.WANDER] = 0.0
+        spectrum[np.fft.rfftfreq(len(x), step) < limits.WANDER] = 0.0
         x = np.fft.irfft(spectrum, len(x))
     return x
 
 
 def _candidates(x: Array, step: float) -> Array:
     """Lags [samples] at which the mean correlation of the channels is the highest near by, in order."""
-    count = min(int(limit.LONGEST / step) + 2, int(0.75 * x.shape[1]))
+    count = min(int(limits.LONGEST / step) + 2, int(0.75 * x.shape[1]))
     n = x.shape[1]
     power = (np.abs(np.fft.rfft(x, 2 * n, axis=1)) ** 2).mean(axis=0)
     r = np.fft.irfft(power)[:count] / (n - np.arange(count))  # the mean of x_j x_{j+L}
     falls = np.flatnonzero(r < 0.2)  # before the first of them, all lags resemble lag 0
-    first = max(int(limit.SHORTEST / step * 0.97), int(falls[0]) if len(falls) else count, 1)
+    first = max(int(limits.SHORTEST / step * 0.97), int(falls[0]) if len(falls) else count, 1)
     lags = np.arange(first + 1, len(r) - 1)
     lags = lags[(r[lags] > 0.0) & (r[lags] >= np.maximum(r[lags - 1], r[lags + 1]))]
-    highest = [r[int(lag * (1.0 - limit.ELASTIC)) : int(lag * (1.0 + limit.ELASTIC)) + 1].max() for lag in lags]
+    highest = [r[int(lag * (1.0 - limits.ELASTIC)) : int(lag * (1.0 + limits.ELASTIC)) + 1].max() for lag in lags]
     lags = lags[r[lags] == highest]
     return vertex(np.broadcast_to(r, (len(lags), len(r))), lags)
 
@@ -305,7 +305,7 @@ def _later(x: Array, length: float, lags: Iterable[float]) -> Iterator[_Later]:
     means = windows.mean(axis=2)
     powers = np.maximum((windows**2).sum(axis=2) - w * means**2, _EXACT)
     for lag in lags:
-        there, reach = round(lag / h), round(limit.ELASTIC * lag / h)
+        there, reach = round(lag / h), round(limits.ELASTIC * lag / h)
         last = powers.shape[1] - 1 - there - reach
         if last < w:  # as far as the record is long
             last = max(0, powers.shape[1] - 1 - there)

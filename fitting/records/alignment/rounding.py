@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .. import limits as limit
+from .. import limits
 
 Array = np.ndarray
 
@@ -33,8 +33,8 @@ def rounding(beats: Array, step: float) -> float:
     # one phase has few beats to tell by: its neighbours help
     width = min(5, len(scatter))
     pooled = np.convolve(np.pad(scatter, width // 2, mode="wrap"), np.ones(width) / width, mode="valid")
-    shown = _SIGMA**2 + 1.0 / 12.0 - _LEFT
-    return step * float(np.sqrt(np.mean(np.interp(pooled, shown, _LEFT))))
+    variance = _SIGMA**2 + 1.0 / 12.0 - _LEFT
+    return step * float(np.sqrt(np.mean(np.interp(pooled, variance, _LEFT))))
 
 
 def rounded_harmonics(beats: Array, step: float) -> Array:
@@ -54,12 +54,12 @@ def rounded_harmonics(beats: Array, step: float) -> Array:
     times too small at 6 steps, 5 at 4, 9 at 2.
     """
     N = beats.shape[1]
-    left = (rounding(beats, step) / step) ** 2 if step > 0.0 else 0.0
-    if not left > 0.0:
+    variance = (rounding(beats, step) / step) ** 2 if step > 0.0 else 0.0
+    if not variance > 0.0:
         return np.zeros(N // 2 + 1)
-    sigma = np.interp(left, _LEFT[::-1], _SIGMA[::-1])
+    sigma = np.interp(variance, _LEFT[::-1], _SIGMA[::-1])
     c = np.fft.rfft(np.nanmean(beats, axis=0) / step)
-    c[np.abs(c) < limit.STEP_SURE * N] = 0.0
+    c[np.abs(c) < limits.STEP_SURE * N] = 0.0
     Z = np.abs(np.fft.fft(np.exp(2j * np.pi * np.outer(_WAVES, np.fft.irfft(c, N)))) / N) ** 2
     share = np.exp(-4.0 * np.pi**2 * (sigma * _WAVES) ** 2) / _WAVES**2 / (4.0 * np.pi**2)
     V = step**2 * (share @ Z)

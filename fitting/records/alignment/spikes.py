@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .. import limits as limit
+from .. import limits
 from .equal_beats import Grid
 from .variable_beats import VariableBeats
 
@@ -45,20 +45,20 @@ def _spikes(values: Array, cut: VariableBeats | Grid, step: float) -> Array:
     samples = cut.samples  # (n_beats, N)
     none, beats = np.array([], int), np.where(cut.within, values[samples], np.nan)
     gaps = np.isnan(beats)
-    if len(beats) < limit.FEWEST_BEATS or gaps.all(axis=0).any() or gaps.all(axis=1).any():
-        return none  # refused later, or nothing to compare with
+    if len(beats) < limits.FEWEST_BEATS or gaps.all(axis=0).any() or gaps.all(axis=1).any():
+        return none  # rejected later, or nothing to compare with
     median = np.nanmedian if gaps.any() else np.median
     usual = median(beats, axis=0)
     off = beats - usual
     off -= median(off, axis=1)[:, None]
     size = _ROBUST * median(np.abs(off), axis=0)
     least = np.maximum(np.median(size), _LEAST * np.ptp(values[~np.isnan(values)]))
-    far = limit.FAR * np.maximum(size, least)
+    far = limits.FAR * np.maximum(size, least)
     slip = max(1, round(cut.slip))
     near = np.stack([np.roll(usual, shift) for shift in range(-slip, slip + 1)]) - usual
     off = np.nan_to_num(off)
     outside = np.abs(off - np.clip(off, near.min(axis=0), near.max(axis=0)))
-    suspect = (np.abs(off) > far) & (outside > limit.STEPS * step)
+    suspect = (np.abs(off) > far) & (outside > limits.STEPS * step)
     if not suspect.any():
         return none
     flat = off.ravel()

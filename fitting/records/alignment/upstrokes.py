@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .. import limits as limit
+from .. import limits
 
 Array = np.ndarray
 
@@ -27,7 +27,7 @@ class Upstrokes:
     def usual(self) -> float:
         """The interval [samples] that most others are near to."""
         intervals = np.diff(self.at)
-        near = np.abs(intervals[:, None] - intervals) <= limit.NEAR * intervals
+        near = np.abs(intervals[:, None] - intervals) <= limits.NEAR * intervals
         return float(np.median(intervals[near[:, near.sum(axis=0).argmax()]]))
 
     @cached_property
@@ -38,7 +38,7 @@ class Upstrokes:
     @property
     def near(self) -> Array:
         """(n - 1,) whether an interval is near the usual one."""
-        return np.abs(np.diff(self.at) / self.passed - self.usual) <= limit.NEAR * self.usual
+        return np.abs(np.diff(self.at) / self.passed - self.usual) <= limits.NEAR * self.usual
 
     @cached_property
     def line(self) -> tuple[float, float]:
@@ -58,14 +58,14 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
     tried: dict[float, Array] = {}
     while length not in tried and len(tried) < _PASSES:  # until the length is the record's own, whatever was given
         tried[length] = marks = _beats(ordinary, length)
-        if len(marks) < limit.UPSTROKES:
+        if len(marks) < limits.UPSTROKES:
             return None
         length = float(np.median(np.diff(marks)))
     lengths = list(tried)
     length = max(lengths[lengths.index(length) :]) if length in tried else lengths[-1]  # it may be one of two in turn
     found = [_of(name, each, np.isnan(channels[name]), tried[length], length) for name, each in x.items()]
     return max(
-        (each for each in found if len(each.at) >= limit.UPSTROKES),
+        (each for each in found if len(each.at) >= limits.UPSTROKES),
         key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)),
         default=None,
     )
@@ -74,10 +74,10 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
 def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstrokes:
     """A channel's upstrokes, one at each of the marks."""
     before, after, most, end = (
-        max(2, round(part * length)) for part in (limit.BEFORE, limit.AFTER, limit.SEARCHED, limit.ANOTHER)
+        max(2, round(part * length)) for part in (limits.BEFORE, limits.AFTER, limits.SEARCHED, limits.ANOTHER)
     )
     inside = marks[(marks >= before) & (marks < len(x) - end)]
-    if len(inside) < limit.UPSTROKES:
+    if len(inside) < limits.UPSTROKES:
         return Upstrokes(name, inside, inside)
     mean = x[inside[:, None] + np.arange(-before, end)].mean(axis=0)
     at = marks + int(_rise(mean, length).argmax()) - before
@@ -93,7 +93,7 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
         at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
     lost = np.concatenate([[0], np.cumsum(gaps)])
     around = np.rint(at).astype(int)
-    sure = (likeness >= limit.HALF * np.median(likeness)) & (lost[around + after] == lost[around - before])
+    sure = (likeness >= limits.HALF * np.median(likeness)) & (lost[around + after] == lost[around - before])
     return Upstrokes(name, at[sure], likeness[sure])
 
 
@@ -103,7 +103,7 @@ def _beats(x: Array, length: float) -> Array:
     Each beat has one such sample, even if it has several upstrokes. The upstroke with the median rise is the first
     template.
     """
-    before, end, block = (max(2, round(part * length)) for part in (limit.BEFORE, limit.ANOTHER, 1.0))
+    before, end, block = (max(2, round(part * length)) for part in (limits.BEFORE, limits.ANOTHER, 1.0))
     x = x / np.maximum(x.std(axis=1, keepdims=True), np.finfo(float).tiny)
     rise = np.sum([np.maximum(_rise(each, length), 0.0) for each in x], axis=0)
     starts = range(0, max(1, x.shape[1] - block + 1), block)
@@ -115,7 +115,7 @@ def _beats(x: Array, length: float) -> Array:
         windows = padded[:, at[:, None] + np.arange(before + end)]
         alike = np.mean([of(w.mean(axis=0)) for of, w in zip(correlations, windows, strict=True)], axis=0)
         usual = np.median([alike[i : i + block].max() for i in starts])
-        at = _peaks(alike, limit.RESEMBLING * usual, round(limit.NEAREST * length))
+        at = _peaks(alike, limits.RESEMBLING * usual, round(limits.NEAREST * length))
         if not len(at):
             break
     return np.asarray(at)
@@ -134,7 +134,7 @@ def _peaks(x: Array, least: float, apart: int) -> Array:
 
 def _rise(x: Array, length: float) -> Array:
     """By how much the mean after a sample is higher than that before it : (n,)."""
-    half = max(1, round(limit.SEARCHED * length))
+    half = max(1, round(limits.SEARCHED * length))
     total = np.concatenate([[0.0], np.cumsum(np.pad(x, half, mode="edge"))])
     j = np.arange(half, half + len(x))
     return np.asarray((total[j + half] - 2.0 * total[j] + total[j - half]) / half)
@@ -176,11 +176,11 @@ def lead(channels: Mapping[str, Array], at: Array, length: float) -> int:
     leads = []
     for x in channels.values():
         mean = without_gaps(x)[inside[:, None] + np.arange(-reach, reach)].mean(axis=0)
-        width = max(1, round(0.25 * limit.SEARCHED * length))
+        width = max(1, round(0.25 * limits.SEARCHED * length))
         slope = np.convolve(np.gradient(mean), np.ones(width) / width, mode="same")
         middle = slice(reach - reach // 2, reach + reach // 2)
         steepest = middle.start + int(slope[middle].argmax())
-        flat = np.flatnonzero(slope[:steepest] < limit.FLAT_FOOT * slope[steepest])
+        flat = np.flatnonzero(slope[:steepest] < limits.FLAT_FOOT * slope[steepest])
         leads.append(reach - (int(flat[-1]) if len(flat) else 0))
     return max(leads)
 
@@ -196,5 +196,5 @@ def without_gaps(x: Array) -> Array:
 
 def usual_range(x: Array) -> tuple[float, float]:
     """Between which a channel's values are, NaN in gaps: beyond, there are spikes."""
-    low, high = np.nanquantile(x, limit.ORDINARY)
+    low, high = np.nanquantile(x, limits.ORDINARY)
     return float(low - (high - low)), float(high + (high - low))

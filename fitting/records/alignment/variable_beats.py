@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .. import limits as limit
+from .. import limits
 from .upstrokes import Upstrokes, lead, without_gaps
 
 Array = np.ndarray
@@ -33,7 +33,7 @@ class VariableBeats:
     steady: Array
     serving: Array
     said: tuple[str, ...] = ()
-    slip = limit.SLIP_OF_CUTS  # samples by which beats may be off one another
+    slip = limits.SLIP_OF_CUTS  # samples by which beats may be off one another
 
     @property
     def N(self) -> int:
@@ -58,7 +58,7 @@ class VariableBeats:
     def of(self, x: Array) -> Array:
         """The beats (m, N) of samples x : (n,), NaN in gaps; linear in x."""
         starts, ends, at = self.edges[:-1, None], self.edges[1:, None], np.arange(self.N)
-        half = max(1, round(limit.BEFORE * self.N / 4))
+        half = max(1, round(limits.BEFORE * self.N / 4))
         last = x[ends - 2 * half + np.arange(2 * half)]
         early, late = mean(last[:, :half]), mean(last[:, half:])
         slope = mean((late - early)[self.steady]) / half
@@ -88,14 +88,14 @@ def cut_variable(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> 
     """The beats that begin with these upstrokes, if their intervals or pulses differ; else None."""
     x, usual = channels[found.channel], found.usual
     alike = _likeness(x, found.at[:-1][found.near], usual)
-    if alike < limit.GOES_ON:
+    if alike < limits.GOES_ON:
         return None
     beats = [x[round(a) : round(b)] for a, b in zip(found.at, found.at[1:], strict=False)]
     whole = [beat for beat in beats if not np.isnan(beat).any()]
-    pulses = np.array([np.ptp(np.quantile(beat, limit.RANGE)) for beat in whole] or [1.0])
+    pulses = np.array([np.ptp(np.quantile(beat, limits.RANGE)) for beat in whole] or [1.0])
     noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
     _, wander = found.line
-    if wander <= limit.VARIES * usual and pulses.std() <= max(limit.VARIES, limit.NO_PULSE * noise) * pulses.mean():
+    if wander <= limits.VARIES * usual and pulses.std() <= max(limits.VARIES, limits.NO_PULSE * noise) * pulses.mean():
         return None
     edges = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
     return _cut_singly(channels, dt, edges[edges >= 0], usual)
@@ -103,17 +103,17 @@ def cut_variable(channels: Mapping[str, Array], dt: float, found: Upstrokes) -> 
 
 def _cut_singly(channels: Mapping[str, Array], dt: float, edges: Array, usual: float) -> VariableBeats | None:
     """The longest stretch of steady beats that no more than MISSING odd ones in a row interrupt; None if not two."""
-    near = np.flatnonzero(np.abs(np.diff(edges) - usual) <= limit.NEAR * usual + 1.0)
+    near = np.flatnonzero(np.abs(np.diff(edges) - usual) <= limits.NEAR * usual + 1.0)
     if len(near) < 2:
         return None
     odd = _odd(channels, VariableBeats({}, dt, edges, near, near))
     alike = np.setdiff1d(near, odd)
-    alike = max(np.split(alike, np.flatnonzero(np.diff(alike) > limit.MISSING + 1) + 1), key=len)
+    alike = max(np.split(alike, np.flatnonzero(np.diff(alike) > limits.MISSING + 1) + 1), key=len)
     if len(alike) < 2:
         return None
     first, last = int(alike[0]), int(alike[-1]) + 1
-    said = _exclusion_notes(edges, near, odd, alike, dt)
-    return VariableBeats(channels, dt, edges[first : last + 1], alike - first, alike - first, said)
+    notes = _exclusion_notes(edges, near, odd, alike, dt)
+    return VariableBeats(channels, dt, edges[first : last + 1], alike - first, alike - first, notes)
 
 
 def _likeness(x: Array, at: Array, length: float) -> float:
@@ -131,7 +131,7 @@ def _odd(channels: Mapping[str, Array], singly: VariableBeats) -> Array:
     for x in channels.values():
         rows = singly.of(x)
         size, pulse = unlikeness(rows), float(np.nanstd(np.nanmedian(rows, axis=0)))
-        far |= size > max(limit.UNLIKE * pulse, limit.USUAL * float(np.nanmedian(size)))
+        far |= size > max(limits.UNLIKE * pulse, limits.USUAL * float(np.nanmedian(size)))
     return singly.serving[far]
 
 
@@ -139,27 +139,27 @@ def _exclusion_notes(edges: Array, near: Array, odd: Array, alike: Array, dt: fl
     """What was left out, in sentences."""
     times, lengths = edges * dt, np.diff(edges)
     first, last = int(alike[0]), int(alike[-1]) + 1
-    used, said = lengths[alike], []
-    if np.abs(used - used.mean()).max() > limit.UNSTEADY * used.mean():
-        said.append(
+    used, notes = lengths[alike], []
+    if np.abs(used - used.mean()).max() > limits.UNSTEADY * used.mean():
+        notes.append(
             f"the heart rate was not steady: beats lasted {used.min() * dt:.3g} to {used.max() * dt:.3g} s; each "
             "was cut at the end of diastole."
         )
     irregular = np.setdiff1d(np.arange(first, last), near)
     for which, why in (
-        (irregular, f"more than {100.0 * limit.NEAR:g} % longer or shorter than the others"),
+        (irregular, f"more than {100.0 * limits.NEAR:g} % longer or shorter than the others"),
         (odd[(odd >= first) & (odd < last)], "unlike the others in shape"),
     ):
         if len(which):
-            begin = ", ".join(f"{times[i]:.4g}" for i in which[: limit.NAMED])
-            begin += ", …" if len(which) > limit.NAMED else ""
-            said.append(f"{_count(len(which))} left out, {why}; at {begin} s after the record's start.")
+            begin = ", ".join(f"{times[i]:.4g}" for i in which[: limits.NAMED])
+            begin += ", …" if len(which) > limits.NAMED else ""
+            notes.append(f"{_count(len(which))} left out, {why}; at {begin} s after the record's start.")
     if outside := len(lengths) - (last - first):
-        said.append(
+        notes.append(
             f"used from {times[first]:.4g} to {times[last]:.4g} s after the record's start, the longest stretch with a "
             f"steady heart rate; {_count(outside)} before and after it left out."
         )
-    return tuple(said)
+    return tuple(notes)
 
 
 def _count(n: int) -> str:

@@ -12,18 +12,18 @@ _MOST = 4  # channels by name
 
 def sizes(rms: Mapping[str, float], loud: Mapping[str, float] | None = None) -> str:
     """ "1.3 mmHg of Ao.P, 2.1 mmHg of Pe.P"; rms : by channel [SI]. Of many channels, those of the largest ``loud``."""
-    shown = [f"{size_text(name, rms[name])} of {name}" for name in loudest(rms, loud)]
-    return ", ".join(shown) + (f" and {rest} more" if (rest := len(rms) - len(shown)) else "")
+    texts = [f"{size_text(name, rms[name])} of {name}" for name in loudest(rms, loud)]
+    return ", ".join(texts) + (f" and {rest} more" if (rest := len(rms) - len(texts)) else "")
 
 
 def changes(before: Mapping[str, float], after: Mapping[str, float], loud: Mapping[str, float] | None = None) -> str:
     """ "Ao.P from 1.3 to 0.9 mmHg, Pe.P still 2.1 mmHg"."""
-    shown = []
+    texts = []
     for name in loudest(before, loud):
         first, last = size_text(name, before[name]), size_text(name, after[name])
         number_alone = size_text(name, before[name], unit=False)
-        shown.append(f"{name} still {last}" if first == last else f"{name} from {number_alone} to {last}")
-    return ", ".join(shown) + (f" and {rest} more" if (rest := len(before) - len(shown)) else "")
+        texts.append(f"{name} still {last}" if first == last else f"{name} from {number_alone} to {last}")
+    return ", ".join(texts) + (f" and {rest} more" if (rest := len(before) - len(texts)) else "")
 
 
 def loudest(rms: Mapping[str, float], loud: Mapping[str, float] | None = None) -> list[str]:
@@ -34,5 +34,5 @@ def loudest(rms: Mapping[str, float], loud: Mapping[str, float] | None = None) -
 
 def size_text(name: str, rms: float, unit: bool = True) -> str:
     """The rms [SI] of a channel: "1.3 mmHg"."""
-    shown, factor = of_signal(name)
-    return f"{number(factor * rms, 2)} {shown}" if unit else number(factor * rms, 2)
+    display, factor = of_signal(name)
+    return f"{number(factor * rms, 2)} {display}" if unit else number(factor * rms, 2)

@@ -31,9 +31,9 @@ def with_filters(network: Network, filters: Iterable[str]) -> Network:
                 f'--filter "{text}": network {network.name} has no channel {channel!r}; use one of '
                 f"{', '.join(network.channel_names())}."
             )
-        ((effect, said),) = found
+        ((effect, stated),) = found
         units = {key: Channel(channel).quantities()[key].unit for key in effect.terms}
-        values = {key: typed_quantity(said[key], unit, f"--filter {channel}") for key, unit in units.items()}
+        values = {key: typed_quantity(stated[key], unit, f"--filter {channel}") for key, unit in units.items()}
         neutral = all(values[key] == effect.neutral[key] for key in effect.terms if key not in effect.how)
         if neutral and effect.refuses_neutral:
             raise InputError(f'--filter "{text}": a filter that is none; {effect.refuses_neutral}.')

@@ -17,7 +17,7 @@ from solver.laws.catalogue import filtered, zero_of
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
-from .. import limits as limit
+from .. import limits
 from ..alignment.beats import Beats
 from .spectral import coefficients
 
@@ -83,7 +83,7 @@ def inflow(beats: Beats, dt: float, network: Network | None = None, channel: str
         X[-1] *= 0.5  # the Nyquist coefficient is its own conjugate
     shown = np.ones(len(X), bool)
     if beats.n_beats > 1:
-        shown[1:] = np.abs(X[1:]) > limit.SURE * np.sqrt(beats.covariance((channel,))[1:, 0, 0].real)
+        shown[1:] = np.abs(X[1:]) > limits.SURE * np.sqrt(beats.covariance((channel,))[1:, 0, 0].real)
     kept = min(len(X), int(beats.T / (2.0 * dt)) + 1)
     found = Inflow(beats.T, X[:kept], shown[:kept])
     if network is None:
@@ -95,17 +95,17 @@ def inflow(beats: Beats, dt: float, network: Network | None = None, channel: str
 def undoable(network: Network, channel: str, omega: Array) -> Array:
     """The filter of a channel that can be divided by : (n,) at omega : (n,) [rad/s]."""
     H = filtered(network, channel, omega)
-    return np.asarray(H / np.minimum(1.0, np.abs(H) / limit.UNDONE))
+    return np.asarray(H / np.minimum(1.0, np.abs(H) / limits.UNDONE))
 
 
-def undone(network: Network, channel: str, shown: Inflow) -> Array:
+def undone(network: Network, channel: str, drive: Inflow) -> Array:
     """The filter that is divided by : (n,), :func:`undoable` or 1.
 
     What is shown is signal above 3 standard deviations of the mean of beats. Of beats that differ these are wide, and
     all harmonics that the filter leaves a tenth of are taken for signal, too.
     """
-    H = undoable(network, channel, shown.omega)
-    return np.asarray(np.where(shown.shown | (np.abs(H) >= limit.SAFE), H, 1.0))
+    H = undoable(network, channel, drive.omega)
+    return np.asarray(np.where(drive.shown | (np.abs(H) >= limits.SAFE), H, 1.0))
 
 
 def flowed(beats: Beats, network: Network, channel: str = INFLOW) -> Array:

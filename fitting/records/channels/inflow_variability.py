@@ -1,4 +1,4 @@
-"""What channels feel of a drive whose beats differ: from beat to beat, and in the mean beat.
+"""Linear response of the channels to a drive whose beats differ: from beat to beat, and in the mean beat.
 
 The linear response h to the drive q of a whole record, cut into beats as the record was (C_b), is compared with the
 periodic response to the mean beat q̄:
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import limits as limit
+from .. import limits
 from ..alignment.beats import Beats
 from .spectral import coefficients
 
@@ -25,37 +25,42 @@ Transfer = Callable[[float, int], Array]
 
 
 @dataclass(frozen=True)
-class Felt:
-    """change : (m, n_beats, N). seam : (m, N). doubt : (m, N) by which the seam changes if the beats before the record
-    were larger than the mean by a standard deviation of the others."""
+class BeatVariation:
+    """Response of the channels to the variation of the drive between beats.
+
+    change : (m, n_beats, N). seam : (m, N). doubt : (m, N) by which the seam changes if the beats before the record
+    were larger than the mean by a standard deviation of the others.
+    """
 
     change: Array
     seam: Array
     doubt: Array
 
     def coefficients(self, n: int) -> tuple[Array, Array, Array]:
-        """(n, m) of the seam, of what is not known of it as walls are not, and of what came before the record."""
+        """(n, m) of the seam, and of its errors by uncertain walls and by unknown earlier beats."""
         seam, doubt = (coefficients(x)[:, :n].T for x in (self.seam, self.doubt))
-        return seam, limit.SEAM_ERROR * seam, doubt
+        return seam, limits.SEAM_ERROR * seam, doubt
 
 
-def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: bool = True) -> Felt | None:
-    """What channels with a linear response to the drive feel; None of beats that are cut at equal intervals.
+def beat_variation(
+    beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: bool = True
+) -> BeatVariation | None:
+    """The response of channels to beat-to-beat variation of the drive; None of beats cut at equal intervals.
 
-    transfer(T, n) : (n + 1, m) the response at the harmonics 0 … n of a period T [s]. harmonics : of a beat, beyond
-    which nothing is looked at. memory : of the response, for what came before the record.
+    transfer(T, n) : (n + 1, m) the linear response at the harmonics 0 … n of a period T [s]. harmonics : highest
+    harmonic of a beat. memory : whether the response may contain beats before the record.
     """
     if beats.variable is None:
         return None
     singly, N, mean = beats.variable, beats.N, beats.mean(drive)
     first, last = singly.edges[[0, -1]]
     q = singly.channels[drive][first:last]
-    before = limit.BEATS_BEFORE * N
+    before = limits.BEATS_BEFORE * N
     length = before + len(q)
     H = transfer(length * singly.dt, int(harmonics * length / N))
     larger = np.zeros(length)
     if memory:
-        unknown = np.tile(mean, limit.BEATS_UNKNOWN)
+        unknown = np.tile(mean, limits.BEATS_UNKNOWN)
         sizes = np.nanstd(beats.values[drive], axis=1)  # of the beats
         larger[before - len(unknown) : before] = unknown * float(np.nanstd(sizes) / np.nanmean(sizes))
 
@@ -63,10 +68,10 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
         """(m, n_beats, N) of (m, length)."""
         return np.stack([singly.of(np.concatenate([np.zeros(first), each[before:]])) for each in x])
 
-    followed = cut(_filtered(H, np.concatenate([np.tile(mean, limit.BEATS_BEFORE), q])))
+    followed = cut(_filtered(H, np.concatenate([np.tile(mean, limits.BEATS_BEFORE), q])))
     mean_followed = followed.mean(axis=1)
     seam = mean_followed - _filtered(transfer(beats.T, harmonics), mean)
-    return Felt(followed - mean_followed[:, None], seam, cut(_filtered(H, larger)).mean(axis=1))
+    return BeatVariation(followed - mean_followed[:, None], seam, cut(_filtered(H, larger)).mean(axis=1))
 
 
 def _filtered(H: Array, x: Array) -> Array:

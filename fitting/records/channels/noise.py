@@ -22,15 +22,15 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
-from .. import limits as limit
+from .. import limits
 from ..alignment.beats import Beats
-from .inflow_variability import Felt
+from .inflow_variability import BeatVariation
 from .spectral import coefficients
 
 Array = np.ndarray
 
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
-_POOLED = 2.0 * limit.NEIGHBOURS + 1.0
+_POOLED = 2.0 * limits.NEIGHBOURS + 1.0
 
 
 @dataclass(frozen=True)
@@ -93,24 +93,24 @@ def degrees_of_freedom(n_beats: int, *, real: bool = False, at_ends: bool = Fals
     real : count the real and the imaginary part, which one channel's variance may; a covariance of channels is one of
     complex numbers. at_ends : where the spectrum begins and ends, there are neighbours on one side only.
     """
-    pooled = limit.NEIGHBOURS + 1.0 if at_ends else _POOLED
+    pooled = limits.NEIGHBOURS + 1.0 if at_ends else _POOLED
     return (2.0 if real else 1.0) * pooled * (n_beats - 1.0)
 
 
 def target(
-    beats: Beats, names: Sequence[str], response: Array, solver_error: Array, felt: Felt | None = None
+    beats: Beats, names: Sequence[str], response: Array, solver_error: Array, variation: BeatVariation | None = None
 ) -> Target:
     """The target for channels ``names``.
 
     response : (n, m) H_k for k = 0 … n - 1 > K, those beyond K for the covariance's neighbours; solver_error : (K+1, m)
-    standard deviation of e_k. felt : what the channels feel of an inflow whose beats differ; its seam is taken out of
-    the mean beat, and what is not known of it enters the covariance.
+    standard deviation of e_k. variation : response to an inflow whose beats differ; its seam is taken out of the mean
+    beat, and its uncertainty enters the covariance.
     """
     K = len(solver_error) - 1
-    share, steady = steady_beats(beats, names, response, felt)
+    share, steady = steady_beats(beats, names, response, variation)
     H = response[: K + 1]
-    one = np.broadcast_to(np.eye(len(names)), (K + 1, len(names), len(names)))
-    gain = np.concatenate([one, -(share[: K + 1, None] * H)[..., None]], axis=2)
+    identity = np.broadcast_to(np.eye(len(names)), (K + 1, len(names), len(names)))
+    gain = np.concatenate([identity, -(share[: K + 1, None] * H)[..., None]], axis=2)
     covariance = gain @ _scatter(steady, (*names, INFLOW))[: K + 1] @ np.conj(np.swapaxes(gain, 1, 2))
     # what sampling hides of the inflow is common to all channels, as its noise is
     hidden = _hidden(beats, (*names, INFLOW))[: K + 1]
@@ -118,16 +118,16 @@ def target(
     covariance = covariance + common[:, :, None] * common[:, None, :].conj()
     at = np.arange(len(names))
     covariance[:, at, at] += hidden[:, :-1] ** 2 + solver_error**2
-    if felt is not None:
-        _, error, doubt = felt.coefficients(K + 1)
+    if variation is not None:
+        _, error, doubt = variation.coefficients(K + 1)
         covariance[:, at, at] += np.abs(error) ** 2
         covariance = covariance + doubt[:, :, None] * doubt[:, None, :].conj()
     covariance[0] = covariance[0].real
-    return Target.of(names, mean_beat(beats, names, K, felt), covariance)
+    return Target.of(names, mean_beat(beats, names, K, variation), covariance)
 
 
 def steady_beats(
-    beats: Beats, names: Sequence[str], response: Array, felt: Felt | None, drive: str = INFLOW,
+    beats: Beats, names: Sequence[str], response: Array, variation: BeatVariation | None, drive: str = INFLOW,
     share: Array | None = None,
 ) -> tuple[Array, Beats]:  # fmt: skip
     """The share (n,) of the drive's change from beat to beat that is noise, and beats of drive and channels without the
@@ -136,14 +136,14 @@ def steady_beats(
     What is left of the channels when the real part of the drive's change is taken out has nothing in common with the
     drive as measured: a covariance that can be pooled and shrunk.
     """
-    moved = following(beats, response, felt, drive)
+    moved = following(beats, response, variation, drive)
     share = noise_share(beats, names, moved, len(response)) if share is None else share
     values = {name: beats.values[name] - scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)}
     return share, replace(beats, values={drive: beats.values[drive], **values})
 
 
 def inflow_noise(
-    beats: Beats, names: Sequence[str], response: Array, weights: Array, felt: Felt | None = None
+    beats: Beats, names: Sequence[str], response: Array, weights: Array, variation: BeatVariation | None = None
 ) -> Array:
     """Variance S (n,) of the mean inflow's coefficients by the noise of its meter alone; response : H (n, m).
 
@@ -151,31 +151,31 @@ def inflow_noise(
     1/(H† C⁻¹ H). Without this bound S may be too large: channels of beats that differ follow their flow to a few per
     cent only, and the rest looks like noise of the meter.
     """
-    share = noise_share(beats, names, following(beats, response, felt), len(response))
+    share = noise_share(beats, names, following(beats, response, variation), len(response))
     most = np.einsum("ki,kij,kj->k", response.conj(), weights, response).real
     return np.minimum(share * beats.covariance((INFLOW,))[: len(response), 0, 0].real, 1.0 / np.maximum(most, 1e-300))
 
 
-def following(beats: Beats, response: Array, felt: Felt | None, drive: str = INFLOW) -> Array:
+def following(beats: Beats, response: Array, variation: BeatVariation | None, drive: str = INFLOW) -> Array:
     """(m, n_beats, N) what channels of that response (n, m) would do from beat to beat if they followed the drive as it
     was measured."""
-    if felt is not None:
-        return felt.change
+    if variation is not None:
+        return variation.change
     change = np.nan_to_num(beats.values[drive] - beats.mean(drive), nan=0.0)
     return np.stack([scaled(change, H) for H in response.T])
 
 
-def seam_note(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[str, ...]:
+def seam_note(beats: Beats, names: Sequence[str], variation: BeatVariation | None) -> tuple[str, ...]:
     """A sentence on the channel whose mean beat is known worst beside its noise, where beats differ; none where that is
     less than a few times the noise."""
-    if felt is None:
+    if variation is None:
         return ()
-    _, *unknown = felt.coefficients(beats.N)
+    _, *unknown = variation.coefficients(beats.N)
     weight = np.where(np.arange(len(unknown[0])) == 0, 1.0, 2.0)
     error = np.sqrt(weight @ sum(np.abs(x) ** 2 for x in unknown))
     noise = np.sqrt(np.einsum("kii->ik", beats.covariance(names)).real @ weight)
     i = int(np.argmax(error / noise))
-    if error[i] < limit.SURE * noise[i]:
+    if error[i] < limits.SURE * noise[i]:
         return ()
     part, times = error[i] / pulses(beats, names)[i], error[i] / noise[i]
     return (
@@ -184,23 +184,23 @@ def seam_note(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[st
     )
 
 
-def mean_beat(beats: Beats, names: Sequence[str], K: int, felt: Felt | None = None) -> Array:
-    """X_k of the mean beat, (K+1, m); of what it would be if all beats were it, with what channels ``felt``."""
+def mean_beat(beats: Beats, names: Sequence[str], K: int, variation: BeatVariation | None = None) -> Array:
+    """X_k of the mean beat, (K+1, m); without the seam of their ``variation``: as if all beats were alike."""
     X = np.stack([coefficients(beats.mean(name))[: K + 1] for name in names], axis=1)
-    return X if felt is None else X - felt.coefficients(K + 1)[0]
+    return X if variation is None else X - variation.coefficients(K + 1)[0]
 
 
 def under_drive_of(
-    fitted: Beats, X: Array, beats: Beats, names: Sequence[str], response: Array, felt: Felt | None
+    fitted: Beats, X: Array, beats: Beats, names: Sequence[str], response: Array, variation: BeatVariation | None
 ) -> Array:
     """The coefficients X : (K+1, m) of the mean of some beats, moved to the mean inflow of the fitted beats:
 
         X_k + (1 - share_k) H_k (Q_k of the fitted - Q_k of these),     k >= 1
 
-    H : (n, m) the linear response, felt : as in :func:`target`, both of the fitted beats; share : the part of the
+    H : (n, m) the linear response, variation : as in :func:`target`, both of the fitted beats; share : the part of the
     inflow's change that is noise of its meter. Means (k = 0) stay as they are, because arteries fill over many beats.
     """
-    share, n = noise_share(fitted, names, following(fitted, response, felt), len(response)), len(X)
+    share, n = noise_share(fitted, names, following(fitted, response, variation), len(response)), len(X)
     more = (coefficients(fitted.mean(INFLOW)) - coefficients(beats.mean(INFLOW)))[:n]
     more[0] = 0.0
     return np.asarray(X + ((1.0 - share[:n]) * more)[:, None] * response[:n])
@@ -217,7 +217,7 @@ def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
     """The highest harmonic, at most ``most``, at which a channel is above its noise."""
     X = mean_beat(beats, names, most)
     variance = np.einsum("kii->ki", beats.covariance(names)).real + _hidden(beats, names) ** 2
-    above = np.flatnonzero((np.abs(X) ** 2 > limit.SURE**2 * variance[: most + 1]).any(axis=1))
+    above = np.flatnonzero((np.abs(X) ** 2 > limits.SURE**2 * variance[: most + 1]).any(axis=1))
     return max(1, int(above[-1]) if len(above) else 1)
 
 
@@ -328,7 +328,7 @@ def _aliased(mean: Array, variance: Array) -> Array:
     k = np.arange(N // 2 + 1)
     whole, own = (np.pi / N) ** 2 / np.sin(np.pi * np.maximum(k, 1) / N) ** 2, 1.0 / np.maximum(k, 1) ** 2.0
     folded = np.where(k == 0, np.pi**2 / 3.0 / N**2, whole - own)
-    tail = k >= max(1, int(limit.TAIL * (N / 2.0)))
+    tail = k >= max(1, int(limits.TAIL * (N / 2.0)))
     power = np.abs(coefficients(mean)) ** 2 - variance
     C2 = float(np.mean(power[tail] / whole[tail] ** 2))
     return np.sqrt(max(C2, 0.0)) * folded

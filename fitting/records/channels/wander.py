@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .. import limits as limit
+from .. import limits
 from ..alignment.beats import Beats
 
 Array = np.ndarray
@@ -14,19 +14,19 @@ Array = np.ndarray
 _ALIKE = 1e-6  # beyond a correlation of 1 - this, channels are one to the precision of their samples
 
 
-def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
+def _mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
     """Covariance (m, m) of the mean of one part of a record about that of the other: the drift of the means per beat.
 
     A slow drift is alike in neighbouring beats, so that averaging over few of them does not reduce it. What moves all
-    channels together, such as breathing, does not move their differences (:func:`correlation_of_means`). A beat with
+    channels together, such as breathing, does not move their differences (:func:`_correlation_of_means`). A beat with
     gaps counts by its samples relative to the mean beat; one without a sample does not count.
     """
     level = _levels(part, other, names)
     sd = np.nanstd(level, axis=0)
-    return sd[:, None] * correlation_of_means(part, other, names) * sd
+    return sd[:, None] * _correlation_of_means(part, other, names) * sd
 
 
-def correlation_of_means(part: Beats, other: Beats, names: Sequence[str]) -> Array:
+def _correlation_of_means(part: Beats, other: Beats, names: Sequence[str]) -> Array:
     """Correlation (m, m) that the means of the beats of two channels have at least, with a probability of 95 %.
 
         tanh(artanh |r| - 1.645/√(n - 3)),   n = b (1 - c_i c_j)/(1 + c_i c_j)
@@ -43,7 +43,9 @@ def correlation_of_means(part: Beats, other: Beats, names: Sequence[str]) -> Arr
     r, lagged = level.T @ level, np.clip((level[1:] * level[:-1]).sum(axis=0), 0.0, 1.0)
     alike = lagged[:, None] * lagged
     n = len(level) * (1.0 - alike) / (1.0 + alike)
-    reach = np.divide(limit.FIVE_PERCENT, np.sqrt(np.maximum(n - 3.0, 0.0)), out=np.full_like(r, np.inf), where=n > 3.0)
+    reach = np.divide(
+        limits.FIVE_PERCENT, np.sqrt(np.maximum(n - 3.0, 0.0)), out=np.full_like(r, np.inf), where=n > 3.0
+    )
     least = np.tanh(np.maximum(np.arctanh(np.minimum(np.abs(r), 1.0 - _ALIKE)) - reach, 0.0)) * np.sign(r)
     np.fill_diagonal(least, 1.0)
     power, axes = np.linalg.eigh(least)
@@ -76,7 +78,7 @@ def of_other_beats(
     times, at = fitted.n_beats / beats.n_beats, np.arange(len(names))
     found = covariance * times
     found[:, at, at] -= (times - 1.0) * np.square(error)
-    wander = mean_wander(beats, fitted, names)
+    wander = _mean_wander(beats, fitted, names)
     more = np.sqrt(np.maximum(1.0 - np.diag(found[0]).real / np.maximum(np.diag(wander), 1e-300), 0.0))
     found[0] += more[:, None] * wander * more
     return found

@@ -11,7 +11,7 @@ import numpy as np
 
 from solver.quantities.units import of_signal
 
-from .. import limits as limit
+from .. import limits
 from .sensors import KINDS, UnusableRecord, converter_step
 from .table import Place
 
@@ -42,31 +42,31 @@ def without_still(values: Array, name: str, dt: float, place: Place) -> tuple[Ar
     decline, and lies in the range of the others. dt [s].
     Raises UnusableRecord where that is most of the record.
     """
-    long, wide = round(limit.STILL / dt), round(limit.ANY_BEAT / dt)
-    if long < limit.FEWEST_SAMPLES or len(values) < 2 * wide:
+    long, wide = round(limits.STILL / dt), round(limits.ANY_BEAT / dt)
+    if long < limits.FEWEST_SAMPLES or len(values) < 2 * wide:
         return values, ()
     there = ~np.isnan(values)
     x = values if there.all() else np.interp(np.arange(len(values)), np.flatnonzero(there), values[there])
     ranges = _range(x, wide)
     usual = float(np.median(ranges[ranges > 0.0])) if ranges.any() else 0.0
-    quiet = max(limit.QUIET * usual, limit.STEPS * converter_step(values))  # rounded noise varies by two steps
+    quiet = max(limits.QUIET * usual, limits.STEPS * converter_step(values))  # rounded noise varies by two steps
     still = [(a, b) for a, b in _stretches(_range(x, long) < quiet, long, len(x)) if there[a:b].mean() > 0.5]
     beats = np.ones(len(x), bool)
     for start, stop in still:
         beats[start:stop] = False
     if usual == 0.0 or not still or not beats.any():
         return values, ()
-    low, high = np.quantile(x[beats], limit.ORDINARY)
-    rests, near = name.endswith(".Q"), round(limit.STEEP_FOR / dt)
+    low, high = np.quantile(x[beats], limits.ORDINARY)
+    rests, near = name.endswith(".Q"), round(limits.STEEP_FOR / dt)
     strange = [(a, b) for a, b in still if b - a >= wide or not rests and _strange(x, a, b, (low, high), usual, near)]
     if not strange:
         return values, ()
-    found, margin = values.copy(), round(limit.AROUND / dt)
+    found, margin = values.copy(), round(limits.AROUND / dt)
     for start, stop in strange:
         found[max(0, start - margin) : stop + margin] = np.nan
     share = float(np.isnan(found).mean())
     unit, shown = of_signal(name)
-    levels = ", ".join(f"{shown * float(np.median(x[a:b])):.4g}" for a, b in strange[: limit.NAMED])
+    levels = ", ".join(f"{shown * float(np.median(x[a:b])):.4g}" for a, b in strange[: limits.NAMED])
     where = f"{name} stands still at {levels} {unit} for {dt * sum(b - a for a, b in strange):.3g} s"
     if share > 0.5:
         raise UnusableRecord(f"{place}: {where}, most of the record; cut the file to where it was measured.")
@@ -81,13 +81,13 @@ def without_hum(values: Array, name: str, dt: float) -> tuple[Array, tuple[str, 
     """
     there, said = ~np.isnan(values), list[str]()
     x = values if there.all() else np.interp(np.arange(len(values)), np.flatnonzero(there), values[there])
-    for usual in sorted(k * mains for mains in limit.MAINS for k in range(1, limit.HUMS + 1)):
+    for usual in sorted(k * mains for mains in limits.MAINS for k in range(1, limits.HUMS + 1)):
         f = _line(x, usual, dt)
         if f is None:
             continue
         hum = _hum(x, there, f, dt)
-        size, (low, high) = float(np.sqrt(2.0 * np.mean(hum[there] ** 2))), np.quantile(x[there], limit.RANGE)
-        if size < limit.VISIBLE * (high - low):
+        size, (low, high) = float(np.sqrt(2.0 * np.mean(hum[there] ** 2))), np.quantile(x[there], limits.RANGE)
+        if size < limits.VISIBLE * (high - low):
             continue
         x = x - hum
         unit, shown = of_signal(name)
@@ -100,17 +100,17 @@ def without_hum(values: Array, name: str, dt: float) -> tuple[Array, tuple[str, 
 def _line(x: Array, f: float, dt: float) -> float | None:
     """The frequency of a line near f [Hz], None if there is none: it has AS_MUCH times the power of any other within
     the rate of the fastest heart, for of beats the next harmonics are nearly as high."""
-    n = min(len(x), round(limit.SCREENED / dt))
+    n = min(len(x), round(limits.SCREENED / dt))
     part = x[(len(x) - n) // 2 :][:n]
     power = np.abs(np.fft.rfft((part - part.mean()) * np.hanning(n))) ** 2
     at = np.fft.rfftfreq(n, dt)
-    off, near = np.abs(at - f), limit.MAINS_OFF * f
-    line, others = off <= near, (off > 2.0 * near) & (off <= 1.0 / limit.SHORTEST + 2.0 * near)
+    off, near = np.abs(at - f), limits.MAINS_OFF * f
+    line, others = off <= near, (off > 2.0 * near) & (off <= 1.0 / limits.SHORTEST + 2.0 * near)
     # of less than HUM_FOLLOWED a line is wider than that: a Hann window makes it two bins of 1/(n dt)
-    if f > 0.5 / dt - near or n * dt < limit.HUM_FOLLOWED or not others.any():
+    if f > 0.5 / dt - near or n * dt < limits.HUM_FOLLOWED or not others.any():
         return None
     top = int(np.where(line, power, -1.0).argmax())
-    return float(at[top]) if power[top] > limit.AS_MUCH * float(power[others].max()) else None
+    return float(at[top]) if power[top] > limits.AS_MUCH * float(power[others].max()) else None
 
 
 def _hum(x: Array, there: Array, f: float, dt: float) -> Array:
@@ -127,7 +127,7 @@ def _hum(x: Array, there: Array, f: float, dt: float) -> Array:
     cycle = np.concatenate([[0.5], np.ones(2 * half - 1), [0.5]]) / (2.0 * half)
     kept = 1.0 - float(np.real(cycle @ turn[: len(cycle)] * turn[half].conj()))  # of the hum: 1 for a whole cycle
     fast = x - oaconvolve(np.pad(x, half, mode="reflect"), cycle, mode="valid")
-    part = min(round(limit.HUM_FOLLOWED / dt), len(x) // 2)
+    part = min(round(limits.HUM_FOLLOWED / dt), len(x) // 2)
     window = np.hanning(2 * (part // 2) + 3)[1:-1]
     level = oaconvolve(np.where(there, fast, 0.0) * turn, window, mode="same")
     weight = np.maximum(oaconvolve(there.astype(float), window, mode="same"), 1.0)  # each sample has its own, 1
@@ -153,6 +153,6 @@ def _stretches(quiet: Array, n: int, length: int) -> list[tuple[int, int]]:
 def _strange(x: Array, start: int, stop: int, ordinary: tuple[float, float], usual: float, near: int) -> bool:
     """Whether a still stretch is none of a beat: beyond what beats reach, or reached in a jump."""
     level, (low, high) = float(np.median(x[start:stop])), ordinary
-    if level < low - limit.BEYOND * usual or level > high + limit.BEYOND * usual:
+    if level < low - limits.BEYOND * usual or level > high + limits.BEYOND * usual:
         return True
-    return start > near and abs(float(x[start - near]) - level) > limit.JUMP * usual
+    return start > near and abs(float(x[start - near]) - level) > limits.JUMP * usual

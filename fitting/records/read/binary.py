@@ -24,14 +24,14 @@ def read_matlab(path: Path, decimal: str | None) -> Table:
 
     source = str(path)
     try:
-        held = loadmat(path, squeeze_me=True, struct_as_record=False)
+        content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
         raise InputError(f"{source}: a MATLAB file of version 7.3; save it with save(…, '-v7').") from None
     except OSError:
         raise
     except Exception as error:  # its reader raises whatever a broken file leads it to
         raise InputError(f"{source}: not a whole MATLAB file ({type(error).__name__}); save it again.") from None
-    vectors = dict(_vectors({name: value for name, value in held.items() if not name.startswith("__")}))
+    vectors = dict(_vectors({name: value for name, value in content.items() if not name.startswith("__")}))
     if not vectors:
         raise InputError(f"{source}: there are no vectors of numbers; save time and channels as vectors of one length.")
     lengths = Counter(len(values) for values in vectors.values())
@@ -45,8 +45,8 @@ def read_matlab(path: Path, decimal: str | None) -> Table:
     return Table(Place(source), columns, "MATLAB file")
 
 
-def _vectors(held: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Array]]:
-    for name, value in held.items():
+def _vectors(content: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Array]]:
+    for name, value in content.items():
         title = f"{prefix}{name}"
         if hasattr(value, "_fieldnames") and not prefix:
             yield from _vectors({field: getattr(value, field) for field in value._fieldnames}, f"{title}.")

@@ -91,7 +91,7 @@ class Reading:
         for title, variable in self.names.items():
             of = [title.removeprefix(f"{file}:") for file in files]
             there = [i for i, own in enumerate(of) if own != title] or range(len(tables))
-            there = [i for i in there if _columns(tables[i].columns, of[i])] or [there[0]]  # which refuses it
+            there = [i for i in there if _columns(tables[i].columns, of[i])] or [there[0]]  # which rejects it
             for i in there:
                 found[i][of[i]] = variable
         return [replace(self, names=names) for names in found]
@@ -230,18 +230,18 @@ def _targets(
     for title, variable in reading.names.items():
         there = _columns(columns, title)
         if len(there) != 1 and strict:
-            what = "no column has this title or number"
+            problem = "no column has this title or number"
             if there:
                 numbers = " or ".join(f'--map "{i + 1}={variable}"' for i in there)
-                what = f"{len(there)} columns have this title; say which by its number, {numbers}"
+                problem = f"{len(there)} columns have this title; say which by its number, {numbers}"
             raise InputError(
-                f'{place}: --map "{title}={variable}": {what}; the columns are '
+                f'{place}: --map "{title}={variable}": {problem}; the columns are '
                 f"{', '.join(repr(column.title) for column in columns)}."
             )
         for i in there:
             given[i] = variable
-    said = {name_and_unit(variable)[0].removeprefix("-") for variable in given.values()}
-    return [_target(column, given.get(i), said, bool(reading.names)) for i, column in enumerate(columns)]
+    stated = {name_and_unit(variable)[0].removeprefix("-") for variable in given.values()}
+    return [_target(column, given.get(i), stated, bool(reading.names)) for i, column in enumerate(columns)]
 
 
 def _columns(columns: Sequence[Column], title: str) -> list[int]:
@@ -252,17 +252,17 @@ def _columns(columns: Sequence[Column], title: str) -> list[int]:
     return [int(title) - 1] if by_number else there
 
 
-def _target(column: Column, given: str | None, said: set[str], named: bool) -> tuple[str, str] | None:
+def _target(column: Column, given: str | None, stated: set[str], named: bool) -> tuple[str, str] | None:
     name, unit = name_and_unit(column.title)
     unit = "s" if column.clock else unit or column.unit
     if given is not None:
         variable, own = name_and_unit(given)
         return (("time" if is_time(variable) else variable), own or unit) if given else None
     if is_time(name) or column.clock:
-        return None if any(is_time(each) for each in said) else ("time", unit)
+        return None if any(is_time(each) for each in stated) else ("time", unit)
     if _kind(name) is None and (named or _is_empty(column)):
         return None
-    return None if named and name in said else (name, unit)
+    return None if named and name in stated else (name, unit)
 
 
 def _is_empty(column: Column) -> bool:
@@ -343,18 +343,20 @@ def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str],
         return found
     if not unit:
         bare = re.sub(r"\s*\[\s*\]$", "", name)
-        said = f'--map "{title}={bare} [{kind.example}]", or write it behind the name in the file'
-        refuse(place, None, title, f"it has no unit; say which: {said}")
+        example = f'--map "{title}={bare} [{kind.example}]", or write it behind the name in the file'
+        refuse(place, None, title, f"it has no unit; say which: {example}")
     fits = next((each for each in (*KINDS.values(), TIME) if factor(unit, each) is not None), None)
-    what = f"the unit {unit} is that of a {fits.noun}" if fits else f"the unit {unit} is not known or of another kind"
+    problem = (
+        f"the unit {unit} is that of a {fits.noun}" if fits else f"the unit {unit} is not known or of another kind"
+    )
     advice = f"write a unit of {kind.noun}, such as [{kind.example}]"
     if is_voltage(unit):
-        what, advice = f"the unit {unit} is that of a voltage", of_voltage(unit, kind)
+        problem, advice = f"the unit {unit} is that of a voltage", of_voltage(unit, kind)
     if kind is KINDS["Q"] and is_velocity(unit):
-        what, advice = f"the unit {unit} is that of a velocity", of_velocity(title, name, unit)
+        problem, advice = f"the unit {unit} is that of a velocity", of_velocity(title, name, unit)
     if fits and _swapped(name, titles, kind):
         advice = "P and R of the site seem swapped, so exchange the two names or their units"
-    refuse(place, None, title, f"{what} and does not fit a {kind.noun}; {advice}")
+    refuse(place, None, title, f"{problem} and does not fit a {kind.noun}; {advice}")
 
 
 def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:

@@ -1,7 +1,7 @@
 """How a text file is laid out: what separates its fields, its decimal mark, and where header and samples begin.
 
-All of it is decided by the first lines; what later contradicts is refused where it stands. What may be read in two ways
-is asked.
+The first lines decide all of it. A later line that contradicts them is rejected, and an ambiguous layout is an error
+that asks for the option.
 """
 
 from __future__ import annotations

@@ -186,15 +186,14 @@ def _fault(sample: int, text: str, mark: str) -> Fault:
 
 def _advice(text: str, mark: str) -> str:
     if re.fullmatch(r"[+-]?[\d.,]+", text):
-        sign, other = (".", "point") if mark == "," else (",", "comma")
-        if re.fullmatch(rf"[+-]?\d{{1,3}}([.,]\d{{3}})+|[+-]?\d{{1,3}}(\{sign}\d{{3}})+\{mark}\d*", text):
-            return f"if its {other} groups thousands, say --decimal {'comma' if mark == ',' else 'point'}"
+        word, other, separator = ("comma", "point", ".") if mark == "," else ("point", "comma", ",")
+        if re.fullmatch(rf"[+-]?\d{{1,3}}([.,]\d{{3}})+|[+-]?\d{{1,3}}(\{separator}\d{{3}})+\{mark}\d*", text):
+            return f"if its {other} groups thousands, say --decimal {word}"
         if "," in text and "." in text:
-            return "remove what groups its digits, or say what the decimal mark is with --decimal comma or point"
-        word, other = ("comma", "point") if mark == "," else ("point", "comma")
+            return "remove the separators of thousands, or state the decimal mark with --decimal comma or point"
         return f"the decimal mark is a {word} elsewhere: write it alike everywhere, or try --decimal {other}"
     if re.fullmatch(r"[+-]?\d{1,3}([ '’]\d{3})+([.,]\d*)?", text):
-        return "export it without what groups its digits by thousands"
+        return "export it without separators of thousands"
     if re.fullmatch(r"\d+:\d+.*", text):
         return "write a time as hours:minutes:seconds, 12:03:04.250, or as seconds"
     return "write a number, or nothing for a gap"

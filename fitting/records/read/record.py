@@ -2,7 +2,7 @@
 
 ``tables`` reads the file, ``columns`` says which column is which variable: a time, and ``<site>.<P|Q|R|D> [unit]`` in
 the FMU's names; an empty cell or NaN is a gap. A diameter D is halved and becomes R. Channels that no fit can use
-(dead, clipped, out of range) are refused here.
+(dead, clipped, out of range) are rejected here.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from solver.errors import InputError
 from solver.network.files import write_whole
 from solver.quantities.units import of_signal
 
-from .. import limits as limit
+from .. import limits
 from .artefacts import without_codes, without_hum, without_still
 from .columns import Chosen, Reading, choose
 from .kinds import read_table
@@ -116,18 +116,18 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
     if len(records) == 1:
         return records[0]
     records = [records[0], *(_shifted(each, records[0], reading) for each in records[1:])]
-    time, channels, said = together(records)
+    time, channels, note = together(records)
     beside = {r.path: r.sha256 for r in records if r.path != records[0].path}
-    told = {**reading.told, **({"with": beside} if beside else {})}
+    details = {**reading.told, **({"with": beside} if beside else {})}
     sampling = {r.path: r.told["sampling"] for r in records if "sampling" in r.told}
     return replace(
         records[0],
         time=time,
         channels=channels,
         resting={name: value for r in records for name, value in r.resting.items()},
-        told=told | ({"sampling": sampling} if sampling else {}),
+        told=details | ({"sampling": sampling} if sampling else {}),
         scales={name: scale for r in records for name, scale in r.scales.items()},
-        said=(*(text for r in records for text in r.said), said),
+        said=(*(text for r in records for text in r.said), note),
     )
 
 
@@ -146,7 +146,7 @@ def _of_one_file(table: Table, reading: Reading, sha256: str) -> list[Record]:
     """The records in one file, one for each of the rates that its channels were sampled at."""
     clock, chosen = choose(table, reading)
     place = table.place
-    block, said = longest_block(clock.column.values, clock.factor, place)
+    block, notes = longest_block(clock.column.values, clock.factor, place)
     del table
     every = [_every(each.column.values[block]) for each in chosen]
     usual = min((rows for rows in every if rows is not None), key=lambda rows: rows[1], default=(0, 1))
@@ -158,14 +158,14 @@ def _of_one_file(table: Table, reading: Reading, sha256: str) -> list[Record]:
         mine = groups.pop((first, step))
         if step > 1:
             names = " and ".join(each.name for each in mine)
-            said = (
-                *said,
+            notes = (
+                *notes,
                 f"{names} of {place}: one row in {step} has a value of its own, which is held or empty between; "
                 "only these were read.",
             )
         used = replace(place, rows=range(block.start + first, block.stop, step))
-        found.append(_one(clock, mine, used, reading, sha256, said))
-        said = ()
+        found.append(_one(clock, mine, used, reading, sha256, notes))
+        notes = ()
     return found
 
 
@@ -173,14 +173,14 @@ def _every(values: Array) -> tuple[int, int] | None:
     """The first row with a value of its own and the step to the next, of a channel that is held or empty between; None
     where too few differ to tell."""
     new = 1 + np.flatnonzero(~np.isnan(values[1:]) & (values[1:] != values[:-1]))
-    if len(new) < limit.STEP_FEWEST:
+    if len(new) < limits.STEP_FEWEST:
         return None
     step = int(np.gcd.reduce(np.diff(new)))
     return (int(new[0]) % step, step) if len(new) > len(values) / step / 2 else (0, 1)
 
 
 def _one(
-    clock: Chosen, chosen: list[Chosen], place: Place, reading: Reading, sha256: str, said: tuple[str, ...]
+    clock: Chosen, chosen: list[Chosen], place: Place, reading: Reading, sha256: str, notes: tuple[str, ...]
 ) -> Record:
     """The record of channels of one file that have one rate."""
     assert isinstance(place.rows, range)
@@ -195,30 +195,30 @@ def _one(
         with np.errstate(over="ignore"):
             channels[each.name] = each.column.values[used] * each.factor
         check_numbers(channels[each.name], each.column.title, place)
-    said += axis.said
+    notes += axis.said
     for name in channels:
         channels[name], codes = without_codes(channels[name], name, scales[name])
         channels[name], still = without_still(channels[name], name, axis.dt, place)
-        said += codes + still
+        notes += codes + still
     check_ranges(channels, titles, place)
     for name, title in titles.items():
         constant = constant_value(channels[name])
         if constant is None:
             channels[name], clipped = without_plateaus(channels[name], name, title, place, axis.dt)
-            said += clipped
+            notes += clipped
         elif may_rest(name) and len(channels) > 1:
             del channels[name]
             resting[name] = constant
         else:
-            unit, shown = of_signal(name)
+            unit, factor = of_signal(name)
             raise UnusableRecord(
-                f"{place}: column {title!r}: the channel is constant ({shown * constant:.6g} {unit}), it does not "
+                f"{place}: column {title!r}: the channel is constant ({factor * constant:.6g} {unit}), it does not "
                 f'pulsate; check the sensor, or leave it out: --map "{title}=".'
             )
     for name in channels:
         channels[name], hum = without_hum(axis.of(channels[name]), name, axis.dt)
-        said += hum
-    return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, said)
+        notes += hum
+    return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, notes)
 
 
 def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
@@ -233,7 +233,7 @@ def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
     """
     base = max(parts, key=lambda p: round(p.dt / parts[0].dt, 4))
     low, high = max(p.time[0] for p in parts), min(p.time[-1] for p in parts)
-    at = base.time[(base.time >= low - limit.LOST * base.dt) & (base.time <= high + limit.LOST * base.dt)]
+    at = base.time[(base.time >= low - limits.LOST * base.dt) & (base.time <= high + limits.LOST * base.dt)]
     if len(at) < 2:
         spans = ", ".join(f"{p.path} from {_time_text(p.time[0])} to {_time_text(p.time[-1])}" for p in parts)
         raise InputError(
@@ -254,9 +254,9 @@ def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
         f"{' and '.join(p.channels)} of {p.path} at {1.0 / p.dt:.6g} Hz from {p.time[0] - parts[0].time[0]:+.6f} s"
         for p in parts
     )
-    said = f"{rates}: aligned by their times over {at[-1] - at[0]:.6g} s that all have, at {1.0 / base.dt:.6g} Hz"
+    note = f"{rates}: aligned by their times over {at[-1] - at[0]:.6g} s that all have, at {1.0 / base.dt:.6g} Hz"
     slowest = "" if base is parts[0] else ", the slowest"
-    return at, channels, f"{said}, the rate of {' and '.join(base.channels)}{slowest}."
+    return at, channels, f"{note}, the rate of {' and '.join(base.channels)}{slowest}."
 
 
 def _time_text(seconds: float) -> str:
@@ -271,9 +271,9 @@ def _at(part: Record, values: Array, base: Record, at: Array) -> Array:
     place = (at - part.time[0]) / part.dt
     near = np.clip(np.rint(place).astype(int), 0, len(values) - 1)
     gaps, ratio = np.isnan(values), base.dt / part.dt
-    if ratio > 1.0 + limit.LOST:
+    if ratio > 1.0 + limits.LOST:
         values = _low_passed(np.interp(part.time, part.time[~gaps], values[~gaps]), ratio)
-    if np.abs(place - near).max() > limit.LOST:
+    if np.abs(place - near).max() > limits.LOST:
         there = ~np.isnan(values)
         return np.where(gaps[near], np.nan, between(part.time[there], values[there], at))
     return np.where(gaps[near], np.nan, values[near])

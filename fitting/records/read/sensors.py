@@ -14,7 +14,7 @@ import numpy as np
 from solver.errors import InputError
 from solver.quantities.units import INFLOW, SIGNAL_UNITS, display_factor
 
-from .. import limits as limit
+from .. import limits
 from . import table
 from .table import Place
 
@@ -50,7 +50,7 @@ refuse = partial(table.refuse, error=UnusableRecord)  # a sample, or a column
 
 
 def check_numbers(values: Array, title: str, place: Place) -> None:
-    """Refuses infinite values and a channel of gaps only."""
+    """Rejects infinite values and a channel of gaps only."""
     low, high = _extremes(values)
     if np.isinf(low) or np.isinf(high):
         why = "the value is infinite; leave the field empty for a gap"
@@ -62,7 +62,7 @@ def check_numbers(values: Array, title: str, place: Place) -> None:
 def constant_value(values: Array) -> float | None:
     """The value of a channel that does not pulsate, None of one that does."""
     low, high = _extremes(values)
-    return high if high / 2.0 - low / 2.0 <= limit.FLAT * max(abs(low), abs(high)) / 2.0 else None  # lest it overflow
+    return high if high / 2.0 - low / 2.0 <= limits.FLAT * max(abs(low), abs(high)) / 2.0 else None  # lest it overflow
 
 
 def may_rest(name: str) -> bool:
@@ -75,8 +75,8 @@ def without_plateaus(values: Array, name: str, title: str, place: Place, dt: flo
 
     Raises UnusableRecord where that is in most stretches of the longest beat.
     """
-    kind, said = KINDS[name.rpartition(".")[2]], list[str]()
-    long, margin = max(1, round(limit.LONGEST / dt)), round(limit.AROUND / dt)
+    kind, notes = KINDS[name.rpartition(".")[2]], list[str]()
+    long, margin = max(1, round(limits.LONGEST / dt)), round(limits.AROUND / dt)
     while found := _plateaus(values, kind.noun):
         starts, stops, word, top = found
         at = f"it rests at its {word} value, {top * display_factor(kind.example):.6g} {kind.example}"
@@ -89,8 +89,8 @@ def without_plateaus(values: Array, name: str, title: str, place: Place, dt: flo
         values = values.copy()
         for start, stop in zip(starts, stops, strict=True):
             values[max(0, start - margin) : stop + margin] = np.nan
-        said.append(f"{name} was saturated for a while, {at}: these samples were taken for gaps.")
-    return values, tuple(said)
+        notes.append(f"{name} was saturated for a while, {at}: these samples were taken for gaps.")
+    return values, tuple(notes)
 
 
 def _plateaus(values: Array, noun: str) -> tuple[Array, Array, str, float] | None:
@@ -101,20 +101,20 @@ def _plateaus(values: Array, noun: str) -> tuple[Array, Array, str, float] | Non
     """
     low, high = _extremes(values)
     for sign, top, word in ((1.0, high, "highest"), (-1.0, -low, "lowest")):
-        if noun == "flow" and abs(top) < limit.VALVE * (high - low):
+        if noun == "flow" and abs(top) < limits.VALVE * (high - low):
             continue
-        if np.count_nonzero(values == sign * top) < limit.PLATEAU:
+        if np.count_nonzero(values == sign * top) < limits.PLATEAU:
             continue
         y = sign * values
         edges = np.flatnonzero(np.diff(np.concatenate([[False], y == top, [False]]).astype(np.int8)))
         start, stop = edges[::2], edges[1::2]
         beside = np.maximum(2, (stop - start) // 4)
-        whole = (stop - start >= limit.PLATEAU) & (start - beside >= 0) & (stop - 1 + beside < len(y))
+        whole = (stop - start >= limits.PLATEAU) & (start - beside >= 0) & (stop - 1 + beside < len(y))
         start, stop, beside = start[whole], stop[whole], beside[whole]
         fall = np.minimum(top - y[start - beside], top - y[stop - 1 + beside])
         there = np.isfinite(fall)
         steps = np.abs(np.diff(values))  # between neighbouring values: small for a continuous signal
-        if there.any() and np.median(fall[there]) > limit.QUANTA * np.quantile(steps[steps > 0.0], 0.01):
+        if there.any() and np.median(fall[there]) > limits.QUANTA * np.quantile(steps[steps > 0.0], 0.01):
             return start[there], stop[there], word, sign * top
     return None
 
@@ -133,7 +133,7 @@ def _kind(name: str) -> Kind:
 
 
 def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], place: Place) -> None:
-    """Refuses values that no artery has: the unit is wrong, or P and R of a site are swapped."""
+    """Rejects values that no artery has: the unit is wrong, or P and R of a site are swapped."""
     for name, values in channels.items():
         site, _, letter = name.rpartition(".")
         kind = KINDS[letter]
@@ -161,7 +161,7 @@ def _swapped(P: Array | None, R: Array | None) -> bool:
     if low <= small and large <= high and (middle > high or middle < low):
         return True
     livelier = wide - narrow > middle * (large - small) / max(abs(small), abs(large))
-    return bool(middle > limit.WIDE and 0.0 < small and large < 3e3 and livelier)
+    return bool(middle > limits.WIDE and 0.0 < small and large < 3e3 and livelier)
 
 
 def converter_step(values: Array) -> float:
@@ -171,14 +171,14 @@ def converter_step(values: Array) -> float:
     """
     steps = np.abs(np.diff(values))
     steps = steps[steps > 0.0]
-    if len(steps) < limit.STEP_FEWEST:
+    if len(steps) < limits.STEP_FEWEST:
         return 0.0
     span = float(np.nanmax(values) - np.nanmin(values))
-    step = float(np.quantile(steps, limit.STEP_SHARE))
-    if not step > limit.STEP_FINEST * span:
+    step = float(np.quantile(steps, limits.STEP_SHARE))
+    if not step > limits.STEP_FINEST * span:
         return 0.0
-    near = steps[(steps > 0.5 * step) & (steps < limit.STEP_NEAR * step)]
-    if len(near) < limit.STEP_FEWEST:
+    near = steps[(steps > 0.5 * step) & (steps < limits.STEP_NEAR * step)]
+    if len(near) < limits.STEP_FEWEST:
         return 0.0
     step = float(np.median(near / np.rint(near / step)))
-    return step if np.quantile(np.abs(near / step - np.rint(near / step)), 0.9) < limit.STEP_WHOLE else 0.0
+    return step if np.quantile(np.abs(near / step - np.rint(near / step)), 0.9) < limits.STEP_WHOLE else 0.0

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .. import limits as limit
+from .. import limits
 from .sensors import UnusableRecord, refuse
 from .table import Place
 
@@ -52,8 +52,8 @@ class Axis:
         if self.moved:
             there, at = ~np.isnan(values), self.time[self.number]
             half = 0.5 * (self.time[1] - self.time[0])  # as far beyond the first and the last
-            shown = there & (at > self.stamps[0] - half) & (at < self.stamps[-1] + half)
-            values = np.where(shown, between(self.stamps[there], values[there], at), np.nan)
+            covered = there & (at > self.stamps[0] - half) & (at < self.stamps[-1] + half)
+            values = np.where(covered, between(self.stamps[there], values[there], at), np.nan)
         found = np.full(len(self.time), np.nan)
         found[self.number] = values
         return found
@@ -73,14 +73,14 @@ def longest_block(given: Array, factor: float, place: Place) -> tuple[slice, tup
     have no axis together: they go back by more than jitter, or more samples are missing than are there.
     """
     whole: tuple[slice, tuple[str, ...]] = slice(0, len(given)), ()
-    if len(given) < limit.FEWEST_SAMPLES or not np.isfinite(given).all():
+    if len(given) < limits.FEWEST_SAMPLES or not np.isfinite(given).all():
         return whole
     step = np.diff(given)
     if np.diff(_steadied(given)).min() >= 0.0 and given[-1] - given[0] <= 2.0 * len(given) * np.median(step):
         return whole
-    edges = [0, *(np.flatnonzero((step < 0.0) | (step * factor > limit.LONGEST)) + 1), len(given)]
+    edges = [0, *(np.flatnonzero((step < 0.0) | (step * factor > limits.LONGEST)) + 1), len(given)]
     sizes = np.diff(edges)
-    if sizes.min() < limit.FEWEST_SAMPLES or len(sizes) == 1:
+    if sizes.min() < limits.FEWEST_SAMPLES or len(sizes) == 1:
         return whole
     start = int(edges[sizes.argmax()])
     block = slice(start, start + int(sizes.max()))
@@ -116,11 +116,11 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     if usual == 0.0:
         q = max(q, float(np.median(step[step > 0.0])))  # a stamp for a packet of samples
     repeated = bool((step == 0.0).any())
-    coarse = q >= 0.5 * dt and (repeated or np.mean(step >= limit.WIDE_STEP * usual) > limit.LOST)
+    coarse = q >= 0.5 * dt and (repeated or np.mean(step >= limits.WIDE_STEP * usual) > limits.LOST)
     most = _REPEATED * q if repeated and coarse else q
-    if dt > 0.0 and worst <= (most if coarse or step.max() < limit.WIDE_STEP * dt else min(q, 0.25 * dt)):
-        said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
-        return Axis((given[0] + t - off) * factor, given * factor, said=(*back, *said))
+    if dt > 0.0 and worst <= (most if coarse or step.max() < limits.WIDE_STEP * dt else min(q, 0.25 * dt)):
+        coarse_note = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
+        return Axis((given[0] + t - off) * factor, given * factor, said=(*back, *coarse_note))
     if step.min() <= 0.0:
         _refuse_back(printed, title, place)
     number = _numbered(t, q, shaken)
@@ -130,11 +130,11 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     worst, rms = float(np.abs(off).max()) * factor, float(np.sqrt(np.mean(off**2))) * factor
     moved = worst > max(q if q < 0.5 * dt else 0.25 * dt, shaken) * factor
     start = given[0] + (t - off - dt * number)[0]
-    told = {"rate": {"value": 1.0 / (dt * factor), "unit": "Hz"}, "lost": lost, "resampled": moved}
-    told |= {f"jitter_{name}": {"value": value, "unit": "s"} for name, value in (("rms", rms), ("max", worst))}
+    sampling = {"rate": {"value": 1.0 / (dt * factor), "unit": "Hz"}, "lost": lost, "resampled": moved}
+    sampling |= {f"jitter_{name}": {"value": value, "unit": "s"} for name, value in (("rms", rms), ("max", worst))}
     notes = (*back, _resampling_note(place, 1.0 / (dt * factor), rms, worst, lost, n, moved))
     time = (start + dt * np.arange(n + lost)) * factor
-    return Axis(time, given * factor, number, moved, notes, {"sampling": told})
+    return Axis(time, given * factor, number, moved, notes, {"sampling": sampling})
 
 
 def _check(given: Array, factor: float, title: str, place: Place) -> None:
@@ -142,12 +142,12 @@ def _check(given: Array, factor: float, title: str, place: Place) -> None:
     bad = np.flatnonzero(~np.isfinite(given))
     if len(bad):
         refuse(place, int(bad[0]), title, "the time is missing or not finite; every sample needs its time")
-    if len(given) < limit.FEWEST_SAMPLES:
+    if len(given) < limits.FEWEST_SAMPLES:
         raise UnusableRecord(f"{place}: {len(given)} samples are too few; a record holds several beats.")
     with np.errstate(over="ignore"):
         longest = float(np.abs(given).max()) * factor
-    if not longest < limit.LATEST:
-        refuse(place, 0, title, f"times beyond {limit.LATEST:g} s; check the unit, or start the record at zero")
+    if not longest < limits.LATEST:
+        refuse(place, 0, title, f"times beyond {limits.LATEST:g} s; check the unit, or start the record at zero")
     if given[-1] <= given[0]:
         _refuse_back(given, title, place)
 
@@ -184,11 +184,11 @@ def _steadied(given: Array) -> Array:
 def _check_regular(step: Array, numbers: Array, dt: float, lost: int, title: str, place: Place) -> None:
     """Raise ValueError where steps have no interval in common, or most samples are missing."""
     odd = np.abs(step / dt - numbers) > 0.5
-    if odd.mean() > limit.IRREGULAR:
+    if odd.mean() > limits.IRREGULAR:
         at = int(np.flatnonzero(odd)[0])
         why = (
             f"the sampling is not uniform: {odd.mean():.0%} of the steps are off by more than half of the usual one, "
-            f"{dt:.6g}, such as {step[at]:.6g}, and {limit.IRREGULAR:.0%} can be resampled; resample the record, or "
+            f"{dt:.6g}, such as {step[at]:.6g}, and {limits.IRREGULAR:.0%} can be resampled; resample the record, or "
             "export it at the rate of its sensors"
         )
         refuse(place, at + 1, title, why)
@@ -217,9 +217,9 @@ def _numbered(t: Array, q: float, shaken: float) -> Array:
     step, i, number = np.diff(t), np.arange(len(t)), np.arange(len(t))
     dt = float(np.median(step))
     # of stamps in steps of q the median is but one of their steps
-    dt = float(step[step <= limit.WIDE_STEP * dt + q].mean())
+    dt = float(step[step <= limits.WIDE_STEP * dt + q].mean())
     for _ in range(_ROUNDS):
-        wide, level = np.flatnonzero(step > limit.WIDE_STEP * dt + shaken) + 1, t - dt * i
+        wide, level = np.flatnonzero(step > limits.WIDE_STEP * dt + shaken) + 1, t - dt * i
         lost = np.zeros(len(t), int)
         for before, at, after in zip([0, *wide], wide, [*wide[1:], len(t)], strict=False):
             rise = np.median(level[at : min(after, at + _SEEN)]) - np.median(level[max(before, at - _SEEN) : at])
@@ -239,10 +239,10 @@ def _coarse(q: float, dt: float, t: Array, factor: float, place: Place) -> tuple
     """Of stamps too coarse to show single samples. An error of up to q/2 of all stamps moves the slope of their line by
     at most Σ|i| q/2 / Σi² = 1.5 q/(n dt) of itself. Raises ValueError where that is too much."""
     error = 1.5 * q / t[-1]
-    if error > limit.IRREGULAR:
+    if error > limits.IRREGULAR:
         raise UnusableRecord(
             f"{place}: its times are printed in steps of {q * factor:g} s, which over {t[-1] * factor:.4g} s leave the "
-            f"rate open by {error:.0%}, and {limit.IRREGULAR:.0%} is allowed; print the time with more decimals, or "
+            f"rate open by {error:.0%}, and {limits.IRREGULAR:.0%} is allowed; print the time with more decimals, or "
             "record longer."
         )
     return (

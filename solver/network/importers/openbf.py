@@ -138,8 +138,8 @@ def _exponent(vessels: list[Mapping[str, Any]], as_run: bool) -> float:
         next((_number(v, key, f"vessel {v['label']}") for key in keys if key in v), 2.0): v["label"] for v in vessels
     }
     if len(found) > 1:
-        told = " and ".join(f"{exponent:g} in {label}" for exponent, label in list(found.items())[:2])
-        raise InputError(f"gamma_profile: {told}; all vessels must have one velocity profile, so choose one.")
+        exponents = " and ".join(f"{exponent:g} in {label}" for exponent, label in list(found.items())[:2])
+        raise InputError(f"gamma_profile: {exponents}; all vessels must have one velocity profile, so choose one.")
     return next(iter(found))
 
 

@@ -54,7 +54,7 @@ class Position:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class CommunicationStep:
     """A communication step of length h [s]: internal steps of length dt [s], with P_venous [Pa] held: (n_outlets,), or
     (n, n_outlets) for n positions."""
 
@@ -64,11 +64,11 @@ class Stretch:
     dt: float
     P_venous: Array
 
-    def as_long_as(self, other: Stretch) -> bool:
+    def as_long_as(self, other: CommunicationStep) -> bool:
         """True if another one has the same internal steps of the same model."""
         return (self.steps, self.dt) == (other.steps, other.dt) and self.model is other.model
 
-    def in_at_most(self, steps: int) -> Stretch:
+    def in_at_most(self, steps: int) -> CommunicationStep:
         """The same with at most this number of internal steps."""
         return self if self.steps <= steps else replace(self, steps=steps, dt=rounded(self.h / steps))
 

@@ -1,4 +1,4 @@
-/* Communication steps as fmu_src/cosimulation/stretch.py makes them: internal steps, halved where they do not converge. */
+/* Communication steps as fmu_src/cosimulation/communication_step.py makes them, of internal steps, halved if one fails. */
 #include "component.h"
 
 #include <math.h>
@@ -16,10 +16,10 @@ double rounded(double dt)
     return strtod(digits, NULL);
 }
 
-stretch stretch_of(const component *c, double h, const double *venous)
+communication_step step_of(const component *c, double h, const double *venous)
 {
     const double *const x = c->numbers, ratio = h / x[DT];
-    stretch s = {h, x[DT], (int64_t)rint(ratio), (int32_t)x[NOW], x + c->now, venous};
+    communication_step s = {h, x[DT], (int64_t)rint(ratio), (int32_t)x[NOW], x + c->now, venous};
     if (s.steps == 0 || fabs(ratio - (double)s.steps) > ON_GRID) {
         const int64_t least = (int64_t)ceil(ratio / LONGEST);
         if (least > s.steps) s.steps = least;
@@ -138,7 +138,7 @@ void half_of(const double *drive, int32_t n, int half, double *found)
 }
 
 /* A step, or its parts, from a position: 1, 0 where it is not solved, -1 where it is not physical. counted : by inlet. */
-static int advance(component *c, const stretch *s, double *position, double t, double dt, int depth, int own)
+static int advance(component *c, const communication_step *s, double *position, double t, double dt, int depth, int own)
 {
     const recorded *const one = &c->r.recorded[s->program];
     const arterial_program *const p = &one->program;
@@ -172,7 +172,7 @@ static int advance(component *c, const stretch *s, double *position, double t, d
     return 1;
 }
 
-int run_stretch(component *c, const stretch *s, double *position, double t, const double *start, const double *end)
+int run_straight(component *c, const communication_step *s, double *position, double t, const double *start, const double *end)
 {
     const int32_t n = c->r.n_inlets;
     double total = 0.0;
@@ -196,7 +196,7 @@ int run_stretch(component *c, const stretch *s, double *position, double t, cons
     return 1;
 }
 
-int run_along(component *c, const stretch *s, double *position, double t)
+int run_along(component *c, const communication_step *s, double *position, double t)
 {
     for (int64_t k = 0; k < s->steps; k++) {
         for (int32_t i = 0; i < c->r.n_inlets; i++)

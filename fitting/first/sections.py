@@ -1,4 +1,4 @@
-"""The branches of arteries to the sites: one path in the order of the delays, or the given paths, and side branches."""
+"""The sections of arteries to the sites: one path in the order of the delays, or the given paths, and side branches."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _TRUNK = 0.5  # of the first delay: the common part of vessels that fork at the 
 
 
 @dataclass(frozen=True)
-class Branch:
-    """A branch of the arteries without its wall, named after the site at its end, or at the root.
+class Section:
+    """A section of the arteries without its wall, named after the site at its end, or at the root.
 
     parent : name of the one upstream, "" at the root. site : at its end, "" if none. time : transit time of a wave [s].
     share : fraction of the inflow that enters it. end : whether a Windkessel is at its end. measured : whether a
@@ -65,14 +65,14 @@ def parents(paths: Sequence[str], root: str, delays: Mapping[str, float]) -> dic
 def layouts(
     beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float,
     stated: bool,
-) -> list[list[Branch]]:  # fmt: skip
+) -> list[list[Section]]:  # fmt: skip
     """Tubes that a record may have: as the paths say if they are stated; otherwise one path, or for several sites a
     fork at the end of a trunk, with a branch for each."""
     ways = [upstream] if stated or len(upstream) < 2 else [upstream, dict.fromkeys(upstream, "")]
-    return [branches(beats, root, way, delays, alone, area) for way in ways]
+    return [sections(beats, root, way, delays, alone, area) for way in ways]
 
 
-def branched(tubes: Sequence[Branch], root: str) -> list[Branch]:
+def with_side_branch(tubes: Sequence[Section], root: str) -> list[Section]:
     """The tubes with another side branch on the longest way to a site, in the middle of the last tube whose flow is not
     measured, for half of what no measurement claims of it; none if all is claimed. The second half keeps the name, but
     of a single tube without a site, whose end is ``<root>_end``."""
@@ -91,35 +91,35 @@ def branched(tubes: Sequence[Branch], root: str) -> list[Branch]:
         start = next(name for i in count(1) if (name := f"to_{end}_{i}") not in names)
     half = 0.5 * last.time
     trunk = replace(last, name=start, site="", time=half, end=False)
-    side = Branch(f"{start}_side", start, "", half, 0.5 * (last.share - claimed))
-    rest = replace(last, name=end, parent=start, time=half, share=last.share - side.share)
+    side = Section(f"{start}_side", start, "", half, 0.5 * (last.share - claimed))
+    downstream = replace(last, name=end, parent=start, time=half, share=last.share - side.share)
     at = tubes.index(last)
-    return shared([*tubes[:at], trunk, rest, side, *tubes[at + 1 :]])
+    return shared([*tubes[:at], trunk, downstream, side, *tubes[at + 1 :]])
 
 
-def shared(tubes: Sequence[Branch]) -> list[Branch]:
+def shared(tubes: Sequence[Section]) -> list[Section]:
     """The tubes with the flow that they carry: that measured, and the others in proportion to their shares what is
     left."""
     flows = carried(tubes, {})
     return [replace(each, share=float(flows[each.name])) for each in tubes]
 
 
-def carried(tubes: Sequence[Branch], odds: Mapping[str, Array]) -> dict[str, Array]:
+def carried(tubes: Sequence[Section], odds: Mapping[str, Array]) -> dict[str, Array]:
     """The share of the inflow in each tube. odds : by which the shares of tubes whose flow is not measured are
     multiplied before they divide what is left."""
     found: dict[str, Array] = {"": np.ones(())}
     for each in tubes:
         siblings = [other for other in tubes if other.parent == each.parent]
         whole = found[each.parent]
-        left = np.maximum(whole - sum(other.share for other in siblings if other.measured), _SIDE * whole)
+        unmeasured = np.maximum(whole - sum(other.share for other in siblings if other.measured), _SIDE * whole)
         weights = {o.name: o.share * odds.get(o.name, np.ones(())) for o in siblings if not o.measured}
         found[each.name] = np.asarray(
-            each.share if each.measured else left * weights[each.name] / sum(weights.values())
+            each.share if each.measured else unmeasured * weights[each.name] / sum(weights.values())
         )
     return found
 
 
-def arrivals(tubes: Sequence[Branch]) -> dict[str, float]:
+def arrivals(tubes: Sequence[Section]) -> dict[str, float]:
     """When a wave from the root is at the end of each tube [s]."""
     found = {"": 0.0}
     for each in tubes:
@@ -127,9 +127,9 @@ def arrivals(tubes: Sequence[Branch]) -> dict[str, float]:
     return found
 
 
-def branches(
+def sections(
     beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float,
-) -> list[Branch]:  # fmt: skip
+) -> list[Section]:  # fmt: skip
     """The tubes, each after the one upstream of it.
 
     upstream : as :func:`parents`. alone : time [s] through the one tube of a record without other sites. area : of a
@@ -139,22 +139,22 @@ def branches(
     leaves through a side branch.
     """
     if not upstream:
-        return [Branch(root or _ROOT, "", "", alone, 1.0)]
+        return [Section(root or _ROOT, "", "", alone, 1.0)]
     first = [site for site, before in upstream.items() if not before]
     trunk = _TRUNK * min(delays[site] for site in first)
     shares = _shares(beats, upstream, area)
     measured = {site for site in upstream if f"{site}.Q" in beats.values or f"{site}.R" in beats.values}
-    found: list[Branch] = []
+    found: list[Section] = []
     lost = 1.0 - sum(shares[site] for site in first)
     if len(first) > 1 or lost > _SIDE:
-        found = [Branch(root or _ROOT, "", "", trunk, 1.0)]
+        found = [Section(root or _ROOT, "", "", trunk, 1.0)]
         found += _side(found[0], lost)
     for site in sorted(upstream, key=lambda site: delays[site]):
         before = upstream[site]
         parent = next((each.name for each in found if each.site == before), "")
         time = delays[site] - (delays[before] if before else trunk if found and found[0].site == "" else 0.0)
         time = max(time, beats.T / beats.N)
-        found.append(Branch(site, parent, site, time, shares[site], measured=site in measured))
+        found.append(Section(site, parent, site, time, shares[site], measured=site in measured))
         children = [other for other in upstream if upstream[other] == site]
         if children:
             found += _side(found[-1], shares[site] - sum(shares[child] for child in children))
@@ -162,9 +162,9 @@ def branches(
     return [replace(each, end=each.name not in heads) for each in found]
 
 
-def _side(of: Branch, lost: float) -> list[Branch]:
-    """The side branch at the end of a branch for the flow lost there."""
-    return [Branch(f"{of.name}_side", of.name, "", of.time, lost)] if lost > _SIDE else []
+def _side(of: Section, lost: float) -> list[Section]:
+    """The side branch at the end of a section for the flow lost there."""
+    return [Section(f"{of.name}_side", of.name, "", of.time, lost)] if lost > _SIDE else []
 
 
 def _shares(beats: Beats, upstream: Mapping[str, str], area: float) -> dict[str, float]:
@@ -175,10 +175,10 @@ def _shares(beats: Beats, upstream: Mapping[str, str], area: float) -> dict[str,
     while waiting:
         before = next(upstream[site] for site in waiting if upstream[site] in found)
         here = [site for site in waiting if upstream[site] == before]
-        told = {s: np.pi * float(beats.mean(f"{s}.R").mean()) ** 2 / area for s in here if f"{s}.R" in beats.values}
-        told |= {s: float(beats.mean(f"{s}.Q").mean() / whole) for s in here if f"{s}.Q" in beats.values}
-        left, others = found[before] - sum(told.values()), len(here) - len(told)
-        mine = {s: told.get(s, max(left, _SIDE * found[before]) / max(others, 1)) for s in here}
+        measured = {s: np.pi * float(beats.mean(f"{s}.R").mean()) ** 2 / area for s in here if f"{s}.R" in beats.values}
+        measured |= {s: float(beats.mean(f"{s}.Q").mean() / whole) for s in here if f"{s}.Q" in beats.values}
+        unmeasured, others = found[before] - sum(measured.values()), len(here) - len(measured)
+        mine = {s: measured.get(s, max(unmeasured, _SIDE * found[before]) / max(others, 1)) for s in here}
         total = sum(mine.values())
         if min(mine.values()) <= 0.0:
             raise InputError(
