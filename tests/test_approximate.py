@@ -89,7 +89,7 @@ def test_a_late_flow_is_named(late: float) -> None:
     assert naming.confidence <= at.SUREST["partial"]
 
 
-@pytest.mark.parametrize("bump", [0.0, 0.003])
+@pytest.mark.parametrize("bump", [pytest.param(0.0, marks=pytest.mark.slow), 0.003])
 def test_nothing_is_missing_within_the_accuracy(bump: float) -> None:
     """A true model, and one that lacks 0.3 % of the pulsation, several times the noise: nothing, with its accuracy."""
     naming = named(0.0, bump)
@@ -140,6 +140,7 @@ def test_the_model_without_effect_is_that_of_a_calibration() -> None:
     assert none.fit.chi2 == pytest.approx(len(none.fit.z), rel=0.3)
 
 
+@pytest.mark.slow
 def test_hypotheses_with_their_errors() -> None:
     """From one with an effect that leaves more than noise: each once, best first in ranks as in evidence, and the one
     with the least error of them all explains most."""

@@ -75,6 +75,7 @@ def test_a_length_that_is_searched(problem: NetworkProblem) -> None:
     assert alone_and_together(problem, [longer, moved, usual]) < 1e-10
 
 
+@pytest.mark.slow
 def test_more_members_than_a_batch_holds(problem: NetworkProblem) -> None:
     """Seventy positions of a stenosis at three places, and of a leak beside one: each where it is alone. The mesh
     of a batch is cut wherever one of its members is: 4e-7 measured."""

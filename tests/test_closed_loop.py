@@ -118,11 +118,11 @@ def test_order(human: Network, quick: Arteries, finest: Run) -> None:
 @pytest.mark.parametrize(
     ("heart", "h"),
     [
-        pytest.param(STIFF, 0.5 * MS, marks=pytest.mark.slow, id="stiff-0.5"),
+        pytest.param(STIFF, 0.5 * MS, marks=pytest.mark.endurance, id="stiff-0.5"),  # the most benign, and longest
         pytest.param(STIFF, 1 * MS, marks=pytest.mark.slow, id="stiff-1"),
         pytest.param(STIFF, 2 * MS, marks=pytest.mark.slow, id="stiff-2"),
         pytest.param(STIFF, 5 * MS, id="stiff-5"),
-        pytest.param(HUMAN_HEART, 1 * MS, marks=pytest.mark.slow, id="human-1"),
+        pytest.param(HUMAN_HEART, 1 * MS, marks=pytest.mark.endurance, id="human-1"),  # softer than that at 1 ms
         pytest.param(HUMAN_HEART, 5 * MS, id="human-5"),
     ],
 )

@@ -124,6 +124,7 @@ def test_unbalanced_data_against_the_likelihood_written_out() -> None:
     assert contrast.df == pytest.approx(2 * variance**2 / (gradient @ np.linalg.solve(information, gradient)), rel=1e-8)
 
 
+@pytest.mark.slow
 def test_intervals_of_unbalanced_data_cover() -> None:
     """90 % intervals of the deviations of all sites, a third of the cells lost: 90 ± 1.5 % of 300 × 7."""
     rng = np.random.default_rng(4)

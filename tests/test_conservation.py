@@ -34,7 +34,7 @@ def test_rest_of_a_windkessel_network(sheep: Network) -> None:
     assert max(np.abs(beat[name]).max() for name in beat if name.endswith(".Q")) < 1e-16
 
 
-@pytest.mark.parametrize("beats", [4, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("beats", [4, pytest.param(20, marks=pytest.mark.endurance)])
 @pytest.mark.parametrize("wall", ["viscous", "elastic"])
 def test_mass_over_many_beats(sheep: Network, wall: str, beats: int) -> None:
     """d/dt ∫A dx = Q_in - ΣQ_out by the scheme's quadrature in time, of the volume: 1.6e-15 measured in 4 beats, 1e-14

@@ -80,7 +80,7 @@ def largest_error(value: Array, expected: Array) -> float:
     return float((np.abs(value - expected).max(axis=0) / np.ptp(expected, axis=0)).max())
 
 
-@pytest.fixture(scope="module", params=["viscoelastic", "elastic"])
+@pytest.fixture(scope="module", params=["viscoelastic", pytest.param("elastic", marks=pytest.mark.slow)])
 def parameters(request: pytest.FixtureRequest, sheep: Network) -> dict[str, float]:
     return elastic(sheep.segments) if request.param == "elastic" else {}
 
@@ -197,7 +197,7 @@ def test_hold_equals_the_direct_solver(sheep: Network, parameters: dict[str, flo
         assert value[i] == pytest.approx(report(state)[0], rel=1e-12, abs=0.0)
 
 
-@pytest.mark.parametrize("pattern", [[1.0], [1.0, 1e-3]])
+@pytest.mark.parametrize("pattern", [pytest.param([1.0], marks=pytest.mark.endurance), [1.0, 1e-3]])
 def test_inlet_pressure_under_held_inflow(sheep: Network, parameters: dict[str, float], pattern: list[float]) -> None:
     """Every held value is a jump of the inflow. inlet.P of 100 ms against a fine solution of that staircase.
 

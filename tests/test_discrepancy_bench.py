@@ -206,13 +206,14 @@ def judged(
     return judge(Record("made", "", made.time, made.channels, {}), made.base, among=among)[1]
 
 
-@pytest.mark.parametrize(("base", "seed"), [("sheep", 3), ("elastic", 4)])
+@pytest.mark.parametrize(("base", "seed"), [("sheep", 3), pytest.param("elastic", 4, marks=pytest.mark.slow)])
 def test_nothing_hidden(base: str, seed: int) -> None:
     """A healthy record: none, whose residual is noise, and no class."""
     naming = judged((), base, seed=seed)
     assert naming.verdict == "none" and naming.base.explains and not naming.members
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [2.0, 5.0])
 def test_a_bent_wall_of_any_size_is_in_the_class(size: float) -> None:
     """E_NL = 2 E and 5 E at 40 dB: on top of the class, which a springpot may share."""
@@ -247,11 +248,10 @@ def test_nonlinear_elasticity_is_named() -> None:
 @pytest.mark.parametrize(
     "effect",
     [
-        Effect("wall_viscosity", (SITE,), 2e-3),
-        Effect("channel_lag", ("CA.R",), 2e-3),
-        Effect("catheter_resonance", ("CA.R",), 1 / 80, 1.5),
+        pytest.param(Effect("wall_viscosity", (SITE,), 2e-3), id="wall_viscosity", marks=pytest.mark.slow),
+        pytest.param(Effect("channel_lag", ("CA.R",), 2e-3), id="channel_lag", marks=pytest.mark.slow),
+        pytest.param(Effect("catheter_resonance", ("CA.R",), 1 / 80, 1.5), id="catheter_resonance"),
     ],
-    ids=lambda e: e.name,
 )
 def test_viscosity_or_a_slow_sensor(effect: Effect) -> None:
     """At 30 dB a slow radius sensor on an elastic wall looks like viscosity, and the reverse: the verdict says so."""
@@ -281,14 +281,22 @@ def test_two_clear_faults_of_the_sensors_of_one_site_are_ambiguous() -> None:
     assert naming.verdict == "ambiguous"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "base"),
     [
-        ((Effect("stress_relaxation", (SITE,), 0.06), Effect("channel_lag", ("CA.R",), 6e-3)), "sheep"),
-        ((Effect("wall_viscosity", (SITE,), 0.02), Effect("catheter_resonance", ("CA.R",), 1 / 16, 1.2)), "elastic"),
+        pytest.param(
+            (Effect("stress_relaxation", (SITE,), 0.06), Effect("channel_lag", ("CA.R",), 6e-3)),
+            "sheep",
+            id="a relaxation and a lag",
+            marks=pytest.mark.endurance,
+        ),
+        pytest.param(
+            (Effect("wall_viscosity", (SITE,), 0.02), Effect("catheter_resonance", ("CA.R",), 1 / 16, 1.2)),
+            "elastic",
+            id="viscosity and a slow sensor",
+            marks=pytest.mark.slow,
+        ),
     ],
-    ids=["a relaxation and a lag", "viscosity and a slow sensor"],
 )
 def test_two_effects_of_which_none_shows_where_the_other_ends(hidden: tuple[Effect, ...], base: str) -> None:
     """At 40 dB: both are found, though the search for a second effect from the best single one finds another two."""
@@ -305,7 +313,7 @@ def test_searches_begin_at_a_radius_of_the_harmonics_that_are_compared() -> None
     assert np.abs(X[31:]).max() < 1e-12 * abs(whole[0])
 
 
-@pytest.mark.slow
+@pytest.mark.endurance  # a smaller one, in a whole study: test_discrepancy_walls.py
 def test_a_cubic_rate_is_not_all_of_it() -> None:
     """A stress φ3 ε̇³ is outside the catalogue: its nearest, a viscosity that bends, is named with what remains.
 
@@ -316,6 +324,7 @@ def test_a_cubic_rate_is_not_all_of_it() -> None:
     assert naming.reason is not None and naming.reason.startswith("whitened RMS 4.")
 
 
+@pytest.mark.slow
 def test_a_springpot_is_named() -> None:
     """Share 0.3 of order 0.3: the order to 0.05 (0.02 measured), the share to 0.03 (0.01) of what it is at 10 rad/s."""
     naming = judged((Effect("fractional_viscosity", (SITE,), 0.3, 0.3),), "sheep")
@@ -342,6 +351,7 @@ def test_a_search_that_begins_where_no_wall_carries_the_loop() -> None:
     assert told["MD.P.f_n"].value == pytest.approx(15.736, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "index", "verdict"),
     [(20310109, 241, "effect"), (20310109, 278, "ambiguous"), (20310111, 38, "ambiguous")],

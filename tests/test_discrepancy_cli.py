@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from commands import refused_in_one_sentence
 from forked import NETWORK
+from judged import few
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -60,11 +61,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_a_bench_record_end_to_end(folder: Path) -> None:
+@pytest.mark.usefixtures("one_process")
+def test_a_bench_record_end_to_end(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The record alone as first word; the viscosity of AA is named with its value, and the model gets it.
 
     25.451 kPa·s is the truth, from an integrator that shares nothing with the workflow.
     """
+    few(monkeypatch, "wall_viscosity", "stress_relaxation", "catheter_resonance", "channel_lag", "channel_gain")
     record, model = folder / "virtual_AA.csv", folder / "elastic.toml"
     done = run("discover", record, "--model", model, "--out", folder / "out", "--period", "0.5 s")
     assert done.exit_code == 0, done.output
@@ -351,6 +354,7 @@ def test_isolability_is_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     assert data["invisible"] == ["side_branch"]
 
 
+@pytest.mark.slow
 def test_the_meter_of_the_inflow_is_a_sensor_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """A plan for one pressure of the fork: its faults and those of inlet.Q are candidates, of no sensor that is not
     there. All of the inflow's show in that pressure."""

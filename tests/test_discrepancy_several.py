@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forked import NETWORK, exact, record
-from judged import value_of
+from judged import few, value_of
 from refused import refused
 from rich.console import Console
 from states import OTHER, REST, State, recorded
@@ -404,6 +404,16 @@ def written(folder: Path, case: Case, states: Sequence[State]) -> None:
     write_network(case.network(), folder / "base.toml")
 
 
+# of the whole catalogue test_two_recordings_leave_one_name finds the same
+FEW = ("nonlinear_elasticity", "nonlinear_wall_viscosity", "stress_relaxation", "catheter_resonance", "channel_lag")
+
+
+@pytest.fixture
+def among_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Searches among few effects."""
+    few(monkeypatch, *FEW)
+
+
 def discovered(folder: Path, *more: object) -> Any:
     line = ["discover", folder / "A.csv", "--model", folder / "base.toml", "--out", folder / "out", *more]
     return CliRunner(env={"COLUMNS": "160"}).invoke(arterial_fmu.__main__.app, [str(each) for each in line])
@@ -451,6 +461,7 @@ OF_NO_USE: Sequence[tuple[str, str, Callable[[float], float], str]] = (
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("among_few")
 def test_what_cannot_be_judged_is_said(folder: Path) -> None:
     """Recordings held out that are of no use leave the verdict of the others: one sentence for each says why."""
     head, *lines = (folder / "C.csv").read_text().splitlines()
@@ -469,6 +480,7 @@ def test_what_cannot_be_judged_is_said(folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("among_few")
 def test_waves_of_another_animal_are_not_judged(folder: Path) -> None:
     """A recording held out whose radius is nine times the model's is refused as one that is fitted is; a law is still
     looked for, as one recording is fitted."""
@@ -486,6 +498,7 @@ def test_a_search_without_time_loses_no_other() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("among_few")
 def test_command(folder: Path) -> None:
     """Alone: a class, and which second state would separate it. With B, and C held out: the name, what is left of each
     recording, E of each, and an FMU."""

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, T, clean, inflow, record
+from judged import few
 from small_network import NAMES, term, terms
 from test_discrepancy_network import at, beats
 from truth.hide import Effect
@@ -19,14 +20,12 @@ from truth.records import Case, make, write
 
 from discrepancy import discover, workflow
 from discrepancy.checkpoint import Journal
-from discrepancy.find import study
 from discrepancy.findings.outcome import Outcome
 from discrepancy.name.individual_walls import odd_ones, walls_of
 from discrepancy.name.model_selection import name
 from discrepancy.name.verdict import Naming
 from fitting.calibrate.network_calibration import calibrate
 from fitting.inference.extended_network import estimates
-from fitting.inference.hypothesis import candidates
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.prior import along
@@ -156,7 +155,7 @@ def partial(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, dict[str
     write(made, folder / "record.csv")
     write_network(made.base, folder / "base.toml")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "candidates", lambda *given: tuple(t for t in candidates(*given) if t.effect in FEW))
+        few(patch, *FEW)
         patch.setattr(workflow, "learns", lambda naming: False)  # a law of what remains: test_learned_law.py
         outcome = discover(folder / "record.csv", folder / "base.toml", folder / "out")
     return outcome, json.loads((folder / "out" / "verdict.json").read_text(encoding="utf-8")), folder / "out"

@@ -50,19 +50,21 @@ def bench_line(index: int) -> Line:
     return row("bench", TUNING_SEED, index, plan("bench", REPORTED["bench"], TUNING_SEED)[index])
 
 
-def one_and_slow(indices: Sequence[int]) -> list[Any]:
-    """The first; the others are slow."""
-    return [indices[0], *(pytest.param(i, marks=pytest.mark.slow) for i in indices[1:])]
+def one_and_more(indices: Sequence[int]) -> list[Any]:
+    """The first; the second is slow, the others are further cases."""
+    first, second, *others = indices
+    further = (pytest.param(i, marks=pytest.mark.endurance) for i in others)
+    return [first, pytest.param(second, marks=pytest.mark.slow), *further]
 
 
-@pytest.mark.parametrize("index", one_and_slow(NULLS))
+@pytest.mark.parametrize("index", one_and_more(NULLS))
 def test_bench_nulls_raise_no_alarm(index: int) -> None:
     """Nothing hidden: verdict none."""
     line = bench_line(index)
     assert w.of([line], "null") and line["verdict"] == "none"
 
 
-@pytest.mark.parametrize("index", one_and_slow(SEEN))
+@pytest.mark.parametrize("index", one_and_more(SEEN))
 def test_bench_names_what_is_visible_and_separable(index: int) -> None:
     """d' ≥ 30 and separation ≥ 6: one name, the true one, and parameters within 10 % of the effect."""
     (x,) = w.of([bench_line(index)], "single", 30.0)
@@ -73,7 +75,7 @@ def test_bench_names_what_is_visible_and_separable(index: int) -> None:
         assert abs(error) < 0.1 * abs(size), name
 
 
-@pytest.mark.parametrize("index", one_and_slow(FAINT))
+@pytest.mark.parametrize("index", one_and_more(FAINT))
 def test_bench_gives_no_wrong_single_name(index: int) -> None:
     """However small, no effect of the catalogue is given another name."""
     (x,) = w.of([bench_line(index)], "single")

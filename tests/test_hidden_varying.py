@@ -152,7 +152,14 @@ def test_held_out_beats_are_compared_under_the_fitted_flow() -> None:
     assert rms[0] == pytest.approx(1.14, abs=0.03) and rms[1] == pytest.approx(6.83, abs=0.1)
 
 
-@pytest.mark.parametrize(("varying", "seed"), [((0.0, 0.0), 0), ((0.03, 0.05), 0), ((0.03, 0.05), 3)])
+@pytest.mark.parametrize(
+    ("varying", "seed"),
+    [
+        ((0.0, 0.0), 0),
+        pytest.param((0.03, 0.05), 0, marks=pytest.mark.slow),
+        pytest.param((0.03, 0.05), 3, marks=pytest.mark.endurance),
+    ],
+)
 def test_a_gap_is_the_misfit_that_the_fit_predicts(varying: tuple[float, float], seed: int) -> None:
     """Nothing is hidden. A free run under the inferred inflow leaves of fitted beats what the fit leaves, and of the
     others what it predicts of them under their own inflow: 0.93 to 1.0 of the noise, within 3 %, steady or not. Sensors

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, N, T, exact, inflow, record
+from judged import few
 from test_source_map_report import LEAK, SQUEEZED, found, shown
 from truth.anatomy import anatomy
 from truth.beat import Beat, at_phase
@@ -284,9 +285,10 @@ def studied(folder: Path, same: bool) -> Outcome:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_process")
-def test_a_study_offers_the_law(tmp_path: Path) -> None:
+def test_a_study_offers_the_law(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the record on disk: beside the partial name, a law in its place, its network and FMU, and its numbers; and
     that it is valid for another recording of the wall, at another rate."""
+    few(monkeypatch, "nonlinear_wall_viscosity", "nonlinear_elasticity", "stress_relaxation", "channel_lag")
     outcome = studied(tmp_path, same=True)
     assert outcome.verdict == "partial" and outcome.learned is not None
     law = outcome.learned

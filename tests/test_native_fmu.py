@@ -151,6 +151,7 @@ def test_halved_steps(stored: Store, tmp_path: Path) -> None:
     np.testing.assert_allclose(outputs[1], outputs[0], rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_elastic_walls(stored: Store, tmp_path: Path) -> None:
     """Elastic sheep, and walls that are made viscous in mid-run: 1.4e-12 apart; a density that is 1e-14 larger moves
     beats of the elastic sheep by 1.2e-12 in NumPy alone."""
@@ -179,7 +180,8 @@ def test_networks_and_effects(stored: Store, tmp_path: Path, name: str) -> None:
     same(*pair(stored, network, tmp_path), {"inlet.drive": "network"}, steps)
 
 
-@pytest.mark.parametrize("way", [pytest.param("hold", marks=pytest.mark.slow), "smooth"])
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["hold", "smooth"])
 def test_tables_of_sources(stored: Store, tmp_path: Path, way: str) -> None:
     """They act at every stage, in outputs and in ports; they move the pressures by much more."""
     T, plain = load("sheep").inlet.T, load("sheep")

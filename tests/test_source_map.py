@@ -161,11 +161,10 @@ def test_nothing_where_nothing_acts(network: Callable[[], Network]) -> None:
 @pytest.mark.parametrize(
     ("source", "kind", "name", "size"),
     [
-        (Drop("B", 0.2, 0.3), DROP, "B", 400.0),
-        (WallPressure("C"), WALL, "C", 300.0),
-        (OutletFlow("B"), OUTLET, "B", 8e-7),
+        pytest.param(Drop("B", 0.2, 0.3), DROP, "B", 400.0, id="drop", marks=pytest.mark.slow),
+        pytest.param(WallPressure("C"), WALL, "C", 300.0, id="wall", marks=pytest.mark.slow),
+        pytest.param(OutletFlow("B"), OUTLET, "B", 8e-7, id="outlet"),
     ],
-    ids=["drop", "wall", "outlet"],
 )
 def test_a_source_is_found_among_walls_of_its_own(source: Source, kind: str, name: str, size: float) -> None:
     """Where it acts, or at a place that does as well within 10 of -2 ln evidence, and its g(t): within four of its
