@@ -23,6 +23,8 @@ from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
 
+from threadpoolctl import threadpool_limits
+
 from fmu_src import __version__, content
 from fmu_src.contents import models, system
 from fmu_src.contents.models import FMUContents
@@ -95,7 +97,8 @@ def build_native(
     one's.
     Raises ValueError as :func:`build`, where the network cannot be recorded, and where nothing can compile it.
     """
-    files = native_fmu.files(network, settings or Settings(), starts or {}, fmi, platforms)
+    with threadpool_limits(1):  # threads add in another order: the bytes would depend on their number
+        files = native_fmu.files(network, settings or Settings(), starts or {}, fmi, platforms)
     return _written(Path(out) / f"{network.name}.fmu", files)
 
 

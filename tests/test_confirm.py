@@ -415,10 +415,10 @@ def test_a_sensor_without_resonance_is_said_as_a_low_pass() -> None:
 def test_a_first_model_that_needs_narrow_arteries() -> None:
     """A first model whose radii make up for a mean pressure that is lost on the way: `unknown`, with both readings."""
     s, run = study(), stiffer(study(), 0.0)
-    lost = ("13 mmHg of the mean pressure is lost on the way to Fem",)
+    lost = ("13 mmHg of the mean pressure is lost on the way to Fem.P",)
     found = confirmed(s, named("none"), run, None, lost)
     assert found.verdict == "unknown" and found.confidence <= 0.5
     assert sentence(found, (), run.gap, None) == (
         "The model fits the record only with arteries so narrow that 13 mmHg of the mean pressure is lost on the way "
-        "to Fem: the zero or the height of a sensor is off, or an artery is narrowed."
+        "to Fem.P: the zero or the height of a sensor is off, or an artery is narrowed."
     )

@@ -9,6 +9,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fitting.first.doubts import lost_on_the_way, means_along
+from fitting.first.estimates import stroke
+from fitting.first.species import by_stroke
 from fitting.first.spread import accuracy
 from fitting.inference.forward import Single
 from fitting.inference.hypothesis import PlacedEffect, candidates
@@ -25,6 +27,7 @@ from fitting.wall.elastic_law import MISFIT
 from fitting.wall.site_fit import fit
 from solver import NonPhysicalState, NotPeriodic
 from solver.errors import InputError
+from solver.laws.catalogue import zero_of
 from solver.network.description import Network
 from solver.quantities.units import INFLOW, MMHG
 
@@ -101,15 +104,17 @@ def prepare(
 
 def _means_along(beats: Beats, network: Network) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Doubts about the zeros of pressures under a first model, whose radii may compensate a wrong zero; and the losses
-    of mean pressure that are too large for an artery."""
-    at_inlet = [s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0]
-    roots = [f"{name}.P" for name in at_inlet if f"{name}.P" in beats.values]
-    sites = [s.name for s in network.sites if s.name not in at_inlet]
+    of mean pressure that are too large for an artery. Known zeros are subtracted."""
+    at_inlet = ["inlet", *(s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0)]
+    pressures = [name for name in beats.values if name.endswith(".P") and name.count(".") == 1]
+    roots = [name for name in pressures if name.removesuffix(".P") in at_inlet]
     if not (roots and accuracy(network)):
         return (), ()
-    lost = lost_on_the_way(beats, roots[0], sites)
-    words = (f"{x / MMHG:.2g} mmHg of the mean pressure is lost on the way to {site}" for site, x in lost.items())
-    return tuple(means_along(beats, roots[0], sites)), tuple(words)
+    means = {name: float(beats.mean(name).mean()) - zero_of(network, name) for name in pressures}
+    mass = by_stroke(stroke(beats)).mass
+    lost = lost_on_the_way(means, roots[0], mass)
+    words = (f"{x / MMHG:.2g} mmHg of the mean pressure is lost on the way to {name}" for name, x in lost.items())
+    return tuple(means_along(means, roots[0], mass)), tuple(words)
 
 
 def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:

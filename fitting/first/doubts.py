@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from solver.quantities.units import INFLOW, MMHG, of_signal
 
 from ..records import limits
 from ..records.alignment.beats import Beats
-from .estimates import FirstEstimate, radius_at, speeds
+from .estimates import FirstEstimate, radius_at, speeds, stroke
 from .fitted import Delay
 from .species import HUMAN, by_stroke, mass_by_period
 from .waves import foot, later, smooth
@@ -51,40 +51,39 @@ def doubts(
                 f"of {alone}, a radius at a site without pressure, only the delay is used; if its place is that "
                 f'of {root}, name it so (--map "TITLE={root.removesuffix("P")}R").'
             )
-    yield from means_along(beats, root, sites)
+    pressures = (root, *(f"{site}.P" for site in sites if f"{site}.P" in beats.values))
+    means = {channel: float(beats.mean(channel).mean()) for channel in pressures}
+    yield from means_along(means, root, mass or by_stroke(stroke(beats)).mass)
 
 
-def means_along(beats: Beats, root: str, sites: Sequence[str]) -> Iterator[str]:
-    """A sentence for each site whose mean pressure is above that of the root, or lower than large arteries make it."""
-    for site, lost in lost_on_the_way(beats, root, sites).items():
+def means_along(means: Mapping[str, float], root: str, mass: float) -> Iterator[str]:
+    """A sentence for each site whose mean pressure is above that of the root, or lower than large arteries make it.
+
+    means : [Pa] by channel, that of the root among them. mass : of the animal [kg].
+    """
+    for channel, lost in lost_on_the_way(means, root, mass).items():
         yield (
-            f"the mean of {site}.P is {lost / MMHG:.2g} mmHg below that of {root}, more than large arteries lose: the "
-            f"zero or the height of a sensor is off (calibrate --free {site}.P.zero), or the artery is narrowed "
+            f"the mean of {channel} is {lost / MMHG:.2g} mmHg below that of {root}, more than large arteries lose: the "
+            f"zero or the height of a sensor is off (calibrate --free {channel}.zero), or the artery is narrowed "
             "between them."
         )
-    P = float(beats.mean(root).mean())
-    for site, there in _means(beats, sites).items():
-        if there > _ABOVE * P:
+    for channel, there in means.items():
+        if there > _ABOVE * means[root]:
             yield (
-                f"the mean of {site}.P is {(there - P) / MMHG:.2g} mmHg above that of {root}, against the flow: the "
-                f"zero or the height of a sensor is off; with several flows, calibrate --free {site}.P.zero finds it."
+                f"the mean of {channel} is {(there - means[root]) / MMHG:.2g} mmHg above that of {root}, against the "
+                f"flow: the zero or the height of a sensor is off; with several flows, calibrate --free {channel}.zero "
+                "finds it."
             )
 
 
-def lost_on_the_way(beats: Beats, root: str, sites: Sequence[str]) -> dict[str, float]:
-    """The mean pressure [Pa] that is lost between root and site, where it is more than large arteries lose.
+def lost_on_the_way(means: Mapping[str, float], root: str, mass: float) -> dict[str, float]:
+    """By channel, the mean pressure [Pa] that is lost on the way from the root, where large arteries lose less.
 
     Friction makes it L Q/R⁴, or mass^(-1/2) with lengths, flows and radii that go with mass^(1/4), mass^(3/4) and
-    mass^(3/8).
+    mass^(3/8). Arguments as of :func:`means_along`.
     """
-    P, mass = float(beats.mean(root).mean()), by_stroke(float(beats.mean(INFLOW).mean()) * beats.T).mass
-    most = _LOST * max(1.0, (_SMALL / mass) ** 0.5) * P
-    return {site: P - there for site, there in _means(beats, sites).items() if P - there > most}
-
-
-def _means(beats: Beats, sites: Sequence[str]) -> dict[str, float]:
-    """The mean pressures [Pa] that were recorded."""
-    return {site: float(beats.mean(f"{site}.P").mean()) for site in sites if f"{site}.P" in beats.values}
+    most = _LOST * max(1.0, (_SMALL / mass) ** 0.5) * means[root]
+    return {channel: means[root] - there for channel, there in means.items() if means[root] - there > most}
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,11 @@ def root_pressure(beats: Beats) -> str:
     return min(pressures, key=lambda name: later(foot(smooth(beats, name), beats.T) - begin, beats.T))
 
 
+def stroke(beats: Beats) -> float:
+    """The volume of a beat [m³] that enters at the root."""
+    return float(beats.mean(INFLOW).mean()) * beats.T
+
+
 def resistance(beats: Beats, root: str, P_venous: float) -> FirstEstimate:
     """R = (mean P - P_venous)/mean Q [Pa·s/m³]. Raises ValueError where one of the two is not positive."""
     P, Q = beats.mean(root).mean() - P_venous, beats.mean(INFLOW).mean()

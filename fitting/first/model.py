@@ -43,6 +43,7 @@ from .estimates import (
     root_pressure,
     sites,
     speeds,
+    stroke,
 )
 from .fitted import Delay, Fitted, delayed, fitted, of_owner
 from .options import VENOUS
@@ -98,7 +99,7 @@ def first_model(
     Z = impedance(beats, channel)
     delays = {site: delay(beats, channel, site) for site in sites(beats) if site != root}
     stated = like is not None or mass is not None
-    usual = typical(like or "human", mass) if stated else by_stroke(float(beats.mean(INFLOW).mean()) * beats.T)
+    usual = typical(like or "human", mass) if stated else by_stroke(stroke(beats))
     c, area, radius = _speed_and_area(beats, channel, Z, usual, delays, distances or {})
     echo = reflection_time(beats, channel, Z.value)
     times = {site: found.value for site, found in delays.items()}

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from solver.errors import InputError
 from solver.laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
@@ -162,8 +161,7 @@ def _periodic(network: Network, settings: Settings, given: Sequence[Variable], m
     component = CoSimulation(network, settings)
     starts = {variable.name: variable.start for variable in given}
     try:
-        with threadpool_limits(1):  # threads add in another order: the bytes would depend on their number
-            component.initialize(0.0, {**starts, "network.start": "periodic"})
+        component.initialize(0.0, {**starts, "network.start": "periodic"})
     except (InputError, NonPhysicalState):
         return np.zeros(0)
     numbers = [number_of(v, v.start) for v in given]
