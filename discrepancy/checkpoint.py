@@ -46,7 +46,7 @@ from .show.gap import Gap
 
 Result = TypeVar("Result")
 
-_FORMAT = 3  # of the stages: another one makes those of an earlier program invalid
+_FORMAT = 4  # of the stages: another one makes those of an earlier program invalid
 
 # classes that stages contain
 _KINDS = dataclasses(

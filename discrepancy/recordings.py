@@ -134,8 +134,7 @@ class Recordings:
         ran = naming.adds and all(last for _, last in fitted)
         gaps = joined([first for first, _ in fitted]), joined([last for _, last in fitted if last]) if ran else None
         each = tuple(recorded for recorded, _, _ in found)
-        losses = tuple(dict.fromkeys(loss for study in self.studies for loss in study.losses))
-        naming = confirmed(naming, each, *gaps, losses)
+        naming = confirmed(naming, each, *gaps, [study.losses for study in self.studies])
         _, first, last = found[0]
         if not naming.adds:
             last, gaps = None, (gaps[0], None)

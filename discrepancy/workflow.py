@@ -116,8 +116,8 @@ def discover(
     asked.check()
     if model is not None and asked.first.given:
         raise InputError(
-            f"{', '.join(asked.first.given)}: these are options of a first model, which is made if no model is given; "
-            f"leave them out, or --model {os.fspath(model)}."
+            f"{os.fspath(model)}: a model is given, so that no first model is made; leave it out, or the options of a "
+            f"first model ({', '.join(asked.first.given)})."
         )
     check_one(reading.beside if reading else (), len(asked.others) + 1)
     outcome, fmu, journal = _studied(record, model, Path(out), asked, reading, as_measured, progress)

@@ -199,7 +199,8 @@ def test_without_its_libraries(home: Path) -> None:
 def test_readme(home: Path) -> None:
     """Its snippets run outside the checkout, from Python, from the command line and of FMPy, after the line that it
     gives for this."""
-    assert "Without a checkout, `arterial-fmu build sheep --out\ndist` makes both" in text_of("README.md")
+    readme = " ".join(text_of("README.md").split())
+    assert "Without a checkout, `arterial-fmu build sheep --out dist` makes both" in readme
     run(home, "arterial-fmu", "build", "sheep", "--out", "dist")
     for kind, text in snippets("README.md")[:5]:
         for written, shorter in SHORTER["README.md"].items():

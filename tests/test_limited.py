@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fitting.records.alignment.align import align
 from fitting.records.alignment.limited import limited_sensors
+from fitting.records.read.record import Record
 from solver import load, simulate_periodic
 from solver.network.description import Site
 from solver.quantities.units import MMHG
@@ -29,7 +31,7 @@ def waves() -> dict[str, Array]:
 def notes(rng: np.random.Generator, name: str, wave: Array, noise: float = NOISE) -> list[str]:
     """The notes about a wave : (N,) in beats with noise, a fraction of its pulse."""
     values = wave + noise * np.ptp(wave) * rng.standard_normal((BEATS, len(wave)))
-    return list(limited_sensors({name: values}, 0.9))
+    return list(limited_sensors({name: values.ravel()}, {name: values}, {}, 0.9))
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003, NOISE, 0.03])
@@ -53,14 +55,31 @@ def test_a_top_that_is_cut_before_the_noise(waves: dict[str, Array]) -> None:
     assert found >= 15
 
 
-@pytest.mark.parametrize("turned", [np.abs, lambda x: np.maximum(x, 0.0)], ids=["turned over", "cut off"])
-def test_a_flow_without_negative_values(waves: dict[str, Array], turned: np.ufunc) -> None:
-    """Noise about a rest near zero has both signs; with one alone, a note. A flow that never falls so low has none."""
-    rng = np.random.default_rng(3)
-    at_rest, flowing = (
-        waves[name] + 2.0 * NOISE * np.ptp(waves[name]) * rng.standard_normal((BEATS, len(waves[name])))
-        for name in ("AsA.Q", "RR.Q")
-    )
-    assert not list(limited_sensors({"inlet.Q": at_rest, "RR.Q": flowing}, 0.9))
-    (text,) = limited_sensors({"inlet.Q": turned(at_rest), "RR.Q": turned(flowing)}, 0.9)
-    assert text.startswith("inlet.Q rests within its noise of zero and is never negative")
+def test_a_converter_makes_no_flat_top(waves: dict[str, Array]) -> None:
+    """Steps of 2 % of the pulse, which are wider than the noise, round every top."""
+    rng, step = np.random.default_rng(4), 0.02
+    for name, wave in waves.items():
+        size = step * np.ptp(wave)
+        values = np.round((wave + 0.003 * np.ptp(wave) * rng.standard_normal((BEATS, len(wave)))) / size) * size
+        assert not list(limited_sensors({name: values.ravel()}, {name: values}, {name: size}, 0.9)), name
+
+
+@pytest.mark.parametrize("turned", [np.abs, lambda x: np.maximum(x, 0.0)], ids=["reversed", "cut off"])
+def test_a_flow_without_negative_values(turned: np.ufunc) -> None:
+    """Noise about a rest at zero has both signs; with one alone, a note, from the recording on."""
+    rng, dt, T = np.random.default_rng(3), 5e-3, 0.8
+    t = np.arange(round(40 * T / dt)) * dt
+    flow = 3e-4 * np.maximum(np.sin(np.pi * np.mod(t, T) / 0.3), 0.0) * (np.mod(t, T) < 0.3)
+    pressure = (80.0 + 30.0 * np.sin(2.0 * np.pi * t / T)) * MMHG + 30.0 * rng.standard_normal(len(t))
+    noisy = flow + 6e-6 * rng.standard_normal(len(t))
+    for values, expected in ((noisy, 0), (turned(noisy), 1), (turned(noisy) + 3e-5, 0)):
+        said = align(Record("made", "", t, {"inlet.Q": values, "Ao.P": pressure}, {})).warnings
+        assert sum("is never negative" in text for text in said) == expected
+
+
+def test_a_flow_that_rests_at_zero_without_noise() -> None:
+    """Strokes that vary by 5 % are no noise about the rest."""
+    t, strokes = np.arange(200) / 200, 1.0 + 0.05 * np.random.default_rng(5).standard_normal((60, 1))
+    for wave in (1.0 + np.cos(2.0 * np.pi * t), np.sin(np.pi * t) ** 2, np.exp(-8.0 * t)):
+        values = wave * strokes
+        assert not list(limited_sensors({"inlet.Q": values.ravel()}, {"inlet.Q": values}, {}, 0.8))

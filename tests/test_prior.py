@@ -16,6 +16,7 @@ from discrepancy.find.study import Unusable
 from discrepancy.findings.outcome import Outcome
 from discrepancy.options import Asked
 from fitting.calibrate.calibration_prior import read_prior
+from fitting.first.options import FirstOptions
 from fitting.inference.fit import Member
 from fitting.inference.hierarchy import with_widths
 from fitting.inference.hypothesis import candidates, deviations
@@ -190,6 +191,10 @@ def test_what_was_asked_is_plain(tmp_path: Path) -> None:
     """By default, and with all that may be asked: a calibration has its file's hash, and means individual walls."""
     default = {"walls": "by evidence", "period": "found", "time_limit": {"value": 300.0, "unit": "s"}}
     assert Asked().plain == default
+    small = Asked(first=FirstOptions(mass=7.0, distances={"FA": 0.1}, paths=("Ao,FA",))).plain["first"]
+    assert small == {
+        "mass": {"value": 7.0, "unit": "kg"}, "distances": {"FA": {"value": 0.1, "unit": "m"}}, "paths": ["Ao,FA"],
+    }  # fmt: skip
     path = tmp_path / "set.json"
     path.write_bytes(b"abc")
     sha256 = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # of "abc", FIPS 180-2

@@ -123,7 +123,7 @@ def _short(network: Network) -> Waveforms:
         ),
         (lambda n: simulate(n, lambda t: np.nan * t), r"inflow inlet.Q: nan at t = 0 s; all values must be finite"),
         (lambda n: simulate(n, lambda t: np.zeros(3)), "it must give one value per time"),
-        (lambda n: simulate(n, parameters={"CA.phi": 1.0}), r"CA\.phi: not a parameter .* did you mean CA\.phi0"),
+        (lambda n: simulate(n, parameters={"CA.phi": 1.0}), r"CA\.phi: not a parameter .* \(did you mean CA\.phi0\?\)"),
         (lambda n: simulate(n, parameters={"CA.E": np.array([1e6, -1.0])}), r"CA\.E = -1 Pa is not allowed"),
         (lambda n: simulate(n, parameters={"CA.E": np.ones((2, 2)) * 1e6}), r"CA\.E: batch of shape"),
         (

@@ -59,8 +59,8 @@ def first_of(
         check_new({path: found.text}, force=False)
     except InputError:
         raise InputError(
-            f"{path}: is there and is not what this record gives; if you edited it, give it: --model {path}, else "
-            "remove it."
+            f"{path}: is there and is not what this record and these options give; if you edited it, give it: --model "
+            f"{path}, else remove it or choose another --out."
         ) from None
     write_whole(path, found.text)
     animal = "the stated animal" if {"like", "mass"} & options.given.keys() else "a mammal of this stroke volume"

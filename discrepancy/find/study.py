@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import chdtrc
@@ -29,7 +30,7 @@ from solver import NonPhysicalState, NotPeriodic
 from solver.errors import InputError
 from solver.laws.catalogue import zero_of
 from solver.network.description import Network
-from solver.quantities.units import INFLOW, MMHG
+from solver.quantities.units import INFLOW
 
 from .. import thresholds
 
@@ -52,7 +53,7 @@ class Unjudged(Unusable):
 @dataclass(frozen=True)
 class Study:
     """fitted, held_out : beats. problem : of the fitted ones. warnings : sentences on the record. losses : of mean
-    pressure under a first model, if no large artery has them, in words."""
+    pressure [Pa] by channel under a first model, if they are larger than in arteries."""
 
     network: Network
     fitted: Beats
@@ -60,7 +61,7 @@ class Study:
     problem: Single
     terms: tuple[PlacedEffect, ...]
     warnings: tuple[str, ...] = ()
-    losses: tuple[str, ...] = ()
+    losses: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def site(self) -> str | None:
@@ -83,7 +84,7 @@ def prepare(
     try:
         beats = align(record, period)
         fitted, kept, warnings = parts(beats)
-        losses: tuple[str, ...] = ()
+        losses: dict[str, float] = {}
         if INFLOW in record.channels:
             whole = network_problem(fitted, network, channels(record, network), runs, prior, accuracy(network))
             problem: Single = whole
@@ -102,19 +103,17 @@ def prepare(
         raise Unusable(str(error)) from None
 
 
-def _means_along(beats: Beats, network: Network) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _means_along(beats: Beats, network: Network) -> tuple[tuple[str, ...], dict[str, float]]:
     """Doubts about the zeros of pressures under a first model, whose radii may compensate a wrong zero; and the losses
-    of mean pressure that are too large for an artery. Known zeros are subtracted."""
+    of mean pressure [Pa] that are too large for an artery, by channel. Known zeros are subtracted."""
     at_inlet = ["inlet", *(s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0)]
     pressures = [name for name in beats.values if name.endswith(".P") and name.count(".") == 1]
-    roots = [name for name in pressures if name.removesuffix(".P") in at_inlet]
-    if not (roots and accuracy(network)):
-        return (), ()
-    means = {name: float(beats.mean(name).mean()) - zero_of(network, name) for name in pressures}
+    root, *more = [name for name in pressures if name.removesuffix(".P") in at_inlet] or [""]
+    if not (root and accuracy(network)):
+        return (), {}
+    means = {name: float(beats.mean(name).mean()) - zero_of(network, name) for name in pressures if name not in more}
     mass = by_stroke(stroke(beats)).mass
-    lost = lost_on_the_way(means, roots[0], mass)
-    words = (f"{x / MMHG:.2g} mmHg of the mean pressure is lost on the way to {name}" for name, x in lost.items())
-    return tuple(means_along(means, roots[0], mass)), tuple(words)
+    return tuple(means_along(means, root, mass)), lost_on_the_way(means, root, mass)
 
 
 def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:

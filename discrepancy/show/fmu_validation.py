@@ -26,7 +26,7 @@ from fitting.records.channels.spectral import interpolated
 from solver import Settings, simulate
 from solver.network.description import Network
 from solver.quantities.legible import number
-from solver.quantities.units import INFLOW
+from solver.quantities.units import INFLOW, MMHG
 
 from .. import thresholds as at
 from ..find.study import Study
@@ -120,7 +120,7 @@ def parity(fmu: Path, network: Network) -> float | None:
 
 
 def confirmed(
-    naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None, losses: Sequence[str] = ()
+    naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap | None, losses: Sequence[Mapping[str, float]] = ()
 ) -> Naming:
     """The naming if the free runs support it; otherwise without a name, with the numbers as the reason.
 
@@ -132,16 +132,19 @@ def confirmed(
     ``none`` becomes unknown if the model explains the record only with implausible parameters, or if it is a first
     model, whose radii are free, and a mean pressure falls by more than arteries make it.
 
-    each : results per recording. before, after : over all fitted ones. losses : of mean pressure, in words.
+    each : results per recording. before, after : over all fitted ones. losses : of mean pressure
+    [Pa] by channel that are larger than in arteries, per recording.
     """
     naming = _borne_out(naming, each, before, after)
     if naming.verdict != "none":
         return naming
     if odd := implausible(naming.base.fit):
         return _only_with(naming, _far(odd), "it is another subject, or the catalogue lacks the effect")
-    if losses:
+    largest = {name: max(each.get(name, 0.0) for each in losses) for each in losses for name in each}
+    if largest:
+        lost = " and ".join(f"{x / MMHG:.2g} mmHg on the way to {name}" for name, x in largest.items())
         consequence = "the zero or the height of a sensor is off, or an artery is narrowed"
-        return _only_with(naming, f"arteries so narrow that {' and '.join(losses)}", consequence)
+        return _only_with(naming, f"arteries so narrow that the mean pressure falls by {lost}", consequence)
     return naming
 
 

@@ -42,12 +42,12 @@ def late_flow(problem: Problem, ended: Ended, rules: Rules) -> list[str]:
     records = tuple(
         (b, s.delayed(n.with_terms(term), delay)) for (b, s), n in zip(problem.records, networks, strict=True)
     )
-    moved = replace(problem, records=records).weighted(ended.fit.x, [part.error for part in problem.parts])
     try:
-        ended = minimum(moved.whole, moved.at(ended.fit.x), rules, moved.runs)
+        moved = replace(problem, records=records).weighted(ended.fit.x, [part.error for part in problem.parts])
+        delayed = minimum(moved.whole, moved.at(ended.fit.x), rules, moved.runs)
     except BROKEN:  # the fitted values may have no beat under the delayed flow
         return []
-    after, _ = _left(moved, ended, root)
+    after, _ = _left(moved, delayed, root)
     if after > limits.LATE_CLOSES * before:
         return []
     side, other = ("late", "a meter with a low-pass") if delay > 0.0 else ("early", "a damped catheter")

@@ -26,7 +26,7 @@ _STEADY = 0.015
 _ABOVE = 1.005  # times the mean pressure at the root: higher means get a note
 # of that mean, lost on the way, in animals from so many kg on. Large arteries lose 1 %; virtual pigs, sheep and dogs up
 # to 1.5 %, a baby of 4 kg 2 %, a rabbit of 3 kg 3.7 %, a rat of 0.3 kg 6 %
-_LOST, _SMALL = 0.05, 10.0
+LOST, SMALL = 0.05, 10.0
 _MANY = 6.0  # times the usual resistance or a sixth of it: L/min read as mL/s is 17 times, a carotid 8 to 20 times
 _USUAL = 1.1 * MMHG / 1e-6  # [Pa s/m³] of a human: 95 mmHg over 5 L/min; as mass^(-3/4)
 
@@ -53,7 +53,7 @@ def doubts(
             )
     pressures = (root, *(f"{site}.P" for site in sites if f"{site}.P" in beats.values))
     means = {channel: float(beats.mean(channel).mean()) for channel in pressures}
-    yield from means_along(means, root, mass or by_stroke(stroke(beats)).mass)
+    yield from means_along(means, root, by_stroke(stroke(beats)).mass)
 
 
 def means_along(means: Mapping[str, float], root: str, mass: float) -> Iterator[str]:
@@ -77,12 +77,12 @@ def means_along(means: Mapping[str, float], root: str, mass: float) -> Iterator[
 
 
 def lost_on_the_way(means: Mapping[str, float], root: str, mass: float) -> dict[str, float]:
-    """By channel, the mean pressure [Pa] that is lost on the way from the root, where large arteries lose less.
+    """By channel, the mean pressure [Pa] that is lost on the way from the root, if large arteries lose less.
 
     Friction makes it L Q/R⁴, or mass^(-1/2) with lengths, flows and radii that go with mass^(1/4), mass^(3/4) and
     mass^(3/8). Arguments as of :func:`means_along`.
     """
-    most = _LOST * max(1.0, (_SMALL / mass) ** 0.5) * means[root]
+    most = LOST * max(1.0, (SMALL / mass) ** 0.5) * means[root]
     return {channel: means[root] - there for channel, there in means.items() if means[root] - there > most}
 
 
@@ -165,9 +165,9 @@ def _zero_of_flow(beats: Beats) -> Iterator[str]:
         )
     if rest > _BACKWARD * (Q.max() - rest) and change < _STEADY * (Q.max() - rest):
         yield (
-            f"{INFLOW} stays at {shown * rest:.3g} {unit} late in diastole, where the flow of an artery falls with the "
-            "pressure, and that of the aorta rests at zero: the zero of the meter seems off, and the resistance with "
-            "it; subtract it from the column."
+            f"{INFLOW} is constant at {shown * rest:.3g} {unit} late in diastole. The flow of an artery falls with the "
+            "pressure then, and that of the aorta is zero: the zero of the meter is probably off, and the resistance "
+            "with it; subtract it from the column."
         )
 
 
@@ -181,6 +181,6 @@ def _size(R: float, T: float, mass: float | None) -> Iterator[str]:
     nearest, factor = min(zip(masses, times, strict=True), key=lambda each: abs(np.log(each[1])))
     other = ", or the mass (--mass) another" if mass is not None else ", or the animal another (--mass)"
     yield (
-        f"the total resistance is {factor:.2g} times that of an animal of {nearest:.2g} kg: the unit of {INFLOW} may "
+        f"the total resistance is {factor:.2g} times that of an animal of {nearest:.3g} kg: the unit of {INFLOW} may "
         f"be wrong (L/min read as mL/s: 17 times), the flow that of a branch alone{other}."
     )

@@ -27,10 +27,13 @@ class FirstOptions:
 
     @property
     def given(self) -> dict[str, Any]:
-        """The options that differ from their defaults, as plain data."""
-        usual = vars(FirstOptions())
-        return {
-            key: list(value) if key == "paths" else dict(value) if key == "distances" else value
-            for key, value in vars(self).items()
-            if value != usual[key]
+        """The options that differ from their defaults, as plain data; quantities with their units."""
+        plain = {
+            "like": self.like,
+            "mass": {"value": self.mass, "unit": "kg"},
+            "P_venous": {"value": self.P_venous, "unit": "Pa"},
+            "distances": {site: {"value": x, "unit": "m"} for site, x in self.distances.items()},
+            "paths": list(self.paths),
         }
+        usual = vars(FirstOptions())
+        return {key: value for key, value in plain.items() if getattr(self, key) != usual[key]}

@@ -76,5 +76,6 @@ def by_stroke(stroke: float) -> Typical:
 
 
 def mass_by_period(T: float) -> float:
-    """The body mass [kg] of a heart period [s]: T ∝ mass^(1/4), as the source of the radius has it."""
-    return HUMAN * (T / _BEAT) ** 4
+    """The body mass [kg] of a heart period [s], within the masses of mammals: T ∝ mass^(1/4), as the source of the
+    radius has it."""
+    return min(max(HUMAN * (T / _BEAT) ** 4, _LIGHTEST), _HEAVIEST)

@@ -115,14 +115,17 @@ HeldOutFiles = Annotated[
     typer.Option("--hold-out", metavar="FILE", help="A held-out recording for validation, repeatable."),
 ]
 
-# of a first model
+# of a first model, which discover makes without --model
 Like = Annotated[
     str | None,
     typer.Option(
         help=f"Species of the typical aorta: {', '.join(NAMES)}; default: a mammal of the recorded stroke volume."
     ),
 ]
-Mass = Annotated[str | None, typer.Option(help='Body mass, "35 kg"; default: typical of the species.')]
+Mass = Annotated[
+    str | None,
+    typer.Option(help='Body mass, "35 kg"; default: by the stroke volume, and with --like typical of the species.'),
+]
 Venous = Annotated[
     str | None,
     typer.Option(help=f"Venous pressure at the end of all resistances; default: {VENOUS / MMHG:g} mmHg."),
@@ -174,6 +177,10 @@ def first_options(
     kilograms = None if mass is None else typed_quantity(mass, "kg", "--mass")
     typical(like or "human", kilograms)
     P_venous = VENOUS if venous is None else typed_quantity(venous, "Pa", "--venous")
+    if not -20.0 * MMHG <= P_venous <= 50.0 * MMHG:
+        raise InputError(
+            f"--venous {venous}: must be -20 to 50 mmHg, where the pressures of all veins lie; check its unit and sign."
+        )
     return FirstOptions(like, kilograms, P_venous, _distances(distance or []), tuple(path or ()))
 
 

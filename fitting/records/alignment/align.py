@@ -45,7 +45,7 @@ def align(record: Record, period: float | None = None) -> Beats:
         singly = replace(cut, channels={name: without_gaps(x) for name, x in channels.items()})
     else:
         values, shifts = without_jitter(values, T)
-    notes = (*record.said, *notes, *limited_sensors(values, T))
+    notes = (*record.said, *notes, *limited_sensors(record.channels, values, steps, T))
     beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, singly, record.told, notes)
     check_steady(beats.unsteadiness, T, record.path)
     return beats

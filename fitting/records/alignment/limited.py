@@ -18,43 +18,48 @@ from .. import limits
 Array = np.ndarray
 
 
-def limited_sensors(channels: Mapping[str, Array], T: float) -> Iterator[str]:
+def limited_sensors(
+    channels: Mapping[str, Array], beats: Mapping[str, Array], steps: Mapping[str, float], T: float
+) -> Iterator[str]:
     """A sentence for each channel whose top is cut off, and for each flow without its negative values.
 
-    channels : (n_beats, N) of values in phase. T : the period [s].
+    channels : (n,) as recorded; beats : (n_beats, N) of values in phase; steps : of the converters. T : the period [s].
     """
-    for name, beats in channels.items():
+    for name, values in beats.items():
         unit, shown = of_signal(name)
-        if part := _flat_top(beats):
+        if top := _flat_top(values, steps.get(name, 0.0)):
+            level, fraction = top
             yield (
-                f"{name} stays within its noise at the highest value of its mean beat, "
-                f"{shown * float(np.nanmean(beats, axis=0).max()):.4g} {unit}, for {1e3 * part * T:.3g} ms: its "
-                "amplifier or converter may have cut off the top; pulse, resistance and compliance would be wrong. "
-                "Record it with a wider range."
+                f"{name} stays within its noise at the top of its mean beat, {shown * level:.4g} {unit}, for "
+                f"{1e3 * fraction * T:.3g} ms: its amplifier or converter may have cut off what is higher; the pulse "
+                f"of {name} is too small then. Record it with a wider range."
             )
-        if name.endswith(".Q") and _never_negative(beats):
+        if name.endswith(".Q") and np.nanmin(channels[name]) >= 0.0 and _would_be_negative(values):
             yield (
                 f"{name} rests within its noise of zero and is never negative: its meter or its export may have cut "
-                "off or turned over negative values; backflow is missing then, and the mean flow too large."
+                "off negative values or reversed their sign; backflow is missing then, and the mean flow too large."
             )
 
 
-def _flat_top(beats: Array) -> float:
-    """The part of the beat that the top of the mean beat is flat for, 0.0 if that is no longer than waves have.
+def _flat_top(beats: Array, step: float) -> tuple[float, float] | None:
+    """The level of the top of the mean beat and the fraction of the beat in which it is flat; None if a wave may be.
 
     Within δ of its maximum, as a fraction of its pulse, a sinusoid is for 2 √δ/π of its period.
     """
     n = beats.shape[1]
-    wide = max(1, round(limits.SMOOTHED * n))
-    there = _moving_mean(np.nanmean(beats, axis=0), wide)
-    pulse, top = float(np.ptp(there)), int(np.argmax(there))
-    error = float(np.nanstd(beats[:, top])) / math.sqrt(len(beats) * wide)
-    near = np.roll(there > there[top] - limits.TOP * pulse - limits.EXTREME * error, -top)
-    if pulse == 0.0 or near.all():
-        return 0.0
-    length = int(np.argmin(near)) + int(np.argmin(near[::-1]))
-    longest = limits.FLAT_TOP * 2.0 / math.pi * math.sqrt(limits.TOP + limits.EXTREME * error / pulse)
-    return length / n if length >= limits.PLATEAU and length > longest * n else 0.0
+    window = max(1, round(limits.SMOOTHED * n))
+    mean_beat = _moving_mean(np.nanmean(beats, axis=0), window)
+    pulse, top = float(np.ptp(mean_beat)), int(np.argmax(mean_beat))
+    if pulse == 0.0:
+        return None
+    error = float(np.nanstd(beats[:, top])) / math.sqrt(len(beats) * window)
+    tolerance = limits.TOP * pulse + limits.EXTREME * error + step
+    at_top = np.roll(mean_beat > mean_beat[top] - tolerance, -top)
+    if at_top.all():
+        return None
+    length = int(np.argmin(at_top)) + int(np.argmin(at_top[::-1]))
+    longest = limits.FLAT_TOP * 2.0 / math.pi * math.sqrt(tolerance / pulse)
+    return (float(mean_beat[top]), length / n) if length >= limits.PLATEAU and length > longest * n else None
 
 
 def _moving_mean(x: Array, n: int) -> Array:
@@ -62,15 +67,12 @@ def _moving_mean(x: Array, n: int) -> Array:
     return np.convolve(np.concatenate([x, x[: n - 1]]), np.full(n, 1.0 / n), mode="valid")
 
 
-def _never_negative(beats: Array) -> bool:
-    """Whether a flow (n_beats, N) is never below zero though its noise about its rest would take it there.
+def _would_be_negative(beats: Array) -> bool:
+    """Whether noise would take the rest of a flow (n_beats, N) below zero: the lowest quarter of its mean beat.
 
-    Rest is the lowest quarter of the mean beat; of each beat it counts as two independent values.
+    The noise is the deviation over the beats, phase by phase. Neighbouring samples may share it: a beat counts as two.
     """
-    if not float(np.nanmin(beats)) >= 0.0:
-        return False
-    there = np.nanmean(beats, axis=0)
-    rest = beats[:, there <= np.quantile(there, 0.25)]
-    mean, deviation = float(np.nanmean(rest)), float(np.nanstd(rest))
-    expected = len(beats) * math.erfc(mean / (math.sqrt(2.0) * max(deviation, np.finfo(float).tiny)))
-    return deviation > 0.0 and expected > limits.NEGATIVE
+    mean, deviation = np.nanmean(beats, axis=0), np.nanstd(beats, axis=0)
+    rest = (mean <= np.quantile(mean, 0.25)) & (deviation > 0.0)
+    below = [0.5 * math.erfc(m / (math.sqrt(2.0) * d)) for m, d in zip(mean[rest], deviation[rest], strict=True)]
+    return bool(below) and 2.0 * len(beats) * float(np.mean(below)) > limits.NEGATIVE
