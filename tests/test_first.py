@@ -163,6 +163,7 @@ def test_a_site_that_is_low() -> None:
     network = first_model(low).network
     assert _means_along(low, network)[1] == {"FA.P": pytest.approx(15.0 * MMHG, rel=0.02)}
     assert _means_along(low, network.with_terms({"FA.P.zero": -15.0 * MMHG})) == ((), {})  # a zero that is known
+    assert not _means_along(low, network.with_terms({"FA.K": 20.0}))[1]  # or a narrowing
 
 
 # --- numbers and pressures ----------------------------------------------------------------------------------------

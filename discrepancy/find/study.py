@@ -13,6 +13,7 @@ from fitting.first.doubts import lost_on_the_way, means_along
 from fitting.first.estimates import stroke
 from fitting.first.species import by_stroke
 from fitting.first.spread import accuracy
+from fitting.first.tubes import TAPERED
 from fitting.inference.forward import Single
 from fitting.inference.hypothesis import PlacedEffect, candidates
 from fitting.inference.models.bench import bench
@@ -105,7 +106,8 @@ def prepare(
 
 def _means_along(beats: Beats, network: Network) -> tuple[tuple[str, ...], dict[str, float]]:
     """Doubts about the zeros of pressures under a first model, whose radii may compensate a wrong zero; and the losses
-    of mean pressure [Pa] that are too large for an artery, by channel. Known zeros are subtracted."""
+    of mean pressure [Pa] that are too large for an artery, by channel. Known zeros are subtracted; an effect that was
+    added to the file may be the loss."""
     at_inlet = ["inlet", *(s.name for s in network.sites if s.segment == network.inlet.segment and s.position == 0.0)]
     pressures = [name for name in beats.values if name.endswith(".P") and name.count(".") == 1]
     root, *more = [name for name in pressures if name.removesuffix(".P") in at_inlet] or [""]
@@ -113,7 +115,9 @@ def _means_along(beats: Beats, network: Network) -> tuple[tuple[str, ...], dict[
         return (), {}
     means = {name: float(beats.mean(name).mean()) - zero_of(network, name) for name in pressures if name not in more}
     mass = by_stroke(stroke(beats)).mass
-    return tuple(means_along(means, root, mass)), lost_on_the_way(means, root, mass)
+    terms = [*(each.terms for each in network.segments), *(each.terms for each in network.junctions)]
+    added = any(each.keys() - {TAPERED} for each in terms)
+    return tuple(means_along(means, root, mass)), {} if added else lost_on_the_way(means, root, mass)
 
 
 def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
