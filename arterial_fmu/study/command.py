@@ -79,12 +79,19 @@ def main(
             if jobs is not None and jobs < 1:
                 raise InputError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
             store = Store(out, plan)
-            run(plan, store, jobs=jobs, scheduler=scheduler, progress=progress)
+            run(plan, store, jobs=jobs, scheduler=scheduler, progress=progress, meanwhile=_imported)
             progress(1.0, "indices and figures")
             study = Study.of(store)
             paths = write(study, out)
     notes = (_size(plan, samples), *study.notes)
     conclude(as_json, quiet, lambda: plain(summary(study)), lambda: show(_table(study)), notes, paths)
+
+
+def _imported() -> None:
+    """Import the modules for indices and figures, a second on one core."""
+    import SALib.analyze.sobol  # noqa: F401
+
+    from . import figures  # noqa: F401
 
 
 def _size(plan: Plan, samples: int) -> str:

@@ -23,11 +23,13 @@ def run(
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
+    meanwhile: Callable[[], None] | None = None,
 ) -> int:
     """Simulate the missing batches, and write the results; return the number of parameter sets simulated now.
 
     jobs, scheduler : as in :func:`fitting.parallel.tasks.done`. Every finished batch is saved, so an interrupted study
     resumes.
+    meanwhile : called once, after the first batch, while other processes simulate the next ones.
     Raises ValueError for a folder that cannot be written, or if no parameter set could be simulated.
     """
     if store.whole:
@@ -39,6 +41,9 @@ def run(
         progress(sets / plan.size, f"{sets} of {plan.size} parameter sets")
     for i, content in done(run_batch, [_batch(plan, name) for name in missing], jobs, scheduler):
         store.keep(missing[i], content)
+        if meanwhile:
+            meanwhile()
+            meanwhile = None
         simulated += _sets(plan, missing[i])
         if progress:
             progress((sets + simulated) / plan.size, f"{sets + simulated} of {plan.size} parameter sets")

@@ -20,8 +20,8 @@ _TOGETHER = 0.1  # of the period: pressure and flow of one place rise within les
 _DIASTOLE = (0.7, 0.9)  # of the beat from the foot of the flow on, where a valve is closed
 _EMPTY = 0.25  # of the systolic pressure: no artery falls lower
 _BACKWARD = 0.05  # of the peak flow: more than that does not flow back into a heart
-# of the peak flow, within which it stays the same: of 103 flows in the included networks that are more than _BACKWARD
-# late in diastole, none changes by less than 0.021
+# of the peak flow, within which it stays the same: of the 103 flows in the included networks, simulated without noise,
+# none that is more than _BACKWARD late in diastole changes by less than 0.021
 _STEADY = 0.015
 _ABOVE = 1.005  # times the mean pressure at the root: higher means get a note
 # of that mean, lost on the way, in animals from so many kg on. Large arteries lose 1 %; virtual pigs, sheep and dogs up

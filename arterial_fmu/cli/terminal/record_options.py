@@ -175,7 +175,8 @@ def first_options(
 ) -> FirstOptions:
     """The options of a first model. Raises ValueError, one sentence, for an unknown species or an invalid quantity."""
     kilograms = None if mass is None else typed_quantity(mass, "kg", "--mass")
-    typical(like or "human", kilograms)
+    if like or kilograms is not None:
+        typical(like or "human", kilograms)
     P_venous = VENOUS if venous is None else typed_quantity(venous, "Pa", "--venous")
     if not -20.0 * MMHG <= P_venous <= 50.0 * MMHG:
         raise InputError(
