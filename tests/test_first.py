@@ -456,8 +456,8 @@ def test_species() -> None:
 
 
 def test_size_of_the_animal_by_its_stroke() -> None:
-    """A rat's flow, 0.25 mL in 0.18 s: an aorta of 0.25 kg, moved from its typical radius as Z_c demands (to 5 %: Z_c is
-    found 10 % too small), and no doubt about the unit. A human's period with this flow: the doubt."""
+    """A rat's flow, 0.25 mL in 0.18 s: an aorta of 0.25 kg, moved from its typical radius as Z_c demands (to 5 %, as
+    Z_c is found 10 % too small), and no doubt about the unit. A human's period with this flow: the doubt."""
     T, stroke = 0.18, 0.25 * ML
     Q = ejection(T, stroke)
     R = 95.0 * MMHG * T / stroke
