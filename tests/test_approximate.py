@@ -155,6 +155,8 @@ def test_hypotheses_with_their_errors() -> None:
     assert len(set(keys)) == len(keys) and {"", lag.label} <= set(keys)
     assert [n.score for n in last.named] == sorted(n.score for n in last.named)
     assert [n.key for n in last.found.ranked] == [key for key in keys if key]
+    scores = [n.score for n in last.named if n.key]
+    assert [n.above_best for n in last.found.ranked] == pytest.approx([x - scores[0] for x in scores], abs=1e-9)
     assert last.complete
 
 

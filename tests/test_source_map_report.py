@@ -250,6 +250,7 @@ def test_the_outcome_has_the_map_of_its_naming() -> None:
     assert outcome.map is not None and outcome.map.T == T
     assert "No law of the catalogue explains it. It acts as a loss of flow along B: 1.4 mL/s rms (" in outcome.sentence
     assert verdict_json(outcome)["map"][0]["where"] == "B" and "Where the missing physics acts" in page(outcome, {})
+    assert page(outcome, {}).count("cts as a loss of flow along B") == 1  # the section has the sentence's map as figure
     assert summary(made, "", s, replace(naming, map=None), ValidationRuns(run, run)).map is None  # type: ignore[arg-type]
 
 
@@ -335,7 +336,8 @@ def test_the_page_begins_with_the_map() -> None:
         < html.index("<h2>Where the missing physics acts")
         < html.index("<h2>Where model")
     )
-    assert "The missing physics acts as:\n- a loss of flow along B" in html and drawings["map"].source in html
+    assert "The missing physics acts as:</p>" in html and "<li>a loss of flow along B: " in html
+    assert drawings["map"].source in html
     nothing = replace(MADE, map=shown())
     assert "map" not in figures(replace(nothing, **NO_OTHERS)) and "No place shows a residual beyond noise" in page(
         nothing, {}

@@ -194,10 +194,15 @@ def _fitted(problem: Networks, fit: Fit, terms: Sequence[PlacedEffect], runs: Ru
 def _at_these_points(found: Compared, each: Sequence[Approximate]) -> Compared:
     """The comparison of these hypotheses at these points, most probable first, and of all others that leave only noise.
     At other points the misfit was minimised with other weights."""
-    best = dict[str, Named]()
-    weighted = ((a, weighed(found.problem, a.fit, found.terms)) for a in each)
-    for _, exact in sorted(weighted, key=lambda pair: (pair[0].score, pair[1].score)):
+    weighted = [(a.score, weighed(found.problem, a.fit, found.terms)) for a in each]
+    best, scores = dict[str, Named](), dict[str, float]()
+    for score, exact in sorted(weighted, key=lambda pair: (pair[0], pair[1].score)):
         best.setdefault(exact.key, exact)
+        scores.setdefault(exact.key, score)
     none = best.pop("", found.none)
     named = [*best.values(), *(n for n in found.ranked if n.key not in best and n.explains)]
-    return replace(found, none=none, ranked=apart(sorted(named, key=lambda n: not n.shown)))
+    order = apart(sorted(named, key=lambda n: not n.shown))
+    first = scores.get(order[0].key, -np.inf) if order else -np.inf
+    if np.isfinite(first):  # their odds are those with their errors, as their order is
+        order = tuple(replace(n, above_best=scores[n.key] - first) if n.key in scores else n for n in order)
+    return replace(found, none=none, ranked=order)

@@ -86,7 +86,7 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
     return templates.get_template("report.html.j2").render(
         outcome=outcome,
         drawings=drawings,
-        acts=map_sentences(outcome.map) if outcome.map else [],
+        acts=map_sentences(outcome.map, outcome.sentence) if outcome.map else [],
         beats=json.dumps(tables.beats(outcome), separators=(",", ":")).replace("<", "\\u003c"),
         z_map=np.abs(outcome.z_map[: tables.harmonics_shown(outcome)]).T.tolist(),
         phases={(f"{at.site}.{at.signal}", at.harmonic): at.phase for at in outcome.located},

@@ -243,17 +243,15 @@ def joined(text: str, more: str) -> str:
     return f"{text}{gap}{more}" if more else text
 
 
-def map_sentences(shown: SourceMapShown) -> list[str]:
-    """The source map in sentences, and the χ² that remains with it."""
+def map_sentences(shown: SourceMapShown, known: str = "") -> list[str]:
+    """The source map in sentences, and the χ² that remains with it. known : a text whose sentences are not repeated."""
     misfit = f"χ² is {number(shown.chi2_per_datum)} per datum"
     if not shown.acting and shown.explains:
         return [f"No place shows a residual beyond noise: {misfit} with the subject’s own numbers alone."]
     if not shown.acting:
         return [f"The residual exceeds the noise, but no place explains it: {misfit}."]
-    return [
-        acts_as(shown, "The missing physics"),
-        f"With these terms, {'only noise' if shown.explains else 'more than noise'} remains: {misfit}.",
-    ]
+    left = f"With these terms, {'only noise' if shown.explains else 'more than noise'} remains: {misfit}."
+    return [left] if acts_as(shown) in known else [acts_as(shown, "The missing physics"), left]
 
 
 def phrase(place: Place) -> str:

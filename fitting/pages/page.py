@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,21 @@ _LONGEST = 400  # characters of an entry; longer ones are only in the JSON file
 @cache
 def environment(folder: Path) -> Environment:
     """The templates of a folder, each compiled once; text is escaped, and an undefined name is an error."""
-    return Environment(
+    templates = Environment(
         loader=FileSystemLoader((folder, _PARTS)),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    templates.filters["paragraphs"] = paragraphs
+    return templates
+
+
+def paragraphs(text: str) -> list[tuple[bool, list[str]]]:
+    """The lines of a text, in turn those of a list, which begin with "- ", and others: (whether a list, its lines)."""
+    parts = groupby(text.split("\n"), lambda line: line.startswith("- "))
+    return [(listed, [line.removeprefix("- ") for line in lines]) for listed, lines in parts]
 
 
 def words(value: Any, literal: bool = False) -> str:
