@@ -41,6 +41,16 @@ def test_links(site: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.parametrize("page", sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]), ids=lambda p: p.name)
+def test_only_lists_have_numbered_items(page: Path) -> None:
+    """A line that begins with "202. " would be an item of a list, without its number: items count up from 1."""
+    last = 0
+    for line in page.read_text(encoding="utf-8").splitlines():
+        if number := re.match(r"\s*(\d+)\. ", line):
+            assert int(number[1]) in (1, last + 1), line
+            last = int(number[1])
+
+
 @pytest.mark.slow  # pdoc reads all modules
 def test_the_api_begins_with_the_public_names(tmp_path: Path) -> None:
     """The first page is arterial_fmu, in the order of a script; the index has it first, and internals folded.
