@@ -12,6 +12,7 @@ import pytest
 from drawn import TUBE
 from recorded_walls import recording
 
+from arterial_fmu.notebook.tables import table
 from discrepancy.findings.outcome import Candidate, ChannelBeats, NamedEffect, Outcome
 from fitting.records.virtual import table_wall
 from fitting.results.estimate import Estimate
@@ -186,3 +187,14 @@ def test_outcome_shown(outcome: Outcome) -> None:
     assert {text.get_text() for text in outcome.plot().axes[0].texts} >= {"AA", "CA"}
     with pytest.raises(ValueError, match="^loops: no such figure of this study; it has network, waveforms.$"):
         outcome.plot("loops")
+
+
+def test_a_sentence_of_several_lines_has_a_list() -> None:
+    """As a verdict that names several places; only its first line is bold, and text stays text."""
+    found = table(
+        "unknown: It acts as:\n- a {drop}\n- a <loss>\nNo law explains it.", ("effect",), [], ["a gap\n  of beats"]
+    )
+    assert found == (
+        "<div><p><b>unknown: It acts as:</b></p><ul><li>a {drop}</li><li>a &lt;loss&gt;</li></ul>"
+        "<p>No law explains it.</p><p>a gap</p><p>of beats</p></div>"
+    )

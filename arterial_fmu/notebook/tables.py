@@ -5,16 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from fitting.pages.page import paragraphs
+
 
 def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], notes: Sequence[str] = ()) -> str:
     """A title, a table with its first column left-aligned and all others right-aligned, and sentences below it.
 
-    All are plain text: HTML markup is escaped.
+    All are plain text: HTML markup is escaped. Of a title with several lines the first is bold; lines that begin with
+    "- " are a list.
     """
     body = "".join(f"<tr>{_cells('td', row)}</tr>" for row in rows)
-    paragraphs = "".join(f"<p>{escape(note)}</p>" for note in notes)
+    first, _, more = title.partition("\n")
     inside = f"<table><thead><tr>{_cells('th', head)}</tr></thead><tbody>{body}</tbody></table>" if body else ""
-    return f"<div><p><b>{escape(title)}</b></p>{inside}{paragraphs}</div>"
+    return f"<div><p><b>{escape(first)}</b></p>{_prose(more)}{inside}{''.join(map(_prose, notes))}</div>"
+
+
+def _prose(text: str) -> str:
+    found = ""
+    for listed, lines in paragraphs(text) if text else ():
+        tag, around = ("li", "<ul>{}</ul>") if listed else ("p", "{}")
+        found += around.format("".join(f"<{tag}>{escape(line.strip())}</{tag}>" for line in lines))
+    return found
 
 
 def _cells(tag: str, texts: Sequence[str]) -> str:
