@@ -21,7 +21,7 @@ from arterial_fmu.__main__ import app
 from discrepancy.find.model_source import first_of
 from discrepancy.find.study import _means_along
 from fitting.first.doubts import lost_on_the_way
-from fitting.first.estimates import delay
+from fitting.first.estimates import beats_in_period, delay, stroke
 from fitting.first.model import FirstModel, first_model
 from fitting.first.options import FirstOptions
 from fitting.first.sections import Section, with_side_branch
@@ -453,6 +453,20 @@ def test_species() -> None:
     for wrong in (("cat", None), ("dog", 7000.0), ("human", 3.5e-4)):
         with pytest.raises(InputError):
             typical(*wrong)
+
+
+@pytest.mark.parametrize("second", [1.0, 0.6])
+def test_a_period_of_two_beats(second: float) -> None:
+    """Twice the period, also with a weaker second beat: the stroke is that of a beat, and a note gives its period."""
+    T, ml = 0.8, 70.0 * ML
+    Q, P = ejection(T, ml), 95.0 * MMHG + 20.0 * MMHG * np.sin(2.0 * np.pi * np.arange(N) / N)
+    one = beats(T, 1, inlet_Q=Q, Ao_P=P)
+    two = beats(2.0 * T, 1, inlet_Q=np.append(Q[::2], second * Q[::2]), Ao_P=np.tile(P[::2], 2))
+    assert (beats_in_period(one), beats_in_period(two)) == (1, 2)
+    assert stroke(two) == pytest.approx(0.5 * (1.0 + second) * stroke(one), rel=1e-3)
+    noted = [note for note in first_model(two).notes if "contains 2 beats" in note]
+    assert len(noted) == 1 and '--period "0.8 s"' in noted[0]
+    assert not any("contains" in note for note in first_model(one).notes)
 
 
 def test_size_of_the_animal_by_its_stroke() -> None:

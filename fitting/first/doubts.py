@@ -11,7 +11,7 @@ from solver.quantities.units import INFLOW, MMHG, of_signal
 
 from ..records import limits
 from ..records.alignment.beats import Beats
-from .estimates import FirstEstimate, radius_at, speeds, stroke
+from .estimates import FirstEstimate, beats_in_period, radius_at, speeds, stroke
 from .fitted import Delay
 from .species import HUMAN, by_stroke, mass_by_period
 from .waves import foot, later, smooth
@@ -36,6 +36,11 @@ def doubts(
 ) -> Iterator[str]:
     """Sentences. root : the channel of the pressure there. R : the total resistance, Z : the impedance at the root.
     mass : of the animal [kg], None if it is not stated."""
+    if (n := beats_in_period(beats)) > 1:
+        yield (
+            f"a period of {beats.T:.3g} s contains {n} beats, but delays and notes take it for one; give --period "
+            f'"{beats.T / n:.3g} s".'
+        )
     yield from _ventricle(beats, root)
     yield from _clocks(beats, root)
     yield from _flow_of_another_place(beats, root, Z)
