@@ -195,9 +195,9 @@ def test_bench_has_no_network(tmp_path: Path, sheep: Network) -> None:
     """A bench record: one site, its radius is not compared; figures of an earlier report go."""
     full = synthetic("several", sheep)
     write_report(replace(full, channels=(), z_map=np.zeros((0, 0)), isolability=None), tmp_path)
-    assert {p.stem for p in (tmp_path / "figures").iterdir()} == {"network", "map"}
+    assert {p.stem for p in (tmp_path / "figures").iterdir()} == {"network", "map", "terms"}
     write_report(replace(full, kind="bench", channels=full.channels[3::2], z_map=full.z_map[:, 3:4]), tmp_path)
-    assert {p.stem for p in (tmp_path / "figures").iterdir()} == set(NAMES) - {"network", "map"}
+    assert {p.stem for p in (tmp_path / "figures").iterdir()} == set(NAMES) - {"network", "map", "terms"}
     read(tmp_path / "report.html")
 
 

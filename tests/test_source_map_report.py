@@ -295,12 +295,12 @@ def test_places_are_marked_where_they_are(spot: Place, kind: str, where: str) ->
 
 
 def panels(acting: SourceMapShown) -> list[tuple[str, str]]:
-    """Titles and units of the panels beside the network."""
+    """Titles and units of the panels with the terms."""
     from discrepancy.report.figures import figure
 
-    picture = figure(replace(MADE, map=acting), "map")
+    picture = figure(replace(MADE, map=acting), "terms")
     picture.canvas.draw()
-    return [(axes.get_title(loc="left"), axes.get_ylabel()) for axes in picture.axes[1:]]
+    return [(axes.get_title(loc="left"), axes.get_ylabel()) for axes in picture.axes]
 
 
 def test_the_figure_has_a_panel_for_each_signal() -> None:
@@ -311,7 +311,8 @@ def test_the_figure_has_a_panel_for_each_signal() -> None:
         ("A pressure in the wall of C\nlinear along C", "g [mmHg]"),
         ("An additional signal of the sensor of C.R", "g [mm]"),
     ]
-    assert panels(shown(signal(place("number", "B.E")))) == []
+    number = replace(MADE, map=shown(signal(place("number", "B.E"))), **NO_OTHERS)
+    assert "map" in figures(number) and "terms" not in figures(number)
 
 
 def test_a_vessel_has_the_colour_of_what_acts_all_along_it() -> None:
@@ -329,7 +330,8 @@ def test_a_vessel_has_the_colour_of_what_acts_all_along_it() -> None:
 def test_the_page_begins_with_the_map() -> None:
     """Before the table of what disagrees; without places no figure, without a map nothing."""
     outcome = replace(MADE, map=shown(LEAK, SQUEEZED, rivals=[Rival((place("outlet", "B"), SQUEEZED.place), 3.0)]))
-    drawings = {"map": figures(replace(outcome, **NO_OTHERS))["map"]}
+    drawings = figures(replace(outcome, **NO_OTHERS))
+    assert {"map", "terms"} <= set(drawings)
     html = page(outcome, drawings)
     assert (
         html.index("<h2>What this means")
@@ -337,7 +339,7 @@ def test_the_page_begins_with_the_map() -> None:
         < html.index("<h2>Where model")
     )
     assert "The missing physics acts as:</p>" in html and "<li>a loss of flow along B: " in html
-    assert drawings["map"].source in html
+    assert html.index(drawings["map"].source) < html.index(drawings["terms"].source)
     nothing = replace(MADE, map=shown())
     assert "map" not in figures(replace(nothing, **NO_OTHERS)) and "No place shows a residual beyond noise" in page(
         nothing, {}

@@ -34,13 +34,13 @@ from .verdict_text import axis_label, phrase
 
 Captioned = tuple[Picture, str]
 
-NAMES = ("map", "network", "waveforms", "loops", "isolability")
+NAMES = ("map", "terms", "network", "waveforms", "loops", "isolability")
 _CURVES: tuple[Curve, ...] = (("measured", BLACK, "-"), ("before", VERMILION, DASHED), ("after", BLUE, (0, (1, 1))))
 _COLOURS = (VERMILION, BLUE, PURPLE)  # of what acts; ORANGE of what cannot be told from it
 _KINDS = {OUTLET: "outlet", JUNCTION: "junction", CHANNEL: "channel"}
-_WIDE, _HIGH = 4.0, 1.9  # inches of a beat
+_WIDE, _HIGH = 3.6, 1.9  # inches of a beat
 _BESIDE = 0.8  # x/L of the mark of what acts in a segment that is marked already
-_COLUMNS, _NARROW = 6.0, 7.6  # of a network that has beats beside it, not above: segments in a row, inches
+_COLUMNS, _NARROW = 6.0, 7.6  # of a network that has beats beside it, not below: segments in a row, inches
 _MOST_FRAMED = 60  # cells in a row that still have room for a frame
 
 
@@ -66,6 +66,7 @@ def _there(outcome: Outcome) -> dict[str, Callable[[], Captioned]]:
     acting, table = outcome.map, outcome.isolability
     drawn: dict[str, Callable[[], Captioned] | None] = {
         "map": partial(map_figure, outcome, acting, network) if network and acting and acting.acting else None,
+        "terms": partial(terms_figure, acting, network) if network and acting and acting.signals else None,
         "network": partial(_network, outcome, network) if network else None,
         "waveforms": partial(_waveforms, outcome) if outcome.channels else None,
         "loops": partial(_loops, outcome) if loop_sites(outcome) else None,
@@ -101,34 +102,46 @@ def _network(outcome: Outcome, network: Network) -> Captioned:
 # --- the source map ---------------------------------------------------------------------------------------------------
 
 
-def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> tuple[Picture, str]:
-    """Left the network, right a panel for each place with its g(t)."""
+def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> Captioned:
+    """The network with the places where something acts."""
     found = [(a.place, _colour(i)) for i, a in enumerate(shown.acting)]
     found += [(place, ORANGE) for a in shown.acting for rival in a.rivals for place in rival.places]
     marked = [(mark(place, colour is not ORANGE), colour) for place, colour in found]
     # a vessel has the colour of what acts all along it, before that of a point of it, which has a diamond
     first = sorted(zip(found, marked, strict=True), key=lambda each: (each[0][1] is ORANGE, each[0][0].at is not None))
     colour_at = partial(_colour_at, [there for _, there in first])
-    beside = max(max(lane.x0, lane.x1) for lane in lanes(network)) <= _COLUMNS
-    most = {"widest": _NARROW} if beside and shown.signals else {}
-    figure, axes, drawn = draw(network, colour_at, **most)
+    narrow = {"widest": _NARROW} if _is_narrow(network) and shown.signals else {}
+    figure, axes, drawn = draw(network, colour_at, **narrow)
     sites(axes, network, drawn, [c.name for c in outcome.channels], colour_at)
     for (place, colour), (there, _) in reversed(first):  # above its rivals
         at = place.at if place.at is not None else _BESIDE * (colour_at(there.kind, there.place) != colour)
         if at and there.place in drawn:  # 0 : all along it
             x, y = drawn[there.place].at(at)
             axes.plot([x], [y], "D", ms=9, mfc=colour, mec="white", mew=1.2, zorder=6)
-    _beats(figure, axes, shown, beside)
     handles = [Line2D([], [], color=_colour(i), lw=6, label=a.place.label) for i, a in enumerate(shown.acting)]
     if len(found) > len(shown.acting):
         handles.append(Line2D([], [], color=ORANGE, lw=6, label="not distinguishable"))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-    beats = " and the missing terms over one beat, with a band of ± 1 standard deviation" if shown.signals else ""
     return figure, (
-        "The network of the model, flow from left to right, with the places where the missing physics acts"
-        f"{beats}. Marked: {', '.join(a.place.label for a in shown.acting)}. A circle is a measured site; the letters "
-        "are the measured signals."
+        "The network of the model, flow from left to right, with the places where the missing physics acts. Marked: "
+        f"{', '.join(a.place.label for a in shown.acting)}. A circle is a measured site; the letters are the measured "
+        "signals."
     )
+
+
+def terms_figure(shown: SourceMapShown, network: Network) -> Captioned:
+    """A panel with g(t) for each place: one above the other beside a narrow network, else in a row."""
+    n = len(shown.signals)
+    rows, columns = (n, 1) if _is_narrow(network) else (1, n)
+    figure = Picture(figsize=(_WIDE * columns, _HIGH * rows + 0.2), layout="constrained")
+    signals = [(a, _colour(i)) for i, a in enumerate(shown.acting) if a.number is None]
+    for i, (a, colour) in enumerate(signals):
+        _beat(figure.add_subplot(rows, columns, i + 1), a, shown, colour)
+    return figure, "The missing terms over one beat, with a band of ± 1 standard deviation."
+
+
+def _is_narrow(network: Network) -> bool:
+    return max(max(lane.x0, lane.x1) for lane in lanes(network)) <= _COLUMNS
 
 
 def sites(
@@ -163,27 +176,6 @@ def _colour_at(marked: Sequence[tuple[Mark, str]], kind: str, place: str) -> str
 
 def _colour(i: int) -> str:
     return _COLOURS[i % len(_COLOURS)]
-
-
-def _beats(figure: Picture, axes: Axes, shown: SourceMapShown, beside: bool) -> None:
-    """A panel for each signal, beside a narrow network or above a wide one."""
-    n = len(shown.signals)
-    if not n:
-        return
-    width, height = figure.get_size_inches()
-    if beside:
-        figure.set_size_inches(width + _WIDE, max(height, _HIGH * n + 0.5))
-        grid = figure.add_gridspec(n, 2, width_ratios=(width, _WIDE))
-        axes.set_subplotspec(grid[:, 0])
-        places = [grid[i, 1] for i in range(n)]
-    else:
-        figure.set_size_inches(width, height + _HIGH + 0.4)
-        grid = figure.add_gridspec(2, n, height_ratios=(_HIGH, height))
-        axes.set_subplotspec(grid[1, :])
-        places = [grid[0, i] for i in range(n)]
-    for i, a in enumerate(shown.acting):
-        if a.number is None:
-            _beat(figure.add_subplot(places.pop(0)), a, shown, _colour(i))
 
 
 def _beat(panel: Axes, a: Acting, shown: SourceMapShown, colour: str) -> None:
