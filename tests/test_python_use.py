@@ -221,7 +221,7 @@ def test_an_effect_of_a_script_is_refused_by_the_build(
     assert build(sheep, tmp_path / "after").read_bytes() == before
     held = sheep.with_terms({"CA.k_near": 5e6})
     with pytest.raises(
-        ValueError, match=r"CA\.k_near: its class TissueSupport is in test_toy, .* solver/laws/effects\.py"
+        ValueError, match=r"CA\.k_near: its class TissueSupport is in test_toy, .* solver/laws/effects\.py, .* native"
     ):
         build(held, tmp_path)
     leaky = sheep.with_outlet(Leaky("CA", R=1e9))
