@@ -38,7 +38,10 @@ def test_initial_dependencies_are_complete() -> None:
         for known in (variable for variable in variables if variable.quantity and variable.start is not None):
             other, _ = component(**{**volumes, known.name.replace(".", "__"): 1.01 * values[known.name] + 1e-9})
             for output, before, after in zip(outputs, body.outputs(), other.outputs(), strict=True):
-                assert abs(after - before) <= 1e-9 * abs(before) or known.name in output.sources, (output.name, known.name)
+                assert abs(after - before) <= 1e-9 * abs(before) or known.name in output.sources, (
+                    output.name,
+                    known.name,
+                )
 
 
 def test_pressure_of_the_volume() -> None:
