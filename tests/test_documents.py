@@ -16,7 +16,7 @@ from fmu_src.contents.models import body_model, heart_model
 from fmu_src.documents import drawing
 from fmu_src.documents.document import documents, index_html
 from fmu_src.variables.arteries_variables import variable_table
-from solver import Inlet, Network, Pressure, Reflection, Resistance, Settings, Site, Windkessel
+from solver import Inlet, Network, Pressure, Reflection, Resistance, Settings, Site, Windkessel, load
 from solver.network.description import Junction
 
 # beside one tube: three kinds of outlets at one junction; a loop; a circle of flow
@@ -120,8 +120,9 @@ def test_page_of_either_inlet() -> None:
         assert not any(words in text for words in unsaid)
 
 
-def test_the_picture_is_where_each_version_of_fmi_looks(network: Network) -> None:
+def test_the_picture_is_where_each_version_of_fmi_looks() -> None:
     """In the root for FMI 2.0; as the diagram among the documents for FMI 3.0, too."""
+    network = load("sheep")
     table = variable_table(network, Settings())
     for fmi, further in ((0, set()), (2, set()), (3, {"documentation/diagram.png"})):
         found = documents(network, table, "1", fmi)
