@@ -24,7 +24,7 @@ OWN = {"inlet.drive": 2}
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_as_the_build_description_says(stored: Store, tmp_path: Path, fmi: int) -> None:
-    """The same numbers, to the bit, in a process whose libraries have functions with names of ours (glibc: ``step``)."""
+    """The same numbers, to the bit, in a process that has functions with names of ours (``step`` of glibc)."""
     file = stored(build_native, load("sheep"), fmi=fmi)
     expected = simulate_fmu(os.fspath(file), stop_time=0.02, start_values=OWN)
     folder = unpack(file, tmp_path).folder
