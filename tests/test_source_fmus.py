@@ -35,6 +35,8 @@ def test_as_the_build_description_says(stored: Store, tmp_path: Path, fmi: int, 
     description = ElementTree.parse(sources / "buildDescription.xml").find("BuildConfiguration/SourceFileSet")
     assert description is not None and description.get("language") == "C99"
     files = [str(sources / str(node.get("name"))) for node in description.iter("SourceFile")]
+    listed = [node.get("name") for node in ElementTree.parse(folder / "modelDescription.xml").iter("File")]
+    assert listed == ([node.get("name") for node in description.iter("SourceFile")] if fmi == 2 else [])
     options = ["-O1"] if says else ["-std=c99", *str(description.get("compilerOptions")).split()]
     line = [*compiler.own()[0], *options, "-fPIC", "-shared", *files, "-o", str(library), "-lm"]
     library.unlink()

@@ -29,14 +29,17 @@ class About:
     tolerance: float | None
 
 
-def fmi2(about: About, table: Sequence[Variable]) -> bytes:
-    """The description for FMI 2.0."""
+def fmi2(about: About, table: Sequence[Variable], files: Sequence[str]) -> bytes:
+    """The description for FMI 2.0. files : the C files in ``sources/``."""
     names = {"fmiVersion": "2.0", "modelName": about.name, "guid": about.guid}
     root = Element("fmiModelDescription", {**names, **_common(about)})
     flags = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate",
              "canNotUseMemoryManagementFunctions", "providesDirectionalDerivative")  # fmt: skip
     can = dict.fromkeys(flags, "true")
-    SubElement(root, "CoSimulation", can, modelIdentifier=about.name, needsExecutionTool="false")
+    kind = SubElement(root, "CoSimulation", can, modelIdentifier=about.name, needsExecutionTool="false")
+    sources = SubElement(kind, "SourceFiles")
+    for file in files:
+        SubElement(sources, "File", name=file)
     _categories(root, 2)
     _experiment(root, about)
     variables = SubElement(root, "ModelVariables")
