@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ from fitting.wall.indices import E_inc
 from fitting.wall.law_selection import evidence
 from fitting.wall.site_fit import fit
 from fitting.wall.wall_model import model
+from solver.errors import InputError
+from solver.laws.wall_laws import ELASTIC_LAWS
 from solver.network.files import read_network
 
 SOFT = VirtualWall(R0=3.0e-3, h=0.6e-3, E=2e5, phi0=2e3, elastic="beta")  # a carotid that is strained by 21 %
@@ -231,3 +234,16 @@ def test_a_cohort_has_one_law(tmp_path: Path) -> None:
     for _, each in stiff.laws:
         assert low < each.table()["CA"]["E"].mean < high
     assert len(cohort_tables(stiff)) == 3  # means by either law, claims
+
+
+def test_a_law_for_simulations_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law of a script that is no sum of functions of R is left out of the choice, and rejected where it is given."""
+    wall = table_wall("AA")
+    before = fit(recording(wall, 40.0), "S", wall.h)
+    monkeypatch.setitem(ELASTIC_LAWS, "fung", SimpleNamespace(name="fung"))
+    after = fit(recording(wall, 40.0), "S", wall.h)
+    assert (after.law, after.values) == (before.law, before.values)
+    with pytest.raises(
+        InputError, match="elastic law 'fung' is none that a wall can be fitted by; use beta, regression"
+    ):
+        model("linear", "fung")

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from solver.errors import InputError
-from solver.laws.wall_laws import ELASTIC_LAWS
 
 from ..inference.unknown import quantile
 from ..parallel.tasks import done
@@ -28,7 +27,7 @@ from ..wall.indices import E_inc
 from ..wall.law_selection import evidence, weighing_model
 from ..wall.site_fit import fit
 from ..wall.wall_fit import WallFit
-from ..wall.wall_model import PARAMETERS, UNITS, model
+from ..wall.wall_model import PARAMETERS, UNITS, fitted_laws, model
 from . import claims as cohort_claims
 from .claims import Cells, Claim
 from .file import Entry, read_cohort
@@ -272,7 +271,7 @@ def fit_cohort(
     The failures list unusable recordings and models, with their sentences. Raises ValueError for an unknown model, for
     no entries, or if no recording could be fitted.
     """
-    names, laws = tuple(dict.fromkeys(models)), tuple(ELASTIC_LAWS) if elastic is None else (elastic,)
+    names, laws = tuple(dict.fromkeys(models)), fitted_laws() if elastic is None else (elastic,)
     for name in names:
         model(name, laws[0])
     if not names or not entries:

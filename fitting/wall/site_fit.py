@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from solver.errors import InputError
-from solver.laws.wall_laws import ELASTIC_LAWS
 from solver.network.description import Network, Segment
 from solver.quantities.quantity import quantities
 
@@ -33,7 +32,7 @@ from .fit_diagnostics import doubts
 from .law_selection import evidence, weighing_model
 from .model_error import widening, with_model_error
 from .wall_fit import WallFit
-from .wall_model import WallModel, columns, evaluate, model, parameters_of
+from .wall_model import WallModel, columns, evaluate, fitted_laws, model, parameters_of
 
 Array = np.ndarray
 
@@ -91,7 +90,7 @@ def _by_laws(by: Callable[[WallModel], WallFit], name: str) -> tuple[list[WallFi
     """The fits of a model, one per law, and the reasons for missing ones."""
     fits: list[WallFit] = []
     refused: dict[str, NoFit] = {}
-    for law in ELASTIC_LAWS:
+    for law in fitted_laws():
         try:
             fits.append(by(model(name, law)))
         except NoFit as error:

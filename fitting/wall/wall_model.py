@@ -72,10 +72,17 @@ def model(name: str, elastic: str) -> WallModel:
     }
     if name not in laws:
         raise InputError(f"model {name!r} is not known; use one of {', '.join(laws)}.")
-    if elastic not in ELASTIC_LAWS:
-        raise InputError(f"elastic law {elastic!r} is not known; use one of {', '.join(ELASTIC_LAWS)}.")
+    if elastic not in fitted_laws():
+        raise InputError(
+            f"elastic law {elastic!r} is none that a wall can be fitted by; use {', '.join(fitted_laws())}."
+        )
     viscous, free = laws[name]
     return WallModel(name, elastic, viscous, free)
+
+
+def fitted_laws() -> tuple[str, ...]:
+    """The elastic laws of fits: those that are sums of functions of R. Others, of a script, are for simulations."""
+    return tuple(name for name, law in ELASTIC_LAWS.items() if hasattr(law, "columns"))
 
 
 def columns(model: WallModel, R: Array, R_t: Array) -> Array:
