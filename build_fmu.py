@@ -93,6 +93,7 @@ def build_native(
 ) -> Path:
     """Build ``<out>/<network.name>.fmu`` that needs no Python on its host, and return its path.
 
+    It contains the recorded computation, so that effects, outlets and laws may be classes of a script.
     fmi : 2 or 3, the version of the standard. platforms : of :data:`fmu_src.native.binaries.PLATFORMS`; default this
     one's.
     Raises ValueError as :func:`build`, where the network cannot be recorded, and where nothing can compile it.

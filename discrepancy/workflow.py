@@ -37,6 +37,7 @@ from fitting.records.recordings import check_one, not_judged
 from fitting.results.provenance import software
 from solver import NonPhysicalState
 from solver.errors import InputError
+from solver.laws import effects as catalogue
 from solver.network.description import Network, to_dict
 from solver.network.doubts import network_doubts
 from solver.network.files import write_network
@@ -105,7 +106,8 @@ def discover(
     one that ``arterial-fmu build`` makes. jobs : number of simulating processes, this one included. The others import
     this package and nothing of the calling script, which needs no ``if __name__ == "__main__"``. progress : called with
     the fraction done and the stage. An interrupted study continues where it stopped. Raises ValueError for a file, a
-    model or a prior that cannot be read and for a folder that cannot be written. A readable record that cannot be used
+    model or a prior that cannot be read, for a folder that cannot be written, and while an effect of a script is in the
+    catalogue, because the processes that build FMUs do not know it. A readable record that cannot be used
     gives the verdict "unusable", which does not overwrite the study of a usable record; without a model it is rejected.
     """
     started = time.perf_counter()
@@ -114,6 +116,7 @@ def discover(
         backend, first or FirstOptions(),
     )  # fmt: skip
     asked.check()
+    _check_code()
     if model is not None and asked.first.given:
         raise InputError(
             f"{os.fspath(model)}: a model is given, so that no first model is made; leave it out, or the options of a "
@@ -126,6 +129,17 @@ def discover(
     if journal is not None:
         journal.close()
     return outcome
+
+
+def _check_code() -> None:
+    """Raise ValueError for an effect of a script: the processes that build FMUs do not import the script."""
+    for kind in (type(effect) for effect in catalogue.ALL):
+        if kind.__module__.partition(".")[0] != "solver":
+            raise InputError(
+                f"effect {kind.name}: its class {kind.__name__} is in {kind.__module__}, and discover builds its FMUs "
+                "in processes that know only the package solver; move the class and its entry into "
+                "solver/laws/effects.py."
+            )
 
 
 def _studied(

@@ -78,6 +78,8 @@ def has_room(network: Network, harmonics: int, settings: Settings | None = None)
 
 def _check(network: Network, names: Sequence[str], K: int, more: int, tolerance: float) -> None:
     check_network(network)
+    if isinstance(names, str):
+        raise InputError(f"names = {names!r}: must be a sequence of outputs, such as ({names!r},).")
     known = network.output_units()
     for name in names:
         if name not in known:

@@ -117,7 +117,8 @@ def line(places: Places, wall: Wall, own: Array, x: Array, omega: Array) -> tupl
     """Z', Y' and the dynamic stiffness P'/A' [Pa/m²], (n_points, n_omega), of walls at points x/L of the places' own
     segments.
 
-    Raises InputError for a wall that is unstable at P_0, and for the mean flow of a leak.
+    Raises InputError for a wall that is unstable at P_0, the mean flow of a leak, and a linear drag on a part of a
+    segment.
     """
     network, c = places.network, places.c
     P_0 = c.P_0[:, own]
@@ -145,7 +146,10 @@ def line(places: Places, wall: Wall, own: Array, x: Array, omega: Array) -> tupl
 
 
 def _history(c: Coefficients, wall: Wall, own: Array, x: Array, iw: Array) -> Array | float:
-    """Σ weight iω/(iω + rate) [1/s] of the drag of all effects : (n_points, n_omega), at points x/L of segments."""
+    """Σ weight iω/(iω + rate) [1/s] of the drag of all effects : (n_points, n_omega), at points x/L of segments.
+
+    Raises InputError for a linear drag on a part of a segment.
+    """
     found: Array | float = 0.0
     for term in (term for term in c.terms if changes(term.effect, "drag")):
         # every point as a whole element
@@ -160,6 +164,11 @@ def _history(c: Coefficients, wall: Wall, own: Array, x: Array, iw: Array) -> Ar
         )
         drag = term.effect.drag({key: value[..., None] for key, value in term.at(own).items()}, each)
         if drag is not None:
+            if drag.weight.any() and term.effect.cut_at(term.at(own)):
+                raise InputError(
+                    f"{term.effect.name}: the linear theory knows a linear drag along a whole segment only, and this "
+                    "acts on a part; use beat_harmonics with a small inflow."
+                )
             weight, poles = drag.weight[:, 0], iw + drag.rate[:, 0]  # 0 of a steady flow without relaxation: y = U
             found = found + (weight * np.divide(iw, poles, out=np.ones_like(poles), where=poles != 0.0)).sum(axis=0)
     return found

@@ -38,7 +38,7 @@ DOCUMENTS = {
     "docs/simulators.md": (0, 4),
     "docs/effects.md": (1, 0),
     "docs/schemes.md": (1, 1),
-    "docs/python.md": (3, 0),
+    "docs/python.md": (4, 0),
     "docs/studies.md": (1, 1),
     "docs/fitting.md": (3, 3),
     "docs/first-model.md": (1, 1),
@@ -47,7 +47,7 @@ DOCUMENTS = {
     "docs/tutorial-fmu.md": (1, 2),
     "docs/tutorial-lab.md": (0, 3),
     "docs/tutorial-real.md": (0, 7),
-    "docs/tutorial-effect.md": (2, 1),
+    "docs/tutorial-effect.md": (4, 1),
 }
 # documents whose snippets take long have a file, and so a process, of their own
 ELSEWHERE = {

@@ -14,9 +14,9 @@ from drawn import TUBE, segment
 
 from fmu_src.contents.models import body_model, heart_model
 from fmu_src.documents import drawing
-from fmu_src.documents.document import index_html
+from fmu_src.documents.document import documents, index_html
 from fmu_src.variables.arteries_variables import variable_table
-from solver import Inlet, Network, Pressure, Reflection, Resistance, Settings, Site, Windkessel
+from solver import Inlet, Network, Pressure, Reflection, Resistance, Settings, Site, Windkessel, load
 from solver.network.description import Junction
 
 # beside one tube: three kinds of outlets at one junction; a loop; a circle of flow
@@ -118,6 +118,16 @@ def test_page_of_either_inlet() -> None:
         text = index_html(network, variable_table(network, Settings()), "1.2.3")
         assert all(words in text for words in said)
         assert not any(words in text for words in unsaid)
+
+
+def test_the_picture_is_where_each_version_of_fmi_looks() -> None:
+    """In the root for FMI 2.0; as the diagram among the documents for FMI 3.0, too."""
+    network = load("sheep")
+    table = variable_table(network, Settings())
+    for fmi, further in ((0, set()), (2, set()), (3, {"documentation/diagram.png"})):
+        found = documents(network, table, "1", fmi)
+        pictures = {path for path in found if path.endswith(".png")}
+        assert pictures == {"model.png"} | further and len({found[path] for path in pictures}) == 1
 
 
 def test_pages_of_heart_and_body() -> None:

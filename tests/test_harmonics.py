@@ -195,6 +195,7 @@ def test_a_batch_without_room_is_parted(sheep: Network, monkeypatch: pytest.Monk
     ("given", "words"),
     [
         ({"names": ("CA.X",)}, "CA.X is no output of network sheep; it has inlet.P"),
+        ({"names": "CA.P"}, r"names = 'CA\.P': must be a sequence of outputs, such as \('CA\.P',\)"),
         ({"period": -1.0}, "period = -1.0 s: must be a positive number"),
         ({"K": 2000}, "K = 2000 harmonics and more = 8 beyond them"),
         ({"tolerance": 0.0}, "tolerance = 0.0 must be a positive number"),

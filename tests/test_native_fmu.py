@@ -8,7 +8,7 @@ import subprocess
 import sys
 import zipfile
 from ctypes import c_double, c_uint32
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import fmpy
@@ -21,7 +21,7 @@ from fmus import COARSE, MS, Instance, Store
 from native_fmus import apart, elastic, half_sine, needs_compiler, pair, rows
 from test_command import run as command
 from test_table_source import table as source
-from test_toy import TissueSupport
+from test_toy import Orifice, TissueSupport
 from threadpoolctl import threadpool_limits
 
 from build_fmu import build, build_native
@@ -32,7 +32,7 @@ from fmu_src.native import binaries
 from fmu_src.native.arrays import checksum
 from solver import Settings, load, simulate
 from solver.errors import InputError
-from solver.laws import effects
+from solver.laws import effects, outlets, wall_laws
 from solver.network.table_source import KINDS
 
 pytestmark = needs_compiler
@@ -204,9 +204,47 @@ def test_toy_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = rows(instance, {"inlet.drive": "network"}, 100)[:, : len(instance.outputs)]
     run = simulate(network, duration=0.1, backend="numpy")
     expected = np.column_stack([run[name] for name in instance.outputs])
-    assert np.abs(found - expected).max(axis=0) == pytest.approx(0.0, abs=1e-11 * np.abs(expected).max())
+    assert (np.abs(found - expected) <= 1e-11 * np.abs(expected).max(axis=0)).all()
     plain = simulate(load("sheep"), duration=0.1)
     assert np.abs(run["CA.P"] - plain["CA.P"]).max() > 1.0  # Pa, it does something
+
+
+@dataclass(frozen=True)
+class Power:
+    """P_el = K (s⁴ - 1)/4: a law of a script."""
+
+    name: str = "power"
+
+    def pressure(self, s: np.ndarray, K: np.ndarray, e: None) -> np.ndarray:
+        return K * (s**4 - 1.0) / 4.0
+
+    def derivative(self, s: np.ndarray, K: np.ndarray, e: None) -> np.ndarray:
+        return K * s**3
+
+    def stretch(self, P: np.ndarray, K: np.ndarray, e: None) -> np.ndarray:
+        return (1.0 + 4.0 * P / K) ** 0.25
+
+    def simple_wave(self, s: np.ndarray, c0: np.ndarray) -> np.ndarray:
+        return c0 * (s * s - 1.0)
+
+
+def test_an_outlet_and_a_law_of_a_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They run in C like an effect of a script, also with another value of the outlet: the solver's numbers to 1e-11,
+    and its description has the outlet's parameters."""
+    monkeypatch.setattr(outlets, "OUTLETS", (*outlets.OUTLETS, Orifice))
+    monkeypatch.setitem(wall_laws.ELASTIC_LAWS, "power", Power())  # type: ignore[arg-type]
+    plain = load("sheep").with_outlet(Orifice("CA", R_v=5e8, b=2e14))
+    network = replace(plain, elastic_law="power")
+    fmu = build_native(network, tmp_path)
+    (b,) = (v for v in fmpy.read_model_description(os.fspath(fmu)).modelVariables if v.name == "CA.outlet.b")
+    assert (b.unit, float(b.start), b.variability) == ("Pa.s^2/m^6", 2e14, "tunable")
+    instance = Instance(fmu, tmp_path / "own")
+    for given in ({}, {"CA.outlet.b": 8e14}):
+        found = rows(instance, {"inlet.drive": "network", **given}, 100)[:, : len(instance.outputs)]
+        run = simulate(network, duration=0.1, parameters=given, backend="numpy")
+        expected = np.column_stack([run[name] for name in instance.outputs])
+        assert (np.abs(found - expected) <= 1e-11 * np.abs(expected).max(axis=0)).all()
+    assert np.abs(run["CA.P"] - simulate(plain, duration=0.1, parameters=given)["CA.P"]).max() > 1.0  # Pa: the law
 
 
 # --- description --------------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ import arterial_fmu
 import solver
 from arterial_fmu.packages import NEEDS
 from build_fmu import build
+from discrepancy import discover
 from fitting.results.parameter_set import ParameterSet
 from solver import load, simulate, simulate_periodic
 from solver.laws import effects, outlets, wall_laws
@@ -221,7 +222,7 @@ def test_an_effect_of_a_script_is_refused_by_the_build(
     assert build(sheep, tmp_path / "after").read_bytes() == before
     held = sheep.with_terms({"CA.k_near": 5e6})
     with pytest.raises(
-        ValueError, match=r"CA\.k_near: its class TissueSupport is in test_toy, .* solver/laws/effects\.py"
+        ValueError, match=r"CA\.k_near: its class TissueSupport is in test_toy, .* solver/laws/effects\.py, .* native"
     ):
         build(held, tmp_path)
     leaky = sheep.with_outlet(Leaky("CA", R=1e9))
@@ -233,3 +234,14 @@ def test_an_effect_of_a_script_is_refused_by_the_build(
     with pytest.raises(ValueError, match=r"network\.elastic_law: its class Stiff .* solver/laws/wall_laws\.py"):
         build(sheep, tmp_path)
     assert not list(tmp_path.glob("*.fmu"))
+
+
+def test_an_effect_of_a_script_is_refused_by_discover(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The processes that build the FMUs do not know it: said before the search, not after it, and the record is not
+    even read."""
+    monkeypatch.setattr(effects, "ALL", (*effects.ALL, TissueSupport()))
+    with pytest.raises(
+        ValueError, match=r"effect tissue_support: its class TissueSupport is in test_toy, .* solver/laws/effects\.py"
+    ):
+        discover(tmp_path / "none.csv", "sheep", tmp_path / "out")
+    assert not list(tmp_path.iterdir())

@@ -17,10 +17,13 @@ import numpy as np
 import pytest
 from commands import in_process, without_progress
 from compare import relative_error
+from fmus import COARSE, Store
+from native_fmus import needs_compiler
 from scipy.integrate import solve_ivp
 
 from arterial_fmu.cli.run import main, ranges_table
-from build_fmu import build
+from arterial_fmu.study.models import FMUModel, read_model
+from build_fmu import build, build_native
 from fmu_src.importer.run import run_fmu
 from solver import Inlet, Network, Pressure, Settings, Site, load
 
@@ -262,6 +265,19 @@ def test_command_describes_itself(tmp_path: Path) -> None:
 def test_a_table_of_ranges() -> None:
     """In the units that people read; of many variables the first ones, and how many there are."""
     found = {f"S{i}.P": {"unit": "Pa", "min": 80.0 * MMHG, "max": 120.0 * MMHG, "mean": 1e4} for i in range(30)}
-    table = ranges_table("some.fmu", found, 2.5)
+    table = ranges_table("some.fmu", found, 2.5, {})
     assert table.row_count == 24 and table.title == "some.fmu: 2.5 s, first 24 of 30 variables"
     assert [next(iter(column.cells)) for column in table.columns] == ["S0.P", "mmHg", "80.00", "120.0", "75.01"]
+    volume = {"network.V": {"unit": "m^3", "min": 0.0, "max": 2e-6, "mean": 1e-6}}  # which has no usual one
+    shown = ranges_table("some.fmu", volume, 2.5, {"network.V": "mL"})
+    assert [next(iter(column.cells)) for column in shown.columns] == ["network.V", "mL", "0", "2.000", "1.000"]
+
+
+@needs_compiler
+def test_units_of_start_values_for_fmi_3(stored: Store, tmp_path: Path) -> None:
+    """Numbers are of the type Float64 there: --set takes units, and a study finds the parameters."""
+    file = stored(build_native, load("sheep"), settings=COARSE, fmi=3)
+    options = ["--set", "CA.phi0=2 kPa*s", "--stop-time", "0.01 s", "--out", tmp_path / "out.csv", "-q"]
+    assert in_process(main, [file, *options]).returncode == 0
+    model = read_model(os.fspath(file), "sheep", "2.5 ms", None, 1e-4)
+    assert isinstance(model, FMUModel) and model.known["CA.phi0"].unit == "Pa.s"

@@ -19,6 +19,7 @@ from solver import (
     Inlet,
     Junction,
     Network,
+    NotPeriodic,
     Reflection,
     Resistance,
     Segment,
@@ -191,6 +192,22 @@ def test_refused() -> None:
         simulate(closed, settings=COARSE, start="periodic")
     with pytest.raises(ValueError, match=r"start = 'warm': must be 'rest' or 'periodic' or an earlier result"):
         simulate_periodic(sheep, settings=Settings(), start="warm")
+
+
+@pytest.mark.parametrize("R2", [None, 1e15], ids=["closed", "a resistance that lets nothing out"])
+@pytest.mark.parametrize("backend", ["numpy", "native"])
+def test_a_network_that_fills_without_end(R2: float | None, backend: str) -> None:
+    """A compliant β-wall bears any volume: the state after the last implicit step of 1e4 s is then physical, but not
+    steady, at 1.6 MPa here. It is refused, and a run that may choose its start begins at rest."""
+    outlet = Reflection("T", R_t=1.0) if R2 is None else Windkessel("T", R1=1e8, C=1e-9, R2=R2)
+    segment = Segment("T", L=1.0, R0=5e-3, h=0.5e-3, E=0.6e6, phi0=5e3)
+    tube = Network("tube", (segment,), Inlet("T", Q_max=1e-5, T=0.25), outlets=(outlet,), P_0=4000.0)
+    with pytest.raises(ValueError, match="network tube: it has no steady state .* fill or empty without end"):
+        beat_harmonics(tube, ("inlet.P",), 3, backend=backend)
+    with pytest.raises(ValueError, match="it has no steady state"):
+        simulate(tube, settings=COARSE, start="periodic", backend=backend)
+    with pytest.raises(NotPeriodic):
+        simulate_periodic(tube, settings=COARSE, max_beats=4, backend=backend)
 
 
 def test_component() -> None:

@@ -256,6 +256,8 @@ def test_how_many_sets() -> None:
     assert [base_of(n, 3) for n in (10, 4096, 5119, 5120)] == [2, 512, 512, 1024]
     with pytest.raises(ValueError, match="--samples = 9: 3 ranges need 10 parameter sets at least"):
         base_of(9, 3)
+    with pytest.raises(ValueError, match="--samples = 5: 1 range needs 6 parameter sets at least"):
+        base_of(5, 1)
 
 
 # --- the folder -----------------------------------------------------------------------------------------------------

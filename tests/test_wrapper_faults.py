@@ -103,11 +103,12 @@ def test_places_that_crash(c_host: CHost, sheep_fmu: Unpacked, tmp_path: Path) -
 
 
 def test_reason_of_fatal_is_lost_with_categories(c_host: CHost, sheep_fmu: Unpacked) -> None:
-    """Messages of a status fatal have no category: they come only where no category is chosen."""
+    """Messages of a status fatal have a null category: they come only where no category is chosen."""
     commands = [f"library 0 {sheep_fmu.library}", sheep_fmu.instantiate(0), "logging 0 1 logStatusFatal logAll"]
     run = c_host.run([*commands, "getReal 0 9999", "logging 0 1", "getReal 0 9999", "free 0"])
     assert [answer.status for answer in run.answers] == ["ok", "ok", "ok", "fatal", "ok", "fatal", "ok"]
     assert run[3].log == ()
+    assert run[5].log[0].startswith("fatal - ")  # "-" is a null pointer
     assert "value reference 9999: there is no such variable." in run[5].log[0]
 
 

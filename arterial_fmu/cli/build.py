@@ -163,4 +163,4 @@ def _report(target: Path, as_json: bool, quiet: bool) -> None:
     if as_json:
         put({"written": [str(target)], "bytes": size})
     elif not quiet:
-        say(f"wrote {target} ({size / 1024:.0f} kB)")
+        say(f"wrote {target} ({size / 1000:.0f} kB)")

@@ -71,16 +71,21 @@ def main(
         _write_result(out, result, variables)
     columns = {name: values for name, values in result.items() if name != "time"}
     found = ranges(result["time"], columns, {name: variables[name].unit for name in columns})
+    displays = {name: variables[name].displayUnit for name in columns}
     document = {"fmu": str(fmu), "variables": found, "written": [str(out)]}
-    conclude(as_json, quiet, lambda: document, lambda: show(ranges_table(fmu.name, found, end)), written=[out])
+    conclude(
+        as_json, quiet, lambda: document, lambda: show(ranges_table(fmu.name, found, end, displays)), written=[out]
+    )
 
 
-def ranges_table(name: str, found: Mapping[str, Mapping[str, Any]], end: float) -> Table:
-    """Range and time mean of the variables, in the units that people read; of a large network of the first ones."""
+def ranges_table(
+    name: str, found: Mapping[str, Mapping[str, Any]], end: float, displays: Mapping[str, str | None]
+) -> Table:
+    """Range and time mean of the variables, in their display units; of a large network of the first ones."""
     rest = f", first {_ROWS} of {len(found)} variables" if len(found) > _ROWS else ""
     table = Table("variable", "unit", *map(right, ("min", "max", "mean")), title=f"{name}: {end:g} s{rest}")
     for variable, each in islice(found.items(), _ROWS):
-        unit, factor = readable(each["unit"] or "")
+        unit, factor = readable(each["unit"] or "", displays.get(variable))
         table.add_row(variable, unit, *(significant(factor * each[key], 4) for key in ("min", "max", "mean")))
     return table
 
@@ -125,7 +130,7 @@ def _finite(text: str) -> bool:
 
 def _units(variables: Mapping[str, Any]) -> dict[str, tuple[str, str | None]]:
     """The SI unit and the display unit of every number."""
-    return {name: (v.unit or "1", v.displayUnit) for name, v in variables.items() if v.type == "Real"}
+    return {name: (v.unit or "1", v.displayUnit) for name, v in variables.items() if v.type in ("Real", "Float64")}
 
 
 def _read_start_values(path: Path) -> dict[str, float | str]:

@@ -232,7 +232,8 @@ def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
     beat = flow(np.arange(n) * (flow.T / n))
     known, nominal = {}, {}
     for variable in fmpy.read_model_description(path).modelVariables:
-        if variable.name in fmu.parameters and variable.type == "Real" and not variable.name.startswith("solver."):
+        number = variable.name in fmu.parameters and variable.type in ("Real", "Float64")  # of FMI 2.0, of FMI 3.0
+        if number and not variable.name.startswith("solver."):
             low, high = (float(end) if end else sign * np.inf for end, sign in ((variable.min, -1), (variable.max, 1)))
             unit = variable.unit or "1"
             description, display = variable.description or variable.name, variable.displayUnit

@@ -107,8 +107,9 @@ def base_of(samples: int, D: int) -> int:
     """The largest power of two N with N (D + 2) <= samples. Raises ValueError if N would be below 2."""
     least = 2 * (D + 2)
     if samples < least:
+        ranges = "1 range needs" if D == 1 else f"{D} ranges need"
         raise InputError(
-            f"--samples = {samples}: {D} ranges need {least} parameter sets at least, thousands for narrow intervals."
+            f"--samples = {samples}: {ranges} {least} parameter sets at least, thousands for narrow intervals."
         )
     return 1 << ((samples // (D + 2)).bit_length() - 1)
 

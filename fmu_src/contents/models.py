@@ -133,8 +133,9 @@ def _check_code(network: Network) -> None:
         kind = type(value)
         if kind.__module__.partition(".")[0] != "solver":
             raise InputError(
-                f"{name}: its class {kind.__name__} is in {kind.__module__}, and an FMU carries only the code of the "
-                f"package solver; move the class and its entry into {home}, or leave {name} out, and build again."
+                f"{name}: its class {kind.__name__} is in {kind.__module__}, and this FMU carries only the code of the "
+                f"package solver; move the class and its entry into {home}, or leave {name} out, and build again; or "
+                "build the native FMU (build_native), which needs no class."
             )
 
 

@@ -20,8 +20,9 @@ from .drawing import model_png, network_svg
 
 def documents(network: Network, table: tuple[Variable, ...], version: str, fmi: int = 0) -> dict[str, bytes]:
     """The files by their path in the FMU. fmi : version of the standard of an FMU that needs no Python, 0 of others."""
-    html = index_html(network, table, version, fmi)
-    return {"documentation/index.html": html.encode(), "model.png": model_png(network), **licences(not fmi)}
+    html, png = index_html(network, table, version, fmi), model_png(network)
+    drawn = {"model.png": png} | ({"documentation/diagram.png": png} if fmi == 3 else {})  # where FMI 3 looks for it
+    return {"documentation/index.html": html.encode(), **drawn, **licences(not fmi)}
 
 
 def licences(wrapped: bool = True) -> dict[str, bytes]:

@@ -88,7 +88,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         archive = _archive(path)
     except _NoFMU as reason:
         return [Finding("file", FATAL, *reason.args)]
-    findings = [Finding("file", OK, f"{len(archive.names)} files, {archive.size / 1024:.0f} kB, checksums right")]
+    findings = [Finding("file", OK, f"{len(archive.names)} files, {archive.size / 1000:.0f} kB, checksums right")]
     if native_doctor.is_native(archive.names):
         rows = native_doctor.rows(path, archive.names, archive.guid, archive.model, archive.fmi3)
         findings += [*(Finding(*row) for row in rows), *_drive(archive)]

@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from ..compiler import FLAGS
 from ..variables.model_description import complete, limits, type_definitions, type_name, unit, unit_definitions
 from ..variables.variable import Variable
 
 AUTHOR, LICENCE, COPYRIGHT = "arterial-fmu contributors", "MIT", "© 2026 arterial-fmu contributors"
 _CATEGORIES = ("Warning", "Discard", "Error", "Fatal")
+# a name of ours that the host also has, as glibc has ``step``, would otherwise be the host's
+OPTIONS = " ".join(flag for flag in FLAGS if flag.startswith(("-O", "-f")))
 
 
 @dataclass(frozen=True)
@@ -26,14 +29,17 @@ class About:
     tolerance: float | None
 
 
-def fmi2(about: About, table: Sequence[Variable]) -> bytes:
-    """The description for FMI 2.0."""
+def fmi2(about: About, table: Sequence[Variable], files: Sequence[str]) -> bytes:
+    """The description for FMI 2.0. files : the C files in ``sources/``."""
     names = {"fmiVersion": "2.0", "modelName": about.name, "guid": about.guid}
     root = Element("fmiModelDescription", {**names, **_common(about)})
     flags = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate",
              "canNotUseMemoryManagementFunctions", "providesDirectionalDerivative")  # fmt: skip
     can = dict.fromkeys(flags, "true")
-    SubElement(root, "CoSimulation", can, modelIdentifier=about.name, needsExecutionTool="false")
+    kind = SubElement(root, "CoSimulation", can, modelIdentifier=about.name, needsExecutionTool="false")
+    sources = SubElement(kind, "SourceFiles")
+    for file in files:
+        SubElement(sources, "File", name=file)
     _categories(root, 2)
     _experiment(root, about)
     variables = SubElement(root, "ModelVariables")
@@ -99,7 +105,7 @@ def build_description(about: About, files: Sequence[str]) -> bytes:
     """``sources/buildDescription.xml``, for importers that compile."""
     root = Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = SubElement(root, "BuildConfiguration", modelIdentifier=about.name)
-    sources = SubElement(configuration, "SourceFileSet", language="C99", compilerOptions="-O3 -ffp-contract=off")
+    sources = SubElement(configuration, "SourceFileSet", language="C99", compilerOptions=OPTIONS)
     for file in files:
         SubElement(sources, "SourceFile", name=file)
     return _text(root)

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 from solver.errors import InputError
 from solver.lumped.component import Arithmetic
@@ -74,9 +75,9 @@ def _libraries(name: str, fmi: int, platforms: Sequence[str]) -> dict[str, bytes
 def _complete(about: About, table: Sequence[Variable], own_files: Mapping[str, bytes], fmi: int) -> dict[str, bytes]:
     """With the contents of every FMU: sources, description, GUID."""
     found = {**own_files, **{f"sources/{path}": text for path, text in sources().items()}}
-    describe = native_description.fmi2 if fmi == 2 else native_description.fmi3
-    found[DESCRIPTION] = describe(about, table)
     compiled = [path for path in sources() if path.endswith(".c")]
+    describe = partial(native_description.fmi2, files=compiled) if fmi == 2 else native_description.fmi3
+    found[DESCRIPTION] = describe(about, table)
     found["sources/buildDescription.xml"] = native_description.build_description(about, compiled)
     guid = guid_of(found)
     found[RESOURCE] = with_guid(found[RESOURCE], guid)

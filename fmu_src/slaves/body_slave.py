@@ -45,11 +45,11 @@ def table(body: Body) -> tuple[Variable, ...]:
         f"{when}or its start (a master that runs all side by side)", "end", None, EXCHANGES,
     )  # fmt: skip
     known = parameters({"body": body.body})
-    sources = [variable.name for variable in known]
+    sources = [variable.name for variable in (*inputs, *known)]
     return (
         *inputs,
         *known,
         exchange,
-        output_variable("P", PRESSURE, "pressure of the reservoir", ("body.P_start",)),
+        output_variable("P", PRESSURE, "pressure of the reservoir", sources),
         output_variable("V", VOLUME, "volume of the reservoir", sources),
     )

@@ -14,6 +14,7 @@ from ..variables.lumped_variables import (
     FLOW,
     FRACTION,
     IMPEDANCE,
+    INTERCEPT,
     MEMORY,
     PRESSURE,
     VOLUME,
@@ -77,7 +78,7 @@ def table(heart: Heart) -> tuple[Variable, ...]:
     """Inputs, then parameters, then outputs."""
     inputs = {
         "aorta.P_0": (
-            PRESSURE,
+            INTERCEPT,
             "P_0 of the arteries' port: their pressure is P_0 + Z_0 Q(t) + Z Q(t+h)",
             heart.P_aorta,
         ),

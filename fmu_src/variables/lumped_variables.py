@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from math import isfinite
 from typing import Any
 
 from solver.quantities.quantity import Quantity, quantities
@@ -14,6 +15,8 @@ Groups = Mapping[str, Any]  # dataclass of quantities by the first word of its v
 
 ANY = (float("-inf"), float("inf"))  # range of an output
 PRESSURE = Quantity("Pa", "pressure", *ANY, nominal=1e4, display="mmHg")
+# P_0 of a port: P - Z Q, where short steps at viscous walls make Z large
+INTERCEPT = replace(PRESSURE, low=-1e9, high=1e9)
 FLOW = Quantity("m^3/s", "flow", *ANY, nominal=1e-4, display="mL/s")
 VOLUME = Quantity("m^3", "volume", *ANY, nominal=1e-4, display="mL")
 IMPEDANCE = Quantity("Pa.s/m^3", "impedance", 0.0, 1e15, nominal=1e7, display="mmHg.s/mL")
@@ -24,7 +27,7 @@ _GIVEN = {PRESSURE.unit: (-1e5, 1e6), VOLUME.unit: (-1e6, 1e6)}  # ranges of inp
 
 def input_variable(name: str, quantity: Quantity, description: str, start: float) -> Variable:
     """An input."""
-    low, high = _GIVEN.get(quantity.unit, (quantity.low, quantity.high))
+    low, high = (quantity.low, quantity.high) if isfinite(quantity.low) else _GIVEN[quantity.unit]
     quantity = replace(quantity, description=description, low=low, high=high)
     return Variable(name, "input", "continuous", description, start, quantity)
 

@@ -7,6 +7,12 @@
 
 #include <stddef.h>
 
+/* For importers that compile without -fvisibility=hidden: else a function of the same name in the host would take the
+   place of ours. */
+#if defined(__GNUC__) && !defined(_WIN32)
+#pragma GCC visibility push(hidden)
+#endif
+
 /* --- the resource: arrays in one file, as fmu_src/native/resource.py writes them -------------------------------------------- */
 
 enum { SOME_BYTES, SOME_INTEGERS, SOME_NUMBERS };
@@ -193,4 +199,7 @@ int arithmetic_initialized(component *c);
 int arithmetic_stepped(component *c, double t, double h);
 int arithmetic_derived(component *c, double t, double h, const double *direction); /* in place of the outputs */
 
+#if defined(__GNUC__) && !defined(_WIN32)
+#pragma GCC visibility pop
+#endif
 #endif

@@ -24,6 +24,9 @@ typedef struct instance {
     char name[256];
 } instance;
 
+#if defined(__GNUC__) && !defined(_WIN32)
+#pragma GCC visibility push(hidden)
+#endif
 /* NULL, with a line in the log, where there can be none. logger, tell, environment, format : of the instance. */
 instance *instance_new(const instance *about, const char *name, const char *guid, const char *folder, int logging);
 void instance_free(instance *i);
@@ -44,6 +47,9 @@ int state_read(instance *i, const char *bytes, size_t size, void **state);
 
 /* The path of a URI, or of a path, decoded in place. */
 const char *path_of(char *uri);
+#if defined(__GNUC__) && !defined(_WIN32)
+#pragma GCC visibility pop
+#endif
 
 #if defined(_WIN32)
 #define EXPORT __declspec(dllexport)

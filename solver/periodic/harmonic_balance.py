@@ -44,6 +44,7 @@ _TOGETHER = 3000  # elements of members and moments in one operation (measured: 
 _FINE = 4096  # samples of the drive, whose mean must be accurate
 MOST = _FINE // 4  # harmonics
 LONG = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
+_FILLING = 1e-2  # of its area: a point that the last such step moves further is not steady (native/balance.c, too)
 _MINUTE = 1e-3  # of the tolerance: a first correction below it may be round-off, which no further one makes less
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
@@ -131,19 +132,24 @@ def steady(model: Model, mean: Array) -> State:
             stage = Stage.of(model, operators_about(model, tau, y, H), y, given, c.P_venous, 0.0)
             # guess a flow that keeps the area constant: a long step would multiply any divergence
             Q, H, A_t = stage.solve(evened(Q), H, settled)
-            y = stage.end(Q, A_t)
+            before, y = layout.part(y, "A"), stage.end(Q, A_t)
         check(model, layout.part(y, "A"), A_t, Q, 0.0)
     except (NonPhysicalState, np.linalg.LinAlgError) as error:
         where = f" (segment {error.segment}: {error.reason})" if isinstance(error, NonPhysicalState) else ""
-        names = [inlet.drive for inlet in model.network.inlets]
-        means = ", ".join(
-            f"{name} = {x:g} {SIGNAL_UNITS[name[-1]]}" for name, x in zip(names, mean.mean(axis=0), strict=True)
-        )
-        raise NoSteadyState(
-            f"network {model.network.name}: it has no steady state with {means}, the mean{where}; "
-            f"change {names[0]} or the outlets, or start from rest."
-        ) from None
+        raise _no_steady_state(model, mean, where) from None
+    if np.any(np.abs(layout.part(y, "A") - before) > _FILLING * layout.part(y, "A")):
+        raise _no_steady_state(model, mean, " (its arteries fill or empty without end)")
     return replace(state, y=y, H=H, A_t=np.zeros_like(A_t))
+
+
+def _no_steady_state(model: Model, mean: Array, where: str) -> NoSteadyState:
+    names = [inlet.drive for inlet in model.network.inlets]
+    pairs = zip(names, mean.mean(axis=0), strict=True)
+    means = ", ".join(f"{name} = {x:g} {SIGNAL_UNITS[name[-1]]}" for name, x in pairs)
+    return NoSteadyState(
+        f"network {model.network.name}: it has no steady state with {means}, the mean{where}; "
+        f"change {names[0]} or the outlets, or start from rest."
+    )
 
 
 def settled_below(model: Model, given: Array) -> tuple[Array, Array]:

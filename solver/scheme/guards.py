@@ -75,7 +75,7 @@ def margins(model: Model, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Arra
         yield relative, lambda: _viscosity_reason(model, relative), remedy
     yield A, lambda: "the area fell to zero or below", "lower the inflow or check R0, E and h there"
     speed = wall.wave_speed(A)
-    yield speed, lambda: "the wall has no stiffness left (dP/dA <= 0)", "use a smaller |ENL/E| or pressure"
+    yield speed, lambda: "the wall has no stiffness left (dP/dA <= 0)", "lower the pressure, or |ENL/E|"
     subcritical = speed - np.abs((Q @ model.mesh.element.at_gauss) / A)
     yield subcritical, lambda: "the flow is supercritical (|Q/A| >= c)", "lower the inflow or stiffen the wall"
 
