@@ -3,7 +3,7 @@
     python benchmarks/real_pressure.py FOLDER [--every SECONDS] [--json FILE]
 
 FOLDER holds records, one CSV file a patient with the columns ``time [s]`` and ``AA.P [mmHg]``. They are not included.
-The numbers of docs/fitting.md are of two ventilated patients, 125 Hz: the first ten minutes of ``sample_record`` and of
+The numbers of docs/lab-files.md are of two ventilated patients, 125 Hz: the first ten minutes of ``sample_record`` and
 ``sample_record2`` of the R package waveformtools (github.com/JohannesNE/waveformtools, commit 24ba1dc; MIT licence,
 copyright 2020 Johannes Enevoldsen), with time from 0, and nothing filtered or filled. The pressure is that of a
 peripheral arterial line of a human, called AA so that it can be read.
