@@ -77,6 +77,17 @@ def test_what_is_as_good_as_broken_down_says_nothing() -> None:
     assert one.cost < float(z(np.zeros(2)) @ z(np.zeros(2)))
 
 
+def test_a_point_whose_neighbour_breaks_down_is_not_taken() -> None:
+    """With derivatives in every step: the first one ends at x0 = 1, where the residual is small, but beyond it 1e160."""
+
+    def z(x: Array) -> Array:
+        return np.array([x[0] - 1.5, x[1] - 1.0, 0.1 * x[0]]) * (1e160 if x[0] > 1.0 else 1.0)
+
+    start = np.array([-1.0, 1.0])
+    one = found(Problem(z), start, replace(RULES, fresh=0))
+    assert not one.failed and start[0] < one.x[0] < 1.0 and np.abs(one.here.J).max() == pytest.approx(1.0)
+
+
 def test_gaussian_priors_and_bounds() -> None:
     """|A x - b|² + |x|²/s² with x1 at most 0.1: ridge regression of x0 with x1 held at its end, to 1e-9."""
     A, b, sd = np.array([[2.0, 1.0], [0.0, 1.0], [1.0, -1.0]]), np.array([1.0, 0.5, 0.2]), 0.5

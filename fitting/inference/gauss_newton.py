@@ -253,7 +253,8 @@ class Search:
                 self.settle(self.x, found)
             return
         size = float(np.abs(self.step / self.size).max())
-        if found is None or not np.abs(found.z).max() < _ABSURD * max(float(self.here.z @ self.here.z), 1.0) ** 0.5:
+        most = _ABSURD * max(float(self.here.z @ self.here.z), 1.0) ** 0.5
+        if found is None or not np.abs(found.z).max() < most or _too_steep(found):
             self.reach = _BROKEN * size
             return
         x = self.x + self.step
@@ -275,6 +276,10 @@ class Search:
             self.reach = _VAIN * size
             self.ended |= self.damping > _MOST_DAMPING
             self.settling = self.rules.latent and not self.settled
+
+
+def _too_steep(found: Point) -> bool:
+    return not np.abs(found.J).max(initial=0.0) < _STEEPEST
 
 
 def continued(fit: Fit, rules: Rules) -> Search:
@@ -315,7 +320,7 @@ def derive(evaluate: Evaluate, searches: Sequence[Search]) -> None:
     by = [s.asked() for s in searches]
     trials = [Trial(s.member, i, s.here, np.zeros(len(s.x))) for s, i in zip(searches, by, strict=True)]
     for s, i, found in zip(searches, by, evaluate(trials), strict=True):
-        if found is None or not np.abs(found.J).max(initial=0.0) < _STEEPEST:
+        if found is None or _too_steep(found):
             s.failed, s.ended = s.here is None, True  # one that has come somewhere ends there
         else:
             J = np.empty((len(found.z), len(s.x)))
