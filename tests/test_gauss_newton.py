@@ -78,7 +78,7 @@ def test_what_is_as_good_as_broken_down_says_nothing() -> None:
 
 
 def test_a_point_whose_neighbour_breaks_down_is_not_taken() -> None:
-    """With derivatives in every step: the first one ends at x0 = 1, where the residual is small, but beyond it 1e160."""
+    """With derivatives in every step: the first one ends at x0 = 1, where the residual is small; beyond it is 1e160."""
 
     def z(x: Array) -> Array:
         return np.array([x[0] - 1.5, x[1] - 1.0, 0.1 * x[0]]) * (1e160 if x[0] > 1.0 else 1.0)
