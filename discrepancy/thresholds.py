@@ -42,10 +42,10 @@ RULED_OUT = 2.0 * math.log(CLASS_ODDS)  # of -2 ln evidence
 MISFIT = 3.0
 # the same for several effects: 3.6, 4 and 5 to 6 %. It is stricter, as two terms can imitate much that is neither
 MISFIT_SEVERAL = 1.8
-# d' that each effect of a pair must have beside the other to be named (linear model). With it, chi2 of held-out beats
-# falls by FALL in 96 % of records, by the formula below
+# d' that each effect of a pair must have beside the other to be named (linear model, and in a network by refits). With
+# it, chi2 of held-out beats falls by FALL in 96 % of records, by the formula below
 VISIBLE = 12.0
-BESIDE = 20.0  # alternative on a bench, from a refit of the other effect alone: judgement
+BESIDE = 20.0  # alternative on a bench, by refits alone: judgement
 # fraction of the gap that an effect must close to be named if more than noise remains, in the fit and on held-out
 # beats: by definition of "most of it"
 PART_CLOSED = 0.5

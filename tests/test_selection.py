@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from small_network import term
 from discrepancy import thresholds
 from discrepancy.name.intervals import stated
 from discrepancy.name.scoring import Named, found_from, price
-from discrepancy.name.verdict import Naming
+from discrepancy.name.verdict import Naming, both_show
 from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import LOG_RANGE
@@ -138,6 +140,32 @@ def test_each_of_two_effects_is_found_as_a_second_one(d: float) -> None:
 
 
 # --- without a site ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("site", "visible", "gain", "shown"),
+    [
+        (None, True, 13.0, True),
+        (None, True, 10.3, False),  # a springpot beside a Windkessel: 88 in the linear model
+        (None, False, 13.0, False),
+        (None, True, None, True),  # the other was not fitted alone
+        ("CA", True, 10.3, True),
+        ("CA", False, 19.0, False),
+        ("CA", False, 21.0, True),
+        ("CA", False, None, False),
+    ],
+)
+def test_both_of_a_pair_show(site: str | None, visible: bool, gain: float | None, shown: bool) -> None:
+    """By the linear model, and by the costs of refits of each effect alone: 12 in a network, 20 on a bench."""
+
+    def hypothesis(cost: float, *labels: str) -> Any:
+        fit = SimpleNamespace(cost=cost, terms=[SimpleNamespace(label=label) for label in labels])
+        return SimpleNamespace(fit=fit, visible=visible or len(labels) < 2, label=" + ".join(labels))
+
+    pair, alone = hypothesis(600.0, "a", "b"), [hypothesis(5e4, "a")]
+    alone += [] if gain is None else [hypothesis(600.0 + gain**2, "b")]
+    found: Any = SimpleNamespace(ranked=[*alone, pair], problem=SimpleNamespace(site=site))
+    assert both_show(found, pair) == shown and both_show(found, alone[0])
 
 
 def test_a_site_is_left_out_with_all_that_it_says() -> None:
