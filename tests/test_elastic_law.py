@@ -240,10 +240,10 @@ def test_a_law_for_simulations_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """A law of a script that is no sum of functions of R is left out of the choice, and rejected where it is given."""
     wall = table_wall("AA")
     before = fit(recording(wall, 40.0), "S", wall.h)
-    monkeypatch.setitem(ELASTIC_LAWS, "fung", SimpleNamespace(name="fung"))
+    monkeypatch.setitem(ELASTIC_LAWS, "fung", SimpleNamespace(name="fung", columns=ELASTIC_LAWS["beta"].columns))
     after = fit(recording(wall, 40.0), "S", wall.h)
     assert (after.law, after.values) == (before.law, before.values)
     with pytest.raises(
-        InputError, match="elastic law 'fung' is none that a wall can be fitted by; use beta, regression"
+        InputError, match="elastic law 'fung': no wall can be fitted with it; use one of beta, regression"
     ):
         model("linear", "fung")

@@ -277,7 +277,11 @@ def test_a_table_of_ranges() -> None:
 def test_units_of_start_values_for_fmi_3(stored: Store, tmp_path: Path) -> None:
     """Numbers are of the type Float64 there: --set takes units, and a study finds the parameters."""
     file = stored(build_native, load("sheep"), settings=COARSE, fmi=3)
-    options = ["--set", "CA.phi0=2 kPa*s", "--stop-time", "0.01 s", "--out", tmp_path / "out.csv", "-q"]
-    assert in_process(main, [file, *options]).returncode == 0
+    found = []
+    for given in ("2 kPa*s", "2000 Pa*s", "80 kPa*s"):
+        options = ["--set", f"CA.phi0={given}", "--stop-time", "0.05 s", "--out", tmp_path / "out.csv", "-q"]
+        assert in_process(main, [file, *options]).returncode == 0
+        found.append(table(tmp_path / "out.csv")["CA.P [Pa]"])
+    assert np.array_equal(found[0], found[1]) and np.abs(found[2] - found[0]).max() > 1.0  # Pa
     model = read_model(os.fspath(file), "sheep", "2.5 ms", None, 1e-4)
     assert isinstance(model, FMUModel) and model.known["CA.phi0"].unit == "Pa.s"

@@ -23,10 +23,10 @@ OWN = {"inlet.drive": 2}
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
-@pytest.mark.parametrize("says", ["", "no options"])
-def test_as_the_build_description_says(stored: Store, tmp_path: Path, fmi: int, says: str) -> None:
-    """The same numbers, to the bit, in a process that has functions with names of ours (``step`` of glibc); FMPy and
-    others leave the options away."""
+@pytest.mark.parametrize("with_options", [pytest.param(True, marks=pytest.mark.slow), False])
+def test_compiled_by_an_importer(stored: Store, tmp_path: Path, fmi: int, with_options: bool) -> None:
+    """The same numbers, to the bit, in a process that has functions with names of ours (``step`` of glibc), with the
+    options of the description and, as by FMPy, without them."""
     file = stored(build_native, load("sheep"), fmi=fmi)
     expected = simulate_fmu(os.fspath(file), stop_time=0.02, start_values=OWN)
     folder = unpack(file, tmp_path).folder
@@ -37,7 +37,7 @@ def test_as_the_build_description_says(stored: Store, tmp_path: Path, fmi: int, 
     files = [str(sources / str(node.get("name"))) for node in description.iter("SourceFile")]
     listed = [node.get("name") for node in ElementTree.parse(folder / "modelDescription.xml").iter("File")]
     assert listed == ([node.get("name") for node in description.iter("SourceFile")] if fmi == 2 else [])
-    options = ["-O1"] if says else ["-std=c99", *str(description.get("compilerOptions")).split()]
+    options = ["-std=c99", *str(description.get("compilerOptions")).split()] if with_options else ["-O1"]
     line = [*compiler.own()[0], *options, "-fPIC", "-shared", *files, "-o", str(library), "-lm"]
     library.unlink()
     subprocess.run(line, check=True, capture_output=True)

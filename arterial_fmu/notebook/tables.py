@@ -21,6 +21,7 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], notes:
 
 
 def _prose(text: str) -> str:
+    """Paragraphs and lists in HTML; text is escaped."""
     found = ""
     for listed, lines in paragraphs(text) if text else ():
         tag, around = ("li", "<ul>{}</ul>") if listed else ("p", "{}")

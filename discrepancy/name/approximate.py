@@ -193,16 +193,16 @@ def _fitted(problem: Networks, fit: Fit, terms: Sequence[PlacedEffect], runs: Ru
 
 def _at_these_points(found: Compared, each: Sequence[Approximate]) -> Compared:
     """The comparison of these hypotheses at these points, most probable first, and of all others that leave only noise.
-    At other points the misfit was minimised with other weights."""
+    At other points the misfit was minimised with other weights. above_best is the difference of the scores with model
+    errors, by which they are in order, if all have one."""
     weighted = [(a.score, weighed(found.problem, a.fit, found.terms)) for a in each]
-    best, scores = dict[str, Named](), dict[str, float]()
+    best = dict[str, tuple[float, Named]]()
     for score, exact in sorted(weighted, key=lambda pair: (pair[0], pair[1].score)):
-        best.setdefault(exact.key, exact)
-        scores.setdefault(exact.key, score)
-    none = best.pop("", found.none)
-    named = [*best.values(), *(n for n in found.ranked if n.key not in best and n.explains)]
+        best.setdefault(exact.key, (score, exact))
+    none = best.pop("", (0.0, found.none))[1]
+    named = [*(n for _, n in best.values()), *(n for n in found.ranked if n.key not in best and n.explains)]
     order = apart(sorted(named, key=lambda n: not n.shown))
-    first = scores.get(order[0].key, -np.inf) if order else -np.inf
-    if np.isfinite(first):  # their odds are those with their errors, as their order is
-        order = tuple(replace(n, above_best=scores[n.key] - first) if n.key in scores else n for n in order)
+    scores = [best[n.key][0] if n.key in best else -np.inf for n in order]
+    if np.isfinite(scores).all():
+        order = tuple(replace(n, above_best=score - scores[0]) for n, score in zip(order, scores, strict=True))
     return replace(found, none=none, ranked=order)

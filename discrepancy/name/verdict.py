@@ -157,15 +157,18 @@ def _with_shown(exact: Sequence[Named]) -> list[Named]:
 
 
 def both_show(found: Compared, n: Named) -> bool:
-    """True if each of two effects is detectable beside the other: in the linear model (:attr:`Named.visible`), and in a
-    network also by refits of the other alone, d'² = cost(the other alone) - cost(both). A springpot in place of all
-    viscosity moves more in the linear model than it explains. On a bench refits suffice, with more room."""
+    """True if each of two effects is detectable beside the other. The linear model shows it (:attr:`Named.visible`),
+    and so does the cost of a refit without the effect, d'² = cost(without it) - cost(both). In a network both must show
+    it, because the linear response to an effect that replaces all viscosity is larger than what a refit gains; where
+    there was no refit without the effect, the linear model suffices. On a bench one suffices, the refit with a higher
+    limit.
+    """
     alone = {other.label: other.fit.cost for other in found.ranked if len(other.fit.terms) == 1}
     both = n.fit.terms if len(n.fit.terms) > 1 else ()
     least = min((alone[t.label] - n.fit.cost for t in both if t.label in alone), default=math.inf)
     if found.problem.site is None:
         return n.visible and least >= at.VISIBLE**2
-    return n.visible or all(t.label in alone for t in both) and least >= at.BESIDE**2
+    return n.visible or (all(t.label in alone for t in both) and least >= at.BESIDE**2)
 
 
 def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:

@@ -1,4 +1,4 @@
-"""The figures of a study: source map, network with marked places, waveforms, loops, separations.
+"""The figures of a study: source map and its terms, network with marked places, waveforms, loops, separations.
 
 Every function returns a picture and its caption; :func:`figures` calls the functions for which there are data.
 """
@@ -131,16 +131,16 @@ def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> Cap
 
 def terms_figure(shown: SourceMapShown, network: Network) -> Captioned:
     """A panel with g(t) for each place: one above the other beside a narrow network, else in a row."""
-    n = len(shown.signals)
-    rows, columns = (n, 1) if _is_narrow(network) else (1, n)
-    figure = Picture(figsize=(_WIDE * columns, _HIGH * rows + 0.2), layout="constrained")
     signals = [(a, _colour(i)) for i, a in enumerate(shown.acting) if a.number is None]
+    rows, columns = (len(signals), 1) if _is_narrow(network) else (1, len(signals))
+    figure = Picture(figsize=(_WIDE * columns, _HIGH * rows + 0.2), layout="constrained")
     for i, (a, colour) in enumerate(signals):
         _beat(figure.add_subplot(rows, columns, i + 1), a, shown, colour)
     return figure, "The missing terms over one beat, with a band of ± 1 standard deviation."
 
 
 def _is_narrow(network: Network) -> bool:
+    """True if the terms have room beside the drawing."""
     return max(max(lane.x0, lane.x1) for lane in lanes(network)) <= _COLUMNS
 
 

@@ -250,8 +250,10 @@ def map_sentences(shown: SourceMapShown, known: str = "") -> list[str]:
         return [f"No place shows a residual beyond noise: {misfit} with the subject’s own numbers alone."]
     if not shown.acting:
         return [f"The residual exceeds the noise, but no place explains it: {misfit}."]
-    left = f"With these terms, {'only noise' if shown.explains else 'more than noise'} remains: {misfit}."
-    return [left] if acts_as(shown) in known else [acts_as(shown, "The missing physics"), left]
+    remains = f"{'only noise' if shown.explains else 'more than noise'} remains: {misfit}."
+    if acts_as(shown) in known:
+        return [f"With the terms named above, {remains}"]
+    return [acts_as(shown, "The missing physics"), f"With these terms, {remains}"]
 
 
 def phrase(place: Place) -> str:

@@ -38,8 +38,8 @@ def doubts(
     mass : of the animal [kg], None if it is not stated."""
     if (n := beats_in_period(beats)) > 1:
         yield (
-            f"a period of {beats.T:.3g} s contains {n} beats, but delays and notes take it for one; give --period "
-            f'"{beats.T / n:.3g} s".'
+            f"the period of {beats.T:.3g} s contains {n} beats, but delays and other notes count it as one; give "
+            f'--period "{beats.T / n:.3g} s".'
         )
     yield from _ventricle(beats, root)
     yield from _clocks(beats, root)

@@ -32,8 +32,8 @@ _EARLY = 0.5  # of its rise: until then the flow enters vessels without reflecti
 _CLOSED = 0.05  # of its peak: below that flow, the valve is closed
 _SPEEDS = 2.0  # times another estimate of the wave speed, or half of it: of another place
 _MOST_BEATS = 8  # in a period
-# of the pulsation of the inflow, at every n-th harmonic of a period with n beats: of a period with one, every second
-# one has at most half of it (inlets and arteries of the included networks; one small branch 0.7)
+# of the pulsation of the inflow, at every n-th harmonic of a period with n beats; a period of one beat has at most half
+# of it at every second harmonic (inlets and arteries of the included networks; one small branch 0.7)
 _REPEATED = 0.9
 _C = "total compliance C"
 _DECAY = (0.3, 0.98)  # of diastole: where pressure decays alike everywhere
@@ -81,8 +81,8 @@ def root_pressure(beats: Beats) -> str:
 
 
 def beats_in_period(beats: Beats) -> int:
-    """How many like beats a period contains, if a longer one was given: the pulsation of the inflow then has only every
-    n-th harmonic."""
+    """The number of similar beats in a period, if a longer one was given: more than 0.9 of the inflow's pulsation is
+    then at every n-th harmonic."""
     power = np.abs(coefficients(beats.mean(INFLOW))[1:]) ** 2
     several = range(_MOST_BEATS, 1, -1)
     return next((n for n in several if power[n - 1 :: n].sum() > _REPEATED * power.sum()), 1)

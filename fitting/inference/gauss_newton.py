@@ -279,6 +279,7 @@ class Search:
 
 
 def _too_steep(found: Point) -> bool:
+    """True if a derivative is so large, or NaN, that a neighbour of the point has broken down."""
     return not np.abs(found.J).max(initial=0.0) < _STEEPEST
 
 

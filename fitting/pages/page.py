@@ -32,7 +32,7 @@ def environment(folder: Path) -> Environment:
 
 
 def paragraphs(text: str) -> list[tuple[bool, list[str]]]:
-    """The lines of a text, in turn those of a list, which begin with "- ", and others: (whether a list, its lines)."""
+    """Runs of lines, each with whether it is a list, whose lines begin with "- "; without that mark."""
     parts = groupby(text.split("\n"), lambda line: line.startswith("- "))
     return [(listed, [line.removeprefix("- ") for line in lines]) for listed, lines in parts]
 

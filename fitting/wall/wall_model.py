@@ -74,15 +74,16 @@ def model(name: str, elastic: str) -> WallModel:
         raise InputError(f"model {name!r} is not known; use one of {', '.join(laws)}.")
     if elastic not in fitted_laws():
         raise InputError(
-            f"elastic law {elastic!r} is none that a wall can be fitted by; use {', '.join(fitted_laws())}."
+            f"elastic law {elastic!r}: no wall can be fitted with it; use one of {', '.join(fitted_laws())}."
         )
     viscous, free = laws[name]
     return WallModel(name, elastic, viscous, free)
 
 
 def fitted_laws() -> tuple[str, ...]:
-    """The elastic laws of fits: those that are sums of functions of R. Others, of a script, are for simulations."""
-    return tuple(name for name, law in ELASTIC_LAWS.items() if hasattr(law, "columns"))
+    """The elastic laws that a wall can be fitted with: those with the methods columns, solve and energy."""
+    needed = ("columns", "solve", "energy")
+    return tuple(name for name, law in ELASTIC_LAWS.items() if all(hasattr(law, each) for each in needed))
 
 
 def columns(model: WallModel, R: Array, R_t: Array) -> Array:

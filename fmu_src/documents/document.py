@@ -1,4 +1,5 @@
-"""What an FMU says about itself to people: ``documentation/index.html`` and ``model.png``. Not part of its code."""
+"""What an FMU says about itself to people: ``documentation/index.html``, ``model.png`` and, for FMI 3.0,
+``documentation/diagram.png``. Not part of its code."""
 
 from __future__ import annotations
 

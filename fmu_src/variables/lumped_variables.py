@@ -27,7 +27,7 @@ _GIVEN = {PRESSURE.unit: (-1e5, 1e6), VOLUME.unit: (-1e6, 1e6)}  # ranges of inp
 
 def input_variable(name: str, quantity: Quantity, description: str, start: float) -> Variable:
     """An input."""
-    low, high = (quantity.low, quantity.high) if isfinite(quantity.low) else _GIVEN[quantity.unit]
+    low, high = (quantity.low, quantity.high) if isfinite(quantity.low) else _GIVEN.get(quantity.unit, ANY)
     quantity = replace(quantity, description=description, low=low, high=high)
     return Variable(name, "input", "continuous", description, start, quantity)
 

@@ -122,7 +122,8 @@ def moments_of(model: Model, harmonics: int) -> Moments:
 
 
 def steady(model: Model, mean: Array) -> State:
-    """The steady state under constant inflows [m³/s] or pressures at the inlets [Pa] : (B or 1, n_inlets)."""
+    """The steady state under constant inflows [m³/s] or pressures at the inlets [Pa] : (B or 1, n_inlets). Raises
+    NoSteadyState if there is none, also if the last step still moves an area by more than a hundredth."""
     state, c, layout = initial_state(model), model.coefficients, model.layout
     y, H, Q, A_t = state.y, state.H, state.Q, state.A_t
     given = model.inlets.gain * mean
