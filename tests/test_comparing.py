@@ -204,6 +204,21 @@ def test_less_than_half_of_the_gap_is_no_part() -> None:
     assert naming.reason is not None and "comes nearest, but more remains: whitened RMS 0.6" in naming.reason
 
 
+def test_a_name_that_explains_is_not_lost_to_one_that_closes_nothing() -> None:
+    """An offset leaves only noise; a wall closes 0.4 of the gap and its model error the rest, at lower cost. The offset
+    is named; alone, the wall would be nothing but what comes nearest."""
+    problem: Any = Lawless()
+    zero, wall, none = pair(("channel_offset", "B.P")), pair(WALL), replace(pair(), misfit=99.0, score=900.0)
+    zero = replace(zero, misfit=1.0, score=100.0)
+    wall = replace(wall, fit=replace(wall.fit, z=0.6 * none.fit.z), misfit=99.0, score=800.0)
+    loose = (replace(wall, errors=np.ones(1), score=95.0), replace(none, errors=np.ones(1), score=110.0))
+    found = Compared(problem, none, (zero, wall), {}, ())
+    naming = decided(found, (), lambda n: None, approximate=loose)
+    assert (naming.verdict, [n.label for n in naming.members]) == ("effect", [zero.label])
+    naming = decided(replace(found, ranked=(wall,)), (), lambda n: None, approximate=loose)
+    assert naming.verdict == "unknown" and "comes nearest" in (naming.reason or "")
+
+
 def test_a_name_pays_for_the_choice_among_effects_and_places() -> None:
     """One of two effects, at one of its three places: a prior of 1/6, -2 ln of it."""
     terms = [PlacedEffect(*each, (), ()) for each in (("leak", "A"), ("leak", "B"), ("leak", "C"), WALL)]

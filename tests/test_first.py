@@ -96,10 +96,22 @@ def numbers(model: FirstModel) -> dict[str, float]:
         (-0.2, 0.0, 1.0, None, (r"Ao.P rises 1\d\d ms before inlet.Q, ",)),
         (0.0, -60.0, 1.0, None, (r"inlet.Q is -(60|59.9) mL/s late in diastole, ",)),
         (0.0, 20.0, 1.0, None, (r"inlet.Q is constant at (20|20.1) mL/s late in diastole. ",)),
+        (0.0, 15.0, 1.0, None, (r"inlet.Q is constant at (15|15.1) mL/s late in diastole. ",)),
+        (0.0, 10.0, 1.0, None, ()),
         (0.0, 0.0, 0.06, None, ("the total resistance is 12 times that of an animal of 53.1 kg",)),
         (0.0, 0.0, 0.06, 7.0, ()),
     ],
-    ids=["none", "P late", "P early", "zero too low", "zero too high", "L/min as mL/s", "a small animal"],
+    ids=[
+        "none",
+        "P late",
+        "P early",
+        "zero too low",
+        "zero too high",
+        "less",
+        "little",
+        "L/min as mL/s",
+        "a small animal",
+    ],
 )
 def test_clocks_zeros_and_units(
     late: float, zero: float, scale: float, mass: float | None, expected: tuple[str, ...]
@@ -233,6 +245,7 @@ def test_a_late_flow_meter(late: float) -> None:
         assert float(found[1]) == pytest.approx(1e3 * abs(late), abs=3.0)
         assert found[2] == ("late" if late > 0.0 else "early")
         assert '# [channels."inlet.Q"]' in model.text
+        assert any("the file as it is misses more" in note for note in model.notes)
     else:
         assert not any(said) and "[channels" not in model.text
 
@@ -497,6 +510,10 @@ def test_size_of_the_animal_by_its_stroke() -> None:
         ({"Ao_P": P_HUMAN}, "needs the flow into the root, inlet.Q, beside a pressure there, and the record has Ao.P"),
         ({"Ao_P": P_HUMAN, "Ao_Q": Q_HUMAN}, r'--map "Ao.Q=inlet.Q"'),
         ({"inlet_Q": Q_HUMAN}, "needs a pressure at the root, such as Ao.P, beside inlet.Q"),
+        (
+            {"inlet_Q": Q_HUMAN, "Ao_P": P_HUMAN, "Car_Q": -0.1 * Q_HUMAN},
+            r'Car.Q is -\d[\d.]* mL/s, .* check its sign \(--map "TITLE=-Car.Q" turns it\)',
+        ),
         ({"inlet_Q": -Q_HUMAN, "Ao_P": P_HUMAN}, r'check the sign of inlet.Q \(--map "TITLE=-inlet.Q" turns it\)'),
     ],
 )

@@ -37,6 +37,7 @@ from arterial_fmu.study.varied import parse_varied
 from build_fmu import build
 from fitting.parallel.threads import ENVIRONMENT
 from fitting.records.channels.spectral import interpolated
+from fitting.records.read.columns import Reading
 from solver import Settings, load, repeating_beat
 from solver.network.files import write_network
 from solver.quantities.quantity import Quantity
@@ -373,6 +374,21 @@ def test_an_inflow_of_a_record_or_a_network() -> None:
     np.testing.assert_allclose(model.flow(t), load("sheep").inlet.Q(t), atol=2e-4 * 55e-6)
     with pytest.raises(ValueError, match="--tolerance = 0: must be above 0"):
         read_model("sheep", None, "2.5 ms", "5 cm", 0.0)
+
+
+def test_an_inflow_of_a_laboratory_file(tmp_path: Path) -> None:
+    """A LabChart text with a title of its own is a record, no network; without --map a sentence gives the option."""
+    T, t = 0.5, np.arange(2000) * 0.005
+    Q = 20.0 + 30.0 * np.sin(2.0 * np.pi * t / T) + 10.0 * np.sin(4.0 * np.pi * t / T)
+    file = tmp_path / "chart.txt"
+    head = "Interval=\t0.005 s\nTimeFormat=\tStartOfBlock\nChannelTitle=\tAo Flow\nUnitName=\tmL/s\n"
+    file.write_text(head + "".join(f"{s:.3f}\t{x:.4f}\n" for s, x in zip(t, Q, strict=True)))
+    model = read_model("sheep", str(file), "2.5 ms", "5 cm", 1e-4, Reading(names={"Ao Flow": "inlet.Q"}))
+    assert isinstance(model, NetworkModel) and model.flow is not None
+    assert model.flow.T == pytest.approx(T, rel=1e-3)
+    assert float(np.mean(model.flow(t[:100]))) == pytest.approx(1e-6 * Q[:100].mean(), rel=1e-3)
+    with pytest.raises(ValueError, match='--map "Ao Flow=inlet.Q"'):
+        read_model("sheep", str(file), "2.5 ms", "5 cm", 1e-4)
 
 
 @pytest.mark.parametrize(

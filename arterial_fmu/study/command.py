@@ -11,6 +11,8 @@ from rich.table import Table
 from arterial_fmu.cli.terminal.console import conclude, right, sentences, show
 from arterial_fmu.cli.terminal.options import Json, Quiet, networks_for
 from arterial_fmu.cli.terminal.progress import PACE, bar
+from arterial_fmu.cli.terminal.record_options import Decimal, Mapped
+from fitting.records.read.columns import Reading
 from fitting.results.result_files import plain
 from solver.errors import InputError
 from solver.io.writing import check_destinations
@@ -47,8 +49,10 @@ def main(
     sites: Annotated[str | None, typer.Option(help="Sites of the results: MD,CA. Default: all sites.")] = None,
     inflow: Annotated[
         str | None,
-        typer.Option(help="Source of the inflow: a network, or a record (CSV) with inlet.Q. An FMU needs it."),
+        typer.Option(help="Source of the inflow: a network, or a record with inlet.Q. An FMU needs it."),
     ] = None,
+    mapped: Mapped = None,
+    decimal: Decimal = None,
     dt: Annotated[str, typer.Option(help="Time step; an FMU has its own.")] = "2.5 ms",
     element_length: Annotated[
         str | None,
@@ -73,7 +77,8 @@ def main(
         with bar(quiet, pace=PACE) as progress:
             progress(0.0, "reading")
             check_destinations(*(out / n for n in ("plan.json", *WRITTEN)), given=[model, inflow], folders=True)
-            studied = read_model(model, inflow, dt, element_length, tolerance)
+            how = Reading.from_options(mapped, decimal)
+            studied = read_model(model, inflow, dt, element_length, tolerance, how)
             varied = parse_varied(vary or [], studied.known, studied.nominal, studied.name)
             plan = plan_of(studied, varied, samples, seed, sites)
             if jobs is not None and jobs < 1:

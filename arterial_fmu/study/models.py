@@ -13,6 +13,7 @@ import numpy as np
 
 from fitting.records.alignment.align import align
 from fitting.records.channels.inflow import Inflow, inflow
+from fitting.records.read.columns import Reading
 from fitting.records.read.record import read_record
 from solver import Network, Settings, repeating_beat
 from solver.errors import InputError
@@ -32,6 +33,7 @@ MAX_BEATS = 30
 ELEMENT = 0.05  # m, longest element if walls damp little
 _LONGER = 40.0  # m/s: with viscous walls, elements as much longer as steps; errors of both fall together
 _LONGEST = 0.1  # m
+_NETWORKS = ("", ".toml", ".fmu")  # suffixes; any other is that of a record
 
 
 @dataclass(frozen=True)
@@ -191,18 +193,25 @@ class FMUModel:
 StudyModel = NetworkModel | FMUModel
 
 
-def read_model(source: str, driven_by: str | None, dt: str, element_length: str | None, tolerance: float) -> StudyModel:
+def read_model(
+    source: str,
+    driven_by: str | None,
+    dt: str,
+    element_length: str | None,
+    tolerance: float,
+    how: Reading | None = None,
+) -> StudyModel:
     """The model of a bundled name, a network file or an FMU.
 
-    driven_by : the source of the inflow, a network or a record (CSV) with inlet.Q. An FMU needs it. element_length :
-    None for 5 cm, or up to 10 cm where viscous walls allow it.
+    driven_by : the source of the inflow, a network or a record with inlet.Q, read as ``how`` says. An FMU needs it.
+    element_length : None for 5 cm, or up to 10 cm where viscous walls allow it.
     Raises ValueError, one sentence.
     """
     seconds = parse_quantity(dt, "s", "--dt")
     if not 0.0 < tolerance <= 0.1:
         raise InputError(f"--tolerance = {tolerance:g}: must be above 0, and 0.1 at most.")
     if source.lower().endswith(".fmu"):
-        return _fmu_model(source, driven_by)
+        return _fmu_model(source, driven_by, how)
     network = read_network(find_network(source))
     longest = ELEMENT if element_length is None else typed_quantity(element_length, "m", "--element-length")
     longer = min(_LONGEST, _LONGER * seconds) if element_length is None else 0.0
@@ -213,10 +222,10 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str 
         return NetworkModel(network, settings, tolerance, None, longer)
     if len(network.inlets) > 1 or network.inlet.causality != "flow":
         raise InputError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")
-    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds, network), longer)
+    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds, network, how), longer)
 
 
-def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
+def _fmu_model(path: str, driven_by: str | None, how: Reading | None) -> FMUModel:
     import fmpy
 
     from fitting.check.fmu_run import read_fmu
@@ -227,7 +236,7 @@ def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
             f"{path}: an FMU is driven by an inflow; add --inflow with a network, such as sheep, or a record with "
             f"{INFLOW}."
         )
-    flow = _flow(driven_by, fmu.dt)
+    flow = _flow(driven_by, fmu.dt, None, how)
     n = 2 * flow.X.shape[-1]
     beat = flow(np.arange(n) * (flow.T / n))
     known, nominal = {}, {}
@@ -243,10 +252,10 @@ def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
     return FMUModel(path, digest, tuple(beat.tolist()), flow.T, known, nominal)
 
 
-def _flow(source: str, dt: float, network: Network | None = None) -> Inflow:
+def _flow(source: str, dt: float, network: Network | None, how: Reading | None) -> Inflow:
     """The inflow of a network, or the mean beat of a record, up to the frequencies that steps of dt [s] resolve.
-    network : gives the filter of the record's meter."""
-    if not source.lower().endswith(".csv"):
+    network : gives the filter of the record's meter. how : to read the record."""
+    if Path(source).suffix.lower() in _NETWORKS:
         inlet = read_network(find_network(source)).inlet
         if inlet.causality != "flow":
             raise InputError(f"--inflow {source}: a pressure is given at its inlet; give a network with a flow.")
@@ -254,7 +263,7 @@ def _flow(source: str, dt: float, network: Network | None = None) -> Inflow:
         X = np.fft.rfft(inlet.Q(np.arange(n) * (inlet.T / n)), norm="forward")
         X[-1] *= 0.5
         return Inflow(inlet.T, X, np.ones(len(X), bool))
-    record = read_record(source)
+    record = read_record(source, how)
     record.require((INFLOW,))
     return inflow(align(record), dt, network)
 

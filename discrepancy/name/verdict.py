@@ -107,6 +107,8 @@ def _decided(found: Compared, terms: tuple[PlacedEffect, ...], beside: Freed, ap
     exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
     widened = ((n, beside(n)) for n in _discrepancy_candidates(found, exact))
     loose = [with_errors(n, errors) for n, errors in widened if errors is not None]
+    if any(n.fit.terms for n in exact):
+        approximate = [n for n in approximate if not n.fit.terms or _closes(found, n)]
     ways = ranked([*exact, *(n for n in loose if not _by_a_law(n, exact)), *_with_shown(approximate)])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
     if none.explains:
@@ -199,6 +201,13 @@ def _discrepancy_candidates(found: Compared, exact: Sequence[Named]) -> list[Nam
 def _closed(found: Compared, n: Named) -> float:
     """The fraction of the gap that a hypothesis closes."""
     return 1.0 - math.sqrt(n.fit.chi2 / found.none.fit.chi2)
+
+
+def _closes(found: Compared, n: Named) -> bool:
+    """False for an effect that closes too little of the gap to be named: beside one that leaves only noise, its model
+    error explains the record in its stead."""
+    exact = next((other for other in found.ranked if other.key == n.key), None)
+    return exact is None or _closed(found, exact) >= at.PART_CLOSED
 
 
 def _class(order: Sequence[Named]) -> tuple[Named, ...]:

@@ -9,7 +9,7 @@ from itertools import count
 import numpy as np
 
 from solver.errors import InputError
-from solver.quantities.units import INFLOW
+from solver.quantities.units import INFLOW, of_signal
 
 from ..records.alignment.beats import Beats
 
@@ -181,8 +181,12 @@ def _shares(beats: Beats, upstream: Mapping[str, str], area: float) -> dict[str,
         mine = {s: measured.get(s, max(unmeasured, _SIDE * found[before]) / max(others, 1)) for s in here}
         total = sum(mine.values())
         if min(mine.values()) <= 0.0:
+            least = f"{min(mine, key=lambda s: mine[s])}.Q"
+            unit, shown = of_signal(least)
+            mean = f"{shown * float(beats.mean(least).mean()):.3g} {unit}"
             raise InputError(
-                f"{beats.source}: the mean flow at {min(mine, key=lambda s: mine[s])} is not positive; check its sign."
+                f"{beats.source}: the mean of {least} is {mean}, and that "
+                f'of an artery is positive; check its sign (--map "TITLE=-{least}" turns it) and its zero.'
             )
         found |= {s: x * min(1.0, found[before] / total) for s, x in mine.items()}
         waiting = [site for site in waiting if site not in here]
