@@ -410,7 +410,7 @@ def test_candidates_are_named_for_what_they_are(sheep: Network) -> None:
     """Of none they are folded away as not needed, of unknown they explain nothing; neither has a class."""
     none, unknown, effect = (page(synthetic(verdict, sheep), {}) for verdict in ("none", "unknown", "effect"))
     assert "<h2>Effects that were tried and are not needed</h2>\n<details>" in none and "<h2>Candidates" not in none
-    assert "No candidate explains the record." in unknown and "No candidate" not in none + effect
+    assert "No candidate is named." in unknown and "No candidate" not in none + effect
     assert ["in the<br>class" in html for html in (none, unknown, effect)] == [False, False, True]
     assert none.count("<details>") == none.count("</details>") and "<details>\n<summary>3 that" not in unknown + effect
 

@@ -205,7 +205,7 @@ def _closed(found: Compared, n: Named) -> float:
 
 def _closes(found: Compared, n: Named) -> bool:
     """False for an effect that closes too little of the gap to be named: beside one that leaves only noise, its model
-    error explains the record in its stead."""
+    error explains the record in its place."""
     exact = next((other for other in found.ranked if other.key == n.key), None)
     return exact is None or _closed(found, exact) >= at.PART_CLOSED
 
