@@ -68,7 +68,7 @@ SHORTER = {
     "docs/tutorial-effect.md": {"sheep --channels AA.P,CA.P,FA.P": "cca --channels common_carotid_artery.P"},
 }
 # Python that changes the catalogue of its process
-APART = ("effects.ALL +=",)
+APART = ("effects.ALL +=", "outlets.OUTLETS +=", "_LAWS[")
 # these install things or run the whole test suite
 NOT_HERE = ("make ", "-m venv")
 
