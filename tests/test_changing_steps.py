@@ -43,8 +43,12 @@ def flows(stored: Store, folder: Path, steps: Sequence[float], interpolation: st
 
 @pytest.mark.parametrize(
     ("steps", "bound"),
-    [((1.0,), 1e-3), ((1.0, 2.0), 0.01), ((*[1.0] * 9, 0.01), 0.05), ((5.0, 0.5), 0.15)],
-    ids=["1", "1-2", "0.01", "5-0.5"],
+    [
+        pytest.param((1.0,), 1e-3, marks=pytest.mark.slow, id="1"),
+        pytest.param((1.0, 2.0), 0.01, id="1-2"),
+        pytest.param((*[1.0] * 9, 0.01), 0.05, marks=pytest.mark.slow, id="0.01"),
+        pytest.param((5.0, 0.5), 0.15, marks=pytest.mark.slow, id="5-0.5"),
+    ],
 )
 def test_flow(stored: Store, tmp_path: Path, steps: Sequence[float], bound: float) -> None:
     """Of any lengths: no step is refused, and the flow is off by 0.06, 0.8, 4 and 12 % of its largest, with either kind

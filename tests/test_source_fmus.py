@@ -22,7 +22,7 @@ pytestmark = needs_compiler
 OWN = {"inlet.drive": 2}
 
 
-@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("fmi", [2, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("with_options", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_compiled_by_an_importer(stored: Store, tmp_path: Path, fmi: int, with_options: bool) -> None:
     """The same numbers, to the bit, in a process that has functions with names of ours (``step`` of glibc), with the
