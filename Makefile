@@ -23,7 +23,7 @@ help:
 	@echo "make demo      build dist/sheep.fmu, run it elastic and viscoelastic, draw the figures"
 	@echo "make loop      heart, human arteries and veins in a closed loop, two minutes; draw the figure"
 	@echo "make discover  find what is missing in a model: two synthetic records, one minute"
-	@echo "make test      run the tests: five to seven minutes on two cores"
+	@echo "make test      run the tests: five to eight minutes on two cores"
 	@echo "make test-slow run the long ones that make test leaves out: examples, snippets, generators"
 	@echo "make test-all  both in one run, as .ci/run does"
 	@echo "make check     formatting, lint, types"

@@ -13,6 +13,8 @@ import pytest
 from discrepancy import thresholds as at
 from discrepancy.assemble import _bent, sentence
 from discrepancy.findings.outcome import NamedEffect, OwnNumber, Walls
+from discrepancy.name import approximate
+from discrepancy.name.approximate import Approximate
 from discrepancy.name.intervals import _lower
 from discrepancy.name.scoring import Compared, Named, choice, ranked, shares
 from discrepancy.name.verdict import Naming, _discrepancy_candidates, _exact_verdict, _partial, decided
@@ -217,6 +219,24 @@ def test_a_name_that_explains_is_not_lost_to_one_that_closes_nothing() -> None:
     assert (naming.verdict, [n.label for n in naming.members]) == ("effect", [zero.label])
     naming = decided(replace(found, ranked=(wall,)), (), lambda n: None, approximate=loose)
     assert naming.verdict == "unknown" and "comes nearest" in (naming.reason or "")
+
+
+@pytest.mark.parametrize(("zero_left", "behind"), [(3.0, [0.0, 3.0]), (None, [0.0, -40.0])])
+def test_odds_are_those_of_the_order(
+    monkeypatch: pytest.MonkeyPatch, zero_left: float | None, behind: list[float]
+) -> None:
+    """Scores with model errors 0 and 3, by the noise alone 100 and 60: the former, by which they are in order. A fault
+    that no record shows comes last, also if it leaves only noise and has no score with an error: then the latter."""
+    wall, zero = replace(pair(WALL), score=100.0), replace(pair(LAG), score=60.0, shown=zero_left is not None)
+    by = {id(n.fit): n for n in (wall, zero)}
+    monkeypatch.setattr(approximate, "weighed", lambda problem, fit, terms: by[id(fit)])
+    each = [Approximate(wall.fit, replace(wall, score=0.0)), Approximate(zero.fit)]
+    if zero_left is not None:
+        each[1] = Approximate(zero.fit, replace(zero, score=zero_left))
+    problem: Any = Lawless()
+    found = approximate._at_these_points(Compared(problem, pair(), (), {}, ()), each)
+    assert [n.label for n in found.ranked] == [wall.label, zero.label]
+    assert [n.above_best for n in found.ranked] == behind
 
 
 def test_a_name_pays_for_the_choice_among_effects_and_places() -> None:
