@@ -33,6 +33,7 @@ def first_command(
     distance: options.Distances = None,
     path: options.Paths = None,
     period: options.Period = None,
+    part: options.Part = None,
     beside: options.Beside = None,
     mapped: options.Mapped = None,
     decimal: options.Decimal = None,
@@ -44,7 +45,7 @@ def first_command(
 ) -> None:
     """Make a first model from a recording: resistance, compliance, impedance, delays, and the network from them."""
     with sentences():
-        how = options.reading([record], mapped, decimal, beside)
+        how = options.reading([record], mapped, decimal, beside, part)
         T = options.seconds(period, "--period")
         check_destinations(out, given=[record, *how.beside])
         asked = options.first_options(like, mass, venous, distance, path)

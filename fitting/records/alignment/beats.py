@@ -107,8 +107,8 @@ class Beats:
                 unit, factor = of_signal(name)
                 found.append(
                     f"the mean of {name} goes from {factor * line[1]:.3g} to {factor * (line[1] + change):.3g} {unit} "
-                    "over the beats used: the mean beat is of no single state, or a zero drifts; cut the file to a "
-                    "steady part."
+                    "over the beats used: the mean beat is of no single state, or a zero drifts; give a steady "
+                    "part with --part."
                 )
         return found
 
@@ -134,8 +134,8 @@ class Beats:
         names = ", ".join(dict.fromkeys(found[b][0] for b in sorted(found)))
         return [
             f"{len(found)} of {self.n_beats} beats, from {begins[min(found)]:.4g} to {begins[max(found)]:.4g} s after "
-            f"the record's start, are unlike the others in {names}: if the subject was in another state then, cut the "
-            "file to one state; if they are artefacts, leave their samples empty."
+            f"the record's start, are unlike the others in {names}: if the subject was in another state then, give "
+            "the part of one state with --part; if they are artefacts, leave their samples empty."
         ]
 
     def require(self, names: Iterable[str]) -> None:

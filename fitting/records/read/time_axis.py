@@ -15,7 +15,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from solver.errors import InputError
+
 from .. import limits
+from .clock import span_text
 from .sensors import UnusableRecord, refuse
 from .table import Place
 
@@ -67,6 +70,30 @@ def between(t: Array, x: Array, at: Array) -> Array:
     return CubicSpline(t, x)(at) if len(t) > 1 else np.full(len(at), np.nan)
 
 
+def rows_of(
+    given: Array, factor: float, origin: float, span: tuple[float, float], place: Place
+) -> tuple[slice, tuple[str, ...]]:
+    """The samples whose stamps, ``given`` times ``factor`` [s], lie in the span [s] from ``origin`` [s] on, and a note.
+
+    Raises ValueError if there are none.
+    """
+    with np.errstate(invalid="ignore"):
+        blur = 4.0 * np.spacing(np.nanmax(np.abs(given))) * factor  # of a stamp at the edge
+        after = given * factor - origin
+        inside = (after >= span[0] - blur) & (after < span[1] - blur)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
+    if len(edges) == 0:
+        lasts = f"its samples are from {np.nanmin(after):.6g} to {np.nanmax(after):.6g} s after the first"
+        raise InputError(f'{place}: --part "{span_text(span)}": {lasts}; give a part of these.')
+    sizes = edges[1::2] - edges[::2]
+    at = 2 * int(sizes.argmax())
+    several = int(np.count_nonzero(sizes >= limits.FEWEST_SAMPLES))
+    again = f"; {several} stretches have such times, and the longest was read" if several > 1 else ""
+    return slice(int(edges[at]), int(edges[at + 1])), (
+        f"{place}: only {span_text(span)} of the record was read{again}; times in notes count from there.",
+    )
+
+
 def longest_block(given: Array, factor: float, place: Place) -> tuple[slice, tuple[str, ...]]:
     """The samples of the longest block of a file, and a note on the others; all samples of a file with one block.
 
@@ -87,8 +114,8 @@ def longest_block(given: Array, factor: float, place: Place) -> tuple[slice, tup
     block = slice(start, start + int(sizes.max()))
     return block, (
         f"{place} holds {len(sizes)} blocks, at which its times begin anew or pause; the longest, of "
-        f"{(given[block.stop - 1] - given[start]) * factor:.4g} s from {place.of(start)} on, was read: cut the file to "
-        "read another.",
+        f"{(given[block.stop - 1] - given[start]) * factor:.4g} s from {place.of(start)} on, was read: --part reads "
+        "another.",
     )
 
 
@@ -197,7 +224,7 @@ def _check_regular(step: Array, numbers: Array, dt: float, lost: int, title: str
         at = int(step.argmax())
         why = (
             f"{lost} samples are missing and {len(step) + 1} are there, the longest step is {step[at]:.6g}; at least "
-            "half must be there: cut the file where it was paused"
+            "half must be there: read the part on one side of the pause with --part"
         )
         refuse(place, at + 1, title, why)
 
