@@ -63,11 +63,14 @@ def test_a_line_is_named_by_its_place_in_the_file(tmp_path: Path) -> None:
         part(path, "2..4 s")
 
 
-def test_times_that_begin_anew_have_the_part_twice(tmp_path: Path) -> None:
-    """The longest is read, and a note says so."""
+@pytest.mark.parametrize(
+    ("asked", "first", "samples"), [("..2 s", 0, 400), ("2 s..", 400, 600), ("0.5..1.5 s", 100, 200)]
+)
+def test_a_block_is_read_whose_times_begin_anew(tmp_path: Path, asked: str, first: int, samples: int) -> None:
+    """The times of a part go on from one block to the next."""
     time = np.where(TIME < 2.0, TIME, TIME - 2.0)
-    record = part(save(tmp_path, text(bench(time=time))), "1..3 s")
-    assert len(record.time) == 400 and "2 stretches have such times, and the longest was read" in record.said[0]
+    record = part(save(tmp_path, text(bench(time=time))), asked)
+    np.testing.assert_allclose(record.channels["AA.R"], 1e-3 * R_MM[first : first + samples], rtol=1e-9)
 
 
 @pytest.mark.parametrize("shift", ["", "=start", "=0.25 s"])

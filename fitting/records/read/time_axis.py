@@ -75,23 +75,26 @@ def rows_of(
 ) -> tuple[slice, tuple[str, ...]]:
     """The samples whose stamps, ``given`` times ``factor`` [s], lie in the span [s] from ``origin`` [s] on, and a note.
 
-    Raises ValueError if there are none.
+    Where times begin anew they go on from those before. Raises ValueError if there are none.
     """
-    with np.errstate(invalid="ignore"):
-        blur = 4.0 * np.spacing(np.nanmax(np.abs(given))) * factor  # of a stamp at the edge
-        after = given * factor - origin
-        inside = (after >= span[0] - blur) & (after < span[1] - blur)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
-    if len(edges) == 0:
-        lasts = f"its samples are from {np.nanmin(after):.6g} to {np.nanmax(after):.6g} s after the first"
+    after = _going_on(given) * factor - origin
+    blur = 4.0 * np.spacing(np.abs(after + origin).max())  # of a stamp at the edge
+    inside = np.flatnonzero((after >= span[0] - blur) & (after < span[1] - blur))
+    if len(inside) == 0:
+        lasts = f"its samples are from {after.min():.6g} to {after.max():.6g} s after the first"
         raise InputError(f'{place}: --part "{span_text(span)}": {lasts}; give a part of these.')
-    sizes = edges[1::2] - edges[::2]
-    at = 2 * int(sizes.argmax())
-    several = int(np.count_nonzero(sizes >= limits.FEWEST_SAMPLES))
-    again = f"; {several} stretches have such times, and the longest was read" if several > 1 else ""
-    return slice(int(edges[at]), int(edges[at + 1])), (
-        f"{place}: only {span_text(span)} of the record was read{again}; times in notes count from there.",
-    )
+    note = f"{place}: only {span_text(span)} of the record was read; times in notes count from there."
+    return slice(int(inside[0]), int(inside[-1]) + 1), (note,)
+
+
+def _going_on(given: Array) -> Array:
+    """Stamps without gaps, none before the one before: a step back by more than jitter counts as a usual one."""
+    there = np.isfinite(given)
+    stamps = _steadied(given if there.all() else np.interp(np.arange(len(given)), np.flatnonzero(there), given[there]))
+    step = np.diff(stamps)
+    if step.min(initial=0.0) >= 0.0:
+        return stamps
+    return stamps[0] + np.concatenate([[0.0], np.cumsum(np.where(step < 0.0, np.median(step), step))])
 
 
 def longest_block(given: Array, factor: float, place: Place) -> tuple[slice, tuple[str, ...]]:
