@@ -116,13 +116,14 @@ class Reading:
 
 @dataclass(frozen=True)
 class Chosen:
-    """A column that is read: its name in the record (D as R), kind, scale of its unit in SI, and -1 of one that is
-    turned. Time is "time"."""
+    """A column that is read: its name in the record (D as R), kind, scale of its unit in SI, the variable that it was
+    called, and -1 of one that is turned. Time is "time"."""
 
     column: Column
     name: str
     kind: Kind
     scale: float
+    variable: str
     sign: float = 1.0
 
     @property
@@ -300,7 +301,7 @@ def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], plac
         refuse(place, None, title, f'{column.problem}; leave it out: --map "{title}=", or export it alike')
     scale = _factor(kind, name, unit, title, titles, place)
     site, _, letter = name.rpartition(".")
-    return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale, 1.0 if given == name else -1.0)
+    return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale, given, 1.0 if given == name else -1.0)
 
 
 def _unknown(column: Column, target: tuple[str, str]) -> bool:

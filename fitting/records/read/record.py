@@ -55,8 +55,8 @@ class Record:
     path as given; sha256 of the file's bytes. Names end in .P [Pa], .Q [m³/s] or .R [m]. resting : flows that do not
     pulsate, such as that of a closed outlet, and their value; nothing can be fitted to them, so they are no channels.
     told : the options of the reading, as ``Reading.told``, and the changes of the samples; said : these changes as
-    sentences. scales : of each channel, SI over the unit that was read. origin : the first time of the file [s], of
-    which a part was read.
+    sentences. scales : of each channel, SI over the unit that was read. maps : of each channel the option --map, but
+    for a unit, that reads it. origin : the first time of the file [s], of which a part was read.
     """
 
     path: str
@@ -66,6 +66,7 @@ class Record:
     resting: Mapping[str, float] = field(default_factory=dict)
     told: Mapping[str, Any] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
+    maps: Mapping[str, str] = field(default_factory=dict)
     said: tuple[str, ...] = ()
     origin: float | None = None
 
@@ -132,6 +133,7 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         resting={name: value for r in records for name, value in r.resting.items()},
         told=details | ({"sampling": sampling} if sampling else {}),
         scales={name: scale for r in records for name, scale in r.scales.items()},
+        maps={name: option for r in records for name, option in r.maps.items()},
         said=(*(text for r in records for text in r.said), note),
     )
 
@@ -203,6 +205,7 @@ def _one(
     axis = time_axis(clock.column.values[used], clock.factor, clock.column.title, place)
     titles = {each.name: each.column.title for each in chosen}
     scales = {each.name: each.scale for each in chosen}
+    maps = {each.name: f"{each.column.title}={each.variable}" for each in chosen}
     channels: dict[str, Array] = {}
     resting: dict[str, float] = {}
     while chosen:
@@ -233,7 +236,8 @@ def _one(
     for name in channels:
         channels[name], hum = without_hum(axis.of(channels[name]), name, axis.dt)
         notes += hum
-    return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, notes)
+    told = {**reading.told, **axis.told}
+    return Record(place.source, sha256, axis.time, channels, resting, told, scales, maps, notes)
 
 
 def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:
