@@ -128,9 +128,10 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
     """
     least = thresholds.FEWEST_BEATS
     if beats.n_beats < least:
+        left_out = "".join(f" Note: {text}" for text in beats.variable.said[-1:]) if beats.variable else ""
         raise Unusable(
             f"{beats.source}: {beats.n_beats} beats are too few; record at least {least}, so that some can be kept "
-            f"apart to judge by."
+            f"apart to judge by.{left_out}"
         )
     there = {channel: (~np.isnan(values)).mean(axis=1) for channel, values in beats.values.items()}
     serves = {channel: share >= _SERVES * share.max() for channel, share in there.items()}
