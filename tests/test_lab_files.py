@@ -359,6 +359,7 @@ def test_rows_of_events(tmp_path: Path) -> None:
     """Words in place of a row, and beside the time of an event: no samples; beside a number, line and column."""
     lines = rows(",", ".")
     lines[300:300] = ["EVENT: 5 ug of noradrenaline", "1.4999,Marker,occlusion on"]
+    lines.insert(600, "Washout,,")  # a heading of a spreadsheet
     content = "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines])
     check(read(tmp_path, content))
     assert "line 303, column 'AA.P [mmHg]': 'Marker' is" in refused(tmp_path, content.replace("occlusion on", "9.0"))
