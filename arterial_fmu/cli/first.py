@@ -80,7 +80,11 @@ def tables(model: FirstModel) -> tuple[Table, Table]:
     for each in model.found:
         found.add_row(each.name, value(each), error(each), each.how)
     shown = Table(
-        "channel", "unit", *map(right, ("mean", "of the model", "pulse", "of the model", "rms of the difference"))
+        "channel",
+        "unit",
+        *map(right, ("mean", "of the model", "pulse", "of the model", "rms of the difference")),
+        title="Record against model, as small waves about the mean pressure",
+        title_justify="left",
     )
     for row in model.shown:
         unit, factor = of_signal(row.channel)
