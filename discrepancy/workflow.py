@@ -58,7 +58,7 @@ from .name.model_selection import name
 from .name.verdict import Naming
 from .options import COMMON, TIME_LIMIT, Asked
 from .plan.second_state import second_state
-from .recordings import drives, recordings_of
+from .recordings import FreeRuns, drives, recordings_of
 from .report.page import check_folder, write_study
 from .report.verdict_text import with_law
 from .show.fmu_validation import Run, agreement, free_run, parity
@@ -245,7 +245,8 @@ class _Work:
             fmu = self._fmu(network, "extended")
         self.progress(0.82, f"running the {'extended FMU' if naming.adds else 'model with this subject’s walls'}")
         base = subject_without(naming)
-        judged = self.recordings.judged(naming, base, partial(self._kept, given), partial(self._kept, fmu), as_given)
+        runs = FreeRuns(partial(self._kept, given), partial(self._kept, fmu), as_given)
+        judged = self.recordings.judged(naming, base, runs)
         found = naming.best.fit if naming.adds else None
         naming, before, after = judged.naming, judged.before, judged.after
         study, best = weighted(self.study, naming), found if after else None
@@ -320,13 +321,9 @@ class _Work:
             def ran(fmu: Path, stage: str, *rest: Any) -> Run:
                 return self._kept(fmu, f"law_{stage}", *rest)
 
-            return self.recordings.unseen_by(
-                without,
-                law.fit,
-                lambda own: replace(own, problem=in_range(own.problem, law.ranges)),
-                partial(ran, network_fmu),
-                partial(ran, built["learned"]),
-            )
+            runs = FreeRuns(partial(ran, network_fmu), partial(ran, built["learned"]))
+            there = lambda own: replace(own, problem=in_range(own.problem, law.ranges))  # noqa: E731
+            return self.recordings.unseen_by(without, law.fit, there, runs)
 
         until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
         return law_of(self.study, naming, before, self.record, run, unseen, self.asked.jobs, until, self.journal.stage)

@@ -119,7 +119,9 @@ def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
     problem = study.problem.individual() if naming.problem.deviations else study.problem
     problem = problem.sharpened(naming.base.fit, runs)
     starts = [naming.base.fit, *([naming.best.fit] if naming.verdict == "partial" else [])]
-    begun = [f for start in starts for f in _again(problem, start, runs)]
+    # continued under the weights of this problem
+    again = [problem.refit([f.terms], f, runs) if problem.site else problem.refine([f], runs) for f in starts]
+    begun = [f for some in again for f in there(some)]
     found: list[Learnt] = []
     for effect in (e for e in effects.ALL if e.library):
         places = _places(naming, effect, problem)
@@ -150,11 +152,6 @@ def _range(
 def in_range(problem: Single, ranges: Mapping[str, float]) -> Single:
     """The same problem with a network that contains the ranges of a learned law, but not yet the law."""
     return with_network(problem, problem.network.with_terms(ranges))
-
-
-def _again(problem: Single, fit: Fit, runs: Runs) -> list[Fit]:
-    """A fit continued under the weights of this problem."""
-    return there(problem.refit([fit.terms], fit, runs) if problem.site else problem.refine([fit], runs))
 
 
 @dataclass(frozen=True)

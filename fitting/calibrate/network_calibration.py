@@ -112,7 +112,7 @@ def calibrate(
 
 def _cut(problem: Problem, near: Ended) -> tuple[Problem, Ended]:
     """The problem and the end of its search with elements for the lengths there: the search kept those of its start."""
-    if not problem.moves_elements:
+    if not any(name.endswith(".L") for u in problem.unknowns for name in u.variables):  # moves no elements
         return problem, near
     errors = [part.error for part in problem.parts]
     problem = problem.cut(near.fit.x).weighted(near.fit.x, errors)

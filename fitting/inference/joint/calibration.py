@@ -94,11 +94,6 @@ class Problem:
             records.append((beats, simulator.cut({name: float(value) for name, value in values.items()})))
         return replace(self, records=tuple(records), whole=replace(self.whole, parts=()))
 
-    @property
-    def moves_elements(self) -> bool:
-        """True if an unknown changes lengths of segments."""
-        return any(name.endswith(".L") for u in self.unknowns for name in u.variables)
-
     def at(self, x: Array) -> Fit:
         """The point x : (p,) as a fit. Raises the error of the recording whose simulation fails."""
         member = Member((), self.unknowns, x)
