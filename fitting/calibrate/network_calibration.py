@@ -26,7 +26,7 @@ from solver.network.description import Network
 from solver.quantities.legible import number
 from solver.quantities.units import INFLOW, of_signal
 
-from ..inference.fit import Fit
+from ..inference.fit import Array, Fit
 from ..inference.gauss_newton import Rules
 from ..inference.intervals.identify import Determined, sentences
 from ..inference.joint.calibration import DERIVATIVE_ERROR, Problem, recorded, widening
@@ -47,7 +47,6 @@ from .calibrated import ALL_PRIOR, Calibration, Recording, noise_known
 from .first_search import ROUGH, first_search
 from .late_flow import late_flow
 
-Array = np.ndarray
 Progress = Callable[[float, str], None]
 
 # Gain at which a search ends, as squared fractions of a standard deviation. From a tenth, one step with the second

@@ -14,7 +14,7 @@ from solver.network.description import Network
 from ..inference.joint.calibration import STEP
 from ..inference.models.simulator import HARMONICS_BEYOND, Simulator
 from ..inference.runs import Runs
-from ..inference.unknown import finite_steps, parameter_values
+from ..inference.unknown import Array, finite_steps, parameter_values
 from ..inference.zeros import apart
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
@@ -23,8 +23,6 @@ from ..records.limits import MAX_HARMONICS
 from ..results.estimate import Estimate
 from ..wall.indices import estimates, loop_area, measured_loss, of_wall
 from .network_calibration import Calibration
-
-Array = np.ndarray
 
 _TOLERANCE = 1e-6  # of the periodic beat
 _SAMPLES = 8 * MAX_HARMONICS  # of a beat

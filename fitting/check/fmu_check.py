@@ -36,14 +36,13 @@ from ..records.channels.filters import with_filters
 from ..records.channels.inflow import flowed, undoable
 from ..records.channels.spectral import coefficients, interpolated
 from ..records.plausible import Artery, check_plausible
-from ..records.read.record import Record
+from ..records.read.record import Array, Record
 from ..results.parameter_set import ParameterSet
 from ..results.result_files import json_text
 from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
 from .fmu_build import answering, fmu_of
 from .fmu_run import FMU, PERIODIC, Answer, RunFailed, periodic_answer, read_fmu, steps_per_beat
 
-Array = np.ndarray
 Progress = Callable[[str], None]
 
 _TRUSTED = 0.75  # of the Nyquist frequency

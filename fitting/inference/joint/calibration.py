@@ -23,7 +23,7 @@ from solver.network.description import Network
 
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow import inflow
-from ..fit import Fit, Member
+from ..fit import Array, Fit, Member
 from ..gauss_newton import Trial
 from ..intervals.identify import Determined, determined
 from ..model_discrepancy import worst_octave
@@ -34,8 +34,6 @@ from ..unknown import Unknown, parameter_values
 from ..zeros import apart
 from .joint_record import Several
 from .model_error import networks
-
-Array = np.ndarray
 
 # Of x in prior units. The truncation error and jumps by one more iteration of a stage are then both about 1e-4 of the
 # derivative (measured, sheep network)

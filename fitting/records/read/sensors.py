@@ -16,9 +16,7 @@ from solver.quantities.units import SIGNAL_UNITS, display_factor
 
 from .. import limits
 from . import table
-from .table import Place
-
-Array = np.ndarray
+from .table import Array, Place
 
 
 @dataclass(frozen=True)
