@@ -157,7 +157,7 @@ class Recordings:
         for i, (record, study) in enumerate((*zip(self.records, self.studies, strict=True), *self.unseen)):
             fitted = i < len(self.records)
             try:
-                ran = self._run(i, record, study, naming, base, runs)
+                ran = self._run(i, study, naming, base, runs)
                 if ran[0].failed and not fitted:
                     raise RunFailed(ran[0].failed)
                 found.append(ran)
@@ -167,7 +167,7 @@ class Recordings:
                 unjudged.append(not_judged(record.path, error))  # the verdict does not depend on it
         return found, unjudged
 
-    def _run(self, i: int, record: Record, study: Study, naming: Naming, base: Fit, runs: FreeRuns) -> Ran:
+    def _run(self, i: int, study: Study, naming: Naming, base: Fit, runs: FreeRuns) -> Ran:
         """The free runs of one recording, without and with the added effects."""
         fitted, whole = i < len(self.records), naming.problem if isinstance(naming.problem, Several) else None
 
@@ -177,7 +177,7 @@ class Recordings:
         if fitted:
             study = replace(study, problem=whole.parts[i] if whole else naming.problem.first)
         without, best = there(base), there(naming.best.fit) if naming.adds else None
-        found = self._through(i, record, study, without, best, runs)
+        found = self._through(i, study, without, best, runs)
         if best is None or not (whole and fitted) or found[2] is None:
             return found
         response = whitened_response(naming.best.fit, best.terms)[whole.rows[i]]
@@ -190,14 +190,14 @@ class Recordings:
         base : fit without the law. there : the study of a recording with the ranges of the law in its network.
         """
         found = list[Recorded]()
-        for i, (record, study) in enumerate(self.unseen, len(self.records)):
+        for i, (_, study) in enumerate(self.unseen, len(self.records)):
             ranged = there(study)
             with suppress(InputError, RunFailed):
                 fits = _refitted(self.whole, study, base), _refitted(self.whole, ranged, law)
-                found.append(self._through(i, record, ranged, *fits, runs)[0])
+                found.append(self._through(i, ranged, *fits, runs)[0])
         return found
 
-    def _through(self, i: int, record: Record, study: Study, without: Fit, best: Fit | None, runs: FreeRuns) -> Ran:
+    def _through(self, i: int, study: Study, without: Fit, best: Fit | None, runs: FreeRuns) -> Ran:
         """The free runs of a recording through the FMUs: of its fits without effects and, if there are any, with."""
         fitted = i < len(self.records)
         drive, wave = drives(study, without, best)
@@ -217,7 +217,7 @@ class Recordings:
             check_waves(study, first.beats)
         own, own_before = ({} if self.alone else _own(self.whole, study, fit) for fit in (best or without, without))
         recorded = Recorded(
-            self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats,
+            self.labels[i], study.fitted.source, study.fitted.sha256, study.fitted.n_beats + study.held_out.n_beats,
             study.fitted.T, fitted, first.gap.total, held_out(first.gap.rms), own=own, own_before=own_before,
             failed=failed,
         )  # fmt: skip

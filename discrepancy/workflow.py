@@ -213,7 +213,7 @@ class _Work:
         self, records: Sequence[Record], network: Network, model: Path, journal: Journal, asked: Asked,
         known: Prior | None, progress: Progress,
     ) -> None:  # fmt: skip
-        self.record, self.model, self.journal, self.asked, self.progress = records[0], model, journal, asked, progress
+        self.model, self.journal, self.asked, self.progress = model, journal, asked, progress
         self.network, calibrated = (network, None) if known is None else (known.network, known.calibrated)
         progress(0.02, "cutting the beats")
         runs = Runs(Meter(lambda simulations: progress(0.08, f"{simulations} simulations")))
@@ -258,7 +258,7 @@ class _Work:
         law = self._law(naming, after or before, best or base, network_fmu=fmu if after else given)
         self.progress(0.92, "comparing the candidates with the held-out beats")
         shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
-        outcome = with_law(summary(self.record, self.model, self.study, naming, shown), law)
+        outcome = with_law(summary(self.model, self.study, naming, shown), law)
         warnings = (*outcome.warnings, *judged.warnings)
         ran = {"FMUs run": " and ".join(dict.fromkeys(read_fmu(each).tool for each in (given, fmu)))}
         origin = {**outcome.provenance, **ran}
@@ -282,8 +282,8 @@ class _Work:
                 return self.recordings.named(self.journal, self.asked, runs, name)
         except OutOfTime:
             raise Unjudged(
-                f"{self.record.path}: the time limit of {limit:g} s was over before the model as given was refitted to "
-                f"this record, which may be fit for use; allow more time, say --time-limit "
+                f"{self.study.fitted.source}: the time limit of {limit:g} s was over before the model as given was "
+                "refitted to this record, which may be fit for use; allow more time, say --time-limit "
                 f'"{math.ceil(max(TIME_LIMIT, 2.0 * limit) / 60.0)} min".'
             ) from None
 
@@ -326,7 +326,7 @@ class _Work:
             return self.recordings.unseen_by(without, law.fit, there, runs)
 
         until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
-        return law_of(self.study, naming, before, self.record, run, unseen, self.asked.jobs, until, self.journal.stage)
+        return law_of(self.study, naming, before, run, unseen, self.asked.jobs, until, self.journal.stage)
 
     # --- FMUs ---------------------------------------------------------------------------------------------------------
 

@@ -353,7 +353,7 @@ def test_walls_with_which_no_fmu_runs(monkeypatch: pytest.MonkeyPatch) -> None:
         raise RunFailed("x.fmu: supercritical.")
 
     def through(before: Any, after: Any, given: Sequence[Run]) -> tuple[Recorded, Run, Run | None]:
-        return own._through(0, own.records[0], study, fit, naming.best.fit, FreeRuns(before, after, given))
+        return own._through(0, study, fit, naming.best.fit, FreeRuns(before, after, given))
 
     recorded, first, last = through(breaks, pytest.fail, [run])  # a bench has no such solution
     assert first.stands_in == "the file as it is" and np.array_equal(first.X, X) and last is None
