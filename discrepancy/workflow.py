@@ -41,6 +41,7 @@ from solver.laws import effects as catalogue
 from solver.network.description import Network, to_dict
 from solver.network.doubts import network_doubts
 from solver.network.files import write_network
+from solver.simulate import Progress
 
 from .add.described import NOTHING
 from .add.learning import Learnt, in_range, law_of, learns
@@ -64,8 +65,6 @@ from .report.verdict_text import with_law
 from .show.fmu_validation import Run, agreement, free_run, parity
 
 _LEARNING = 0.3  # of the time limit: further time for learning a law
-
-Progress = Callable[[float, str], None]
 
 
 @single_threaded

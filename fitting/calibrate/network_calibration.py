@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.legible import number
 from solver.quantities.units import INFLOW, of_signal
+from solver.simulate import Progress
 
 from ..inference.fit import Array, Fit
 from ..inference.gauss_newton import Rules
@@ -46,8 +47,6 @@ from ..records.recordings import labels_of
 from .calibrated import ALL_PRIOR, Calibration, Recording, noise_known
 from .first_search import ROUGH, first_search
 from .late_flow import late_flow
-
-Progress = Callable[[float, str], None]
 
 # Gain at which a search ends, as squared fractions of a standard deviation. From a tenth, one step with the second
 # weights reaches the minimum; a hundredth is negligible. If the model lacks more than noise, a tenth is, too

@@ -12,12 +12,10 @@ from matplotlib.axes import Axes
 from solver.quantities.legible import number
 from solver.quantities.units import MMHG
 
-from ..records.alignment.beats import Beats
+from ..records.alignment.beats import Array, Beats
 from ..wall.site_fit import without_lag
 from ..wall.wall_fit import WallFit
 from .style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION, Picture
-
-Array = np.ndarray
 
 _TITLES = {
     "linear": "Linear Kelvin–Voigt",
