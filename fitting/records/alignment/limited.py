@@ -58,8 +58,6 @@ def _flat_top(beats: Array, step: float) -> tuple[float, float] | None:
     error = float(np.nanstd(beats[:, top])) / math.sqrt(len(beats) * window)
     tolerance = limits.TOP * pulse + limits.EXTREME * error + step
     at_top = np.roll(mean_beat > mean_beat[top] - tolerance, -top)
-    if at_top.all():
-        return None
     length = int(np.argmin(at_top)) + int(np.argmin(at_top[::-1]))
     longest = limits.FLAT_TOP * 2.0 / math.pi * math.sqrt(tolerance / pulse)
     return (float(mean_beat[top]), length / n) if length >= limits.PLATEAU and length > longest * n else None
