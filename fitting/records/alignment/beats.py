@@ -15,9 +15,7 @@ from solver.quantities.units import of_signal
 from .. import limits
 from ..read.record import require
 from .rounding import rounded_harmonics
-from .variable_beats import VariableBeats, unlikeness
-
-Array = np.ndarray
+from .variable_beats import Array, VariableBeats, unlikeness
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,8 @@ from .sensors import (
     constant_value,
     without_plateaus,
 )
-from .table import Column, Place, Table
+from .table import Array, Column, Place, Table
 from .time_axis import between, longest_block, time_axis
-
-Array = np.ndarray
 
 # A Hamming window of 16 slow intervals has a transition of 3.3/16 = 0.2 of the slow rate f: from 0.3 f, as it was,
 # to 0.5 f, gone
