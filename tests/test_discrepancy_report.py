@@ -462,6 +462,19 @@ def test_what_remains_says_what_it_is_counted_over(sheep: Network) -> None:
     assert said in page(rms, {}) and "all data that were fitted" not in page(outcome, {})
 
 
+def test_an_unknown_gap_in_the_means_sends_to_the_sensors(sheep: Network) -> None:
+    """The channel, by how much and on which side; not where the waveform differs more than its mean."""
+    outcome = synthetic("unknown", sheep)
+    wave = np.linspace(-1.0, 1.0, len(outcome.channels[0].measured))  # variance 1/3
+    channels = [replace(c, before=c.measured + 100.0 * wave, after=None) for c in outcome.channels]
+    assert "in the mean of" not in page(replace(outcome, channels=tuple(channels)), {})
+    pressure = next(i for i, c in enumerate(channels) if c.name.endswith(".P"))
+    channels[pressure] = replace(channels[pressure], before=channels[pressure].before - 1.4 * MMHG)
+    name = channels[pressure].name
+    said = f"in the mean of {name} (1.4 mmHg above the model’s): check the zeros and heights of the sensors"
+    assert said in page(replace(outcome, channels=tuple(channels)), {})
+
+
 def test_the_file_and_this_animal_have_gaps_of_two_names(sheep: Network) -> None:
     """The gap of the file as it is, in the provenance; the one before has this animal's walls."""
     outcome = replace(synthetic("effect", sheep), provenance={"gap_as_given": {"fit": 9.9, "held_out": 8.8}})

@@ -220,7 +220,7 @@ def test_indices_of_few_sets_tell_how_sure_they_are(tmp_path: Path) -> None:
     write(few, tmp_path)
     html = (tmp_path / "study.html").read_text()
     index = few.indices("A.P.mean")[0]
-    assert f"<td>{index.first}<br>{index.total}</td>" in html.replace(' class="marked"', "") and " ± " in index.total
+    assert f"<td>{index.total}<br>{index.first}</td>" in html.replace(' class="marked"', "") and " ± " in index.total
     assert f'<p class="warning">{note[0].upper()}{note[1:]}</p>' in html
     printed = io.StringIO()
     Console(width=100, file=printed).print(_table(few))

@@ -80,7 +80,7 @@ def _site_rows(study: Study, site: str) -> list[dict[str, Any]]:
             continue
         text, factor = readable(unit)
         found = study.indices(name)
-        cells: list[tuple[str, ...]] = [(i.first, i.total) for i in found] or [(DASH,)] * len(study.plan.varied)
+        cells: list[tuple[str, ...]] = [(i.total, i.first) for i in found] or [(DASH,)] * len(study.plan.varied)
         rows.append(
             {
                 "name": name.partition(".")[2].replace(".", " "),

@@ -10,6 +10,7 @@ import numpy as np
 
 from fitting.inference.fit import Array
 from fitting.inference.places import Place
+from fitting.records.channels.amounts import size_text
 from fitting.results.estimate import Estimate
 from solver.laws.effect import CHANNEL, JUNCTION, OUTLET, WALL, Effect
 from solver.laws.sensors import Sensor
@@ -68,6 +69,18 @@ def late(outcome: Outcome) -> str:
 def early(outcome: Outcome) -> bool:
     """True if the delay that was named is that of a pressure, which cannot be early."""
     return any(_delay(e) is not None and e.where != (INFLOW,) for e in outcome.effects)
+
+
+def off_in_the_mean(outcome: Outcome) -> str:
+    """The pressures and flows that differ from the model mostly in their mean: "Pe.P (1.4 mmHg above the model’s)"."""
+    found = []
+    for c in outcome.channels:
+        more = c.measured - (c.before if c.after is None else c.after)
+        mean = float(more.mean())
+        if c.name[-1] in "PQ" and mean**2 > float(more.var()):
+            side = "above" if mean > 0.0 else "below"
+            found.append(f"{c.name} ({size_text(c.name, abs(mean))} {side} the model’s)")
+    return ", ".join(found)
 
 
 def why_walls(outcome: Outcome) -> str:
