@@ -184,6 +184,17 @@ def test_a_level_that_drifts_is_said(trend: float, said: bool) -> None:
     assert len(notes) == said and all(note.startswith("the mean of AA.P goes from ") for note in notes)
 
 
+@pytest.mark.parametrize(("left", "said"), [(1.0, False), (0.9, False), (0.8, True)])
+def test_a_pulse_that_changes_is_said(left: float, said: bool) -> None:
+    """From the middle on the pulse is 0.9 or 0.8 about the same mean, as of a catheter that clots: the line through all
+    beats changes by three halves of the difference."""
+    time = np.arange(4000) * DT
+    P = pressure(time / 0.5)
+    P = P.mean() + (P - P.mean()) * np.where(time > 10.0, left, 1.0)
+    notes = [text for text in align(record(time, P=P)).warnings if "goes from" in text]
+    assert len(notes) == said and all(note.startswith("the pulse of AA.P goes from ") for note in notes)
+
+
 @pytest.mark.parametrize(("change", "longest", "T"), [(0.2, 0.495, 0.455), (0.25, 0.495, 0.445), (0.3, 0.48, 0.43)])
 def test_a_rate_that_drifts_is_not_taken_for_a_steady_one(change: float, longest: float, T: float) -> None:
     """Refinement ends up to 10 % from the usual beat, at 0.476 s for 0.3; cut singly, T is the mean of what is used, to

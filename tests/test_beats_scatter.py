@@ -170,7 +170,7 @@ def test_many_beats_of_another_state_are_counted() -> None:
     P[900:1900] -= 0.05 * (P[900:1900] - P[900:1900].mean())
     (text,) = align(record(time, P=P), 0.5).warnings
     assert re.match(r"10 of (39|40) beats, from 4\.\d+ to 9(\.\d+)? s after .* are unlike the others in AA.P", text)
-    assert "cut the file to one state" in text
+    assert "the part of one state with --part" in text
 
 
 def test_spikes_are_left_out_and_counted() -> None:

@@ -359,6 +359,7 @@ def test_rows_of_events(tmp_path: Path) -> None:
     """Words in place of a row, and beside the time of an event: no samples; beside a number, line and column."""
     lines = rows(",", ".")
     lines[300:300] = ["EVENT: 5 ug of noradrenaline", "1.4999,Marker,occlusion on"]
+    lines.insert(600, "Washout,,")  # a heading of a spreadsheet
     content = "\n".join(["time [s],AA.P [mmHg],AA.R [mm]", *lines])
     check(read(tmp_path, content))
     assert "line 303, column 'AA.P [mmHg]': 'Marker' is" in refused(tmp_path, content.replace("occlusion on", "9.0"))
@@ -411,9 +412,10 @@ def test_a_channel_with_times_of_its_own(tmp_path: Path) -> None:
     assert "column 'AA.R [mm]': it ends where the times of 'Time R [s]' do" in said and "--with" in said
 
 
-def test_volts_are_asked_for_their_calibration(tmp_path: Path) -> None:
+@pytest.mark.parametrize("title", ["Pressure [V]", "Pressure (V)"])
+def test_volts_are_asked_for_their_calibration(tmp_path: Path, title: str) -> None:
     """What one volt is, as the unit; an ECG beside is left out."""
-    content = text({"time [s]": TIME, "Pressure [V]": P_MMHG / 50.0, "ECG [V]": 0.0 * TIME, "Radius [mm]": R_MM})
+    content = text({"time [s]": TIME, title: P_MMHG / 50.0, "ECG [V]": 0.0 * TIME, "Radius [mm]": R_MM})
     asked = "give what one V is as its unit, [50 mmHg] if that is 50 mmHg, or [mmHg] if it was calibrated"
     assert asked in refused(tmp_path, content)
     assert asked in refused(tmp_path, content, names={"Pressure": "AA.P", "Radius": "AA.R"})

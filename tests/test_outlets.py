@@ -138,6 +138,12 @@ def test_a_new_kind_is_one_class(sheep: Network) -> None:
     assert both[f"{first.segment}.outlet.Q"][1].max() < both[f"{first.segment}.outlet.Q"][0].max()
 
 
+def test_a_kind_states_what_the_solver_asks_of_it() -> None:
+    """A class without a part of the interface fails where it is written, and the sentence names what is missing."""
+    with pytest.raises(TypeError, match="Half: this kind of outlet lacks noun, load, condition; state them in its class"):
+        type("Half", (Outlet,), {"symbol": "H"})
+
+
 @dataclass(frozen=True)
 class Inertial(Windkessel):
     """A Windkessel with an inertance L, of whose keys three are the Windkessel's; here L has no effect."""

@@ -14,6 +14,7 @@ from test_command import run
 from fitting.check.fmu_run import RunFailed
 from fitting.cohort.virtual import virtual_cohort, write_cohort
 from fitting.records.plausible import Artery, arteries, check_plausible
+from fitting.records.read.columns import Reading
 from fitting.records.read.record import Record, read_record, write_record
 from fitting.results.parameter_set import ParameterSet, Value, write_set
 from solver import load, simulate_periodic
@@ -51,6 +52,30 @@ def test_kPa_and_mmHg(mean: float) -> None:
     for factor, read, true in ((MMHG / KPA, MMHG, "kPa"), (KPA / MMHG, KPA, "mmHg"), (1.0 / MMHG, 1.0, "mmHg")):
         wrong = record(pressure(factor * mean, factor * 0.45 * mean), read)
         refused(lambda wrong=wrong: check_plausible(wrong, known), "r.csv: CA.P: its ", [fit.format(true)])
+
+
+@pytest.mark.parametrize(
+    ("title", "given", "scale", "option", "R0"),
+    [
+        ("Pressure (kPa)", "CA.P", 1.0, "Pressure (kPa)=CA.P [mmHg]", None),
+        ("Cath", "CA.P [kPa]", 1.0, "Cath=CA.P [mmHg]", None),
+        ("Diam (cm)", "CA.D", 2.0, "Diam (cm)=CA.D [mm]", None),
+        ("Radius (cm)", "CA.R", 0.2, "Radius (cm)=CA.D [cm]", 4.0),
+        ("Sono", "-CA.R [mm]", -2.0, "Sono=-CA.D [mm]", 4.0),
+    ],
+)  # fmt: skip
+def test_the_option_that_is_advised_reads_the_column(
+    tmp_path: Path, title: str, given: str, scale: float, option: str, R0: float | None
+) -> None:
+    """It has the title of the file, and a diameter stays one: pasted in place of the wrong one it is accepted."""
+    values = (pressure(95.0, 40.0)["CA.P"] / MMHG if ".P" in given else radius(4.4)["CA.R"] / MM) * scale
+    path = tmp_path / "r.csv"
+    rows = "\n".join(f"{t:.4f},{x:.6f}" for t, x in zip(TIME, values, strict=True))
+    path.write_text(f"Time [s],{title}\n{rows}\n")
+    known = {"CA": Artery(R0=R0 and R0 * MM)}
+    wrong = read_record(path, Reading(names={title: given}))
+    refused(lambda: check_plausible(wrong, known), f"{path}: CA.", [f'--map "{option}"'])
+    check_plausible(read_record(path, Reading(names=dict([option.split("=")]))), known)
 
 
 def test_pressures_that_are_none_of_an_artery_or_are_one() -> None:

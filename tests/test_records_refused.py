@@ -134,7 +134,7 @@ def test_stamps_without_a_rate(tmp_path: Path) -> None:
     assert "the sampling is not uniform: " in said and "such as " in said and "and 10% can be resampled" in said
     said = refusal(tmp_path, text(bench(time=TIME + 500 * DT * np.minimum(np.arange(N) // 200, 4))))
     assert "line 802, column 'time [s]': 2000 samples are missing and 1000 are there" in said
-    assert "cut the file where it was paused" in said
+    assert "read the part on one side of the pause with --part" in said
 
 
 @pytest.mark.parametrize(

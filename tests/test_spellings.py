@@ -11,7 +11,7 @@ from network_text import FORK
 
 from solver import Settings, Windkessel, simulate
 from solver.laws import outlets
-from solver.laws.outlets import Outlet
+from solver.laws.outlets import Resistance
 from solver.network.coefficients import coefficients
 from solver.network.description import Network, from_dict, to_dict
 from solver.network.files import dumps, loads
@@ -86,10 +86,9 @@ def test_windkessel_of_two_elements() -> None:
 
 
 @dataclass(frozen=True)
-class Inertial(Outlet):
+class Inertial(Resistance):
     """A kind with R and C of its own, beside an inertance."""
 
-    R: float = quantity(None, "Pa.s/m^3", "resistance R", 1.0, 1e15)
     C: float = quantity(None, "m^3/Pa", "compliance C", 1e-15, 1.0)
     inertance: float = quantity(None, "Pa.s^2/m^3", "inertance L", 1.0, 1e15)
 

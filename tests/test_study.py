@@ -387,6 +387,11 @@ def test_an_inflow_of_a_laboratory_file(tmp_path: Path) -> None:
     assert isinstance(model, NetworkModel) and model.flow is not None
     assert model.flow.T == pytest.approx(T, rel=1e-3)
     assert float(np.mean(model.flow(t[:100]))) == pytest.approx(1e-6 * Q[:100].mean(), rel=1e-3)
+    fast = Reading(names={"Ao Flow": "inlet.Q [L/min]"}), Reading(names={"Ao Flow": "inlet.Q [L/s]"})
+    assert isinstance(read_model("sheep", str(file), "2.5 ms", "5 cm", 1e-4, fast[0]), NetworkModel)  # 4 m/s
+    with pytest.raises(ValueError, match=r"inlet.Q: its peak is .* no artery's is beyond 5 m/s.* fit the unit mL/s"):
+        read_model("sheep", str(file), "2.5 ms", "5 cm", 1e-4, fast[1])
+    read_model("sheep", str(file), "2.5 ms", "5 cm", 1e-4, fast[1], True)
     with pytest.raises(ValueError, match='--map "Ao Flow=inlet.Q"'):
         read_model("sheep", str(file), "2.5 ms", "5 cm", 1e-4)
 

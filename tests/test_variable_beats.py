@@ -12,6 +12,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import find_peaks, lfilter
 
 from discrepancy.find.plausibility import check_record
+from discrepancy.find.study import parts
 from fitting.inference.models.loop import mean_loop
 from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats
@@ -179,7 +180,20 @@ def test_a_fibrillating_heart(seed: int) -> None:
     made, T = fibrillating(seed)
     beats = align(replace(made, channels={"AA.P": made.channels["AA.P"]}))
     assert beats.T == pytest.approx(T, rel=0.2) and beats.n_beats >= 5
-    assert any("the heart is irregular: beats about 0." in text for text in beats.warnings)
+    (said,) = [text for text in beats.warnings if "the heart is irregular: beats about 0." in text]
+    upstrokes, period = map(
+        float, re.search(r"if (\d) upstrokes are one beat, of ([\d.]+) s, give that", said).groups()
+    )
+    assert upstrokes > 1.0 and period / upstrokes == pytest.approx(T, rel=0.2)
+
+
+def test_too_few_beats_of_a_fibrillating_heart() -> None:
+    """A study says why most of a long record does not count."""
+    made, _ = fibrillating(3)
+    beats = align(made)
+    assert beats.variable is not None and "left out" in beats.variable.said[-1]
+    with pytest.raises(ValueError, match=r"5 beats are too few; .* Note: .* left out"):
+        parts(replace(beats, shifts=beats.shifts[:5]))
 
 
 @pytest.mark.parametrize("seed", [17, 20, 27])

@@ -75,6 +75,7 @@ def calibrate_command(
     as_measured: options.AsMeasured = False,
     filters: options.Filters = None,
     period: options.Period = None,
+    part: options.Part = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -82,7 +83,7 @@ def calibrate_command(
     paths, judged = [record, *(further or ())], hold_out or []
     with sentences():
         check_one(beside, len(paths) + len(judged))
-        how = options.reading([*paths, *judged], mapped, decimal, beside)
+        how = options.reading([*paths, *judged], mapped, decimal, beside, part)
         T = options.seconds(period, "--period")
         sets = _sets(out, labels_of(paths))
         check_destinations(*sets, given=[*paths, *judged, *how.beside, network, start])

@@ -39,6 +39,7 @@ def check_command(
     as_measured: options.AsMeasured = False,
     out: Annotated[Path, typer.Option(help="Folder for check.html and check.json.")] = Path("check"),
     period: options.Period = None,
+    part: options.Part = None,
     filters: options.Filters = None,
     backend: options.FMUBackend = "auto",
     as_json: Json = False,
@@ -46,7 +47,7 @@ def check_command(
 ) -> None:
     """Run an FMU with a parameter set in a fresh process and compare it with a record."""
     with sentences():
-        how = options.reading([record], mapped, decimal, beside)
+        how = options.reading([record], mapped, decimal, beside, part)
         given, T = read_set(parameters), options.seconds(period, "--period")
         find_network(fmu)
         check_backend(backend)

@@ -63,7 +63,7 @@ def cohort_command(
     """Fit many subjects at many sites; report means and spread, and test the paper's claims."""
     with sentences():
         check_destinations(out / "cohort.json", given=[cohort], folders=True)
-        entries, how = read_cohort(cohort), options.reading([], mapped, decimal, None)
+        entries, how = read_cohort(cohort), options.reading([], mapped, decimal)
     from fitting.cohort import report
     from fitting.cohort.fits import fit_cohort
 

@@ -50,6 +50,7 @@ def discover_command(
     ] = None,
     hold_out: options.HeldOutFiles = None,
     period: options.Period = None,
+    part: options.Part = None,
     walls: Annotated[
         str | None,
         typer.Option(help="common (one change for all arteries) or individual (one for each); default: by evidence."),
@@ -84,7 +85,7 @@ def discover_command(
     continues the study.
     """
     with sentences():
-        how = options.reading([record, *(further or ()), *(hold_out or ())], mapped, decimal, beside)
+        how = options.reading([record, *(further or ()), *(hold_out or ())], mapped, decimal, beside, part)
         asked = Asked(
             options.seconds(period, "--period"), walls, prior, parse_quantity(time_limit, "s", "--time-limit"),
             cores() if jobs is None else jobs, tuple(filters or ()), tuple(further or ()), tuple(varies or ()),

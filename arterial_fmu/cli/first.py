@@ -33,6 +33,7 @@ def first_command(
     distance: options.Distances = None,
     path: options.Paths = None,
     period: options.Period = None,
+    part: options.Part = None,
     beside: options.Beside = None,
     mapped: options.Mapped = None,
     decimal: options.Decimal = None,
@@ -44,7 +45,7 @@ def first_command(
 ) -> None:
     """Make a first model from a recording: resistance, compliance, impedance, delays, and the network from them."""
     with sentences():
-        how = options.reading([record], mapped, decimal, beside)
+        how = options.reading([record], mapped, decimal, beside, part)
         T = options.seconds(period, "--period")
         check_destinations(out, given=[record, *how.beside])
         asked = options.first_options(like, mass, venous, distance, path)
@@ -79,7 +80,11 @@ def tables(model: FirstModel) -> tuple[Table, Table]:
     for each in model.found:
         found.add_row(each.name, value(each), error(each), each.how)
     shown = Table(
-        "channel", "unit", *map(right, ("mean", "of the model", "pulse", "of the model", "rms of the difference"))
+        "channel",
+        "unit",
+        *map(right, ("mean", "of the model", "pulse", "of the model", "rms of the difference")),
+        title="Record against model, as small waves about the mean pressure",
+        title_justify="left",
     )
     for row in model.shown:
         unit, factor = of_signal(row.channel)

@@ -42,6 +42,7 @@ def fit_command(
     law: options.Law = None,
     eta: Annotated[float, typer.Option(help="Poisson's ratio.")] = 0.5,
     period: options.Period = None,
+    part: options.Part = None,
     lag: Annotated[bool, typer.Option("--lag", help="Also fit a time lag between P and R.")] = False,
     replicates: Annotated[int, typer.Option("--bootstrap", help="Bootstrap replicates; 0: none.")] = 200,
     out: Annotated[Path | None, typer.Option(help="Write the parameter set: .json or .ssv.")] = None,
@@ -62,7 +63,7 @@ def fit_command(
 ) -> None:
     """Fit the wall of one site from its pressure and radius."""
     with sentences():
-        how = options.reading([record], mapped, decimal, beside)
+        how = options.reading([record], mapped, decimal, beside, part)
         check_destinations(out, figure, bench, given=[record, *how.beside])
         _check(out, figure, replicates)
         weighed = model(wall, law or "beta")

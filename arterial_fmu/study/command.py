@@ -11,7 +11,7 @@ from rich.table import Table
 from arterial_fmu.cli.terminal.console import conclude, right, sentences, show
 from arterial_fmu.cli.terminal.options import Json, Quiet, networks_for
 from arterial_fmu.cli.terminal.progress import PACE, bar
-from arterial_fmu.cli.terminal.record_options import Decimal, Mapped
+from arterial_fmu.cli.terminal.record_options import AsMeasured, Decimal, Mapped, Part, check_parts
 from fitting.records.read.columns import Reading
 from fitting.results.result_files import plain
 from solver.errors import InputError
@@ -53,6 +53,8 @@ def main(
     ] = None,
     mapped: Mapped = None,
     decimal: Decimal = None,
+    part: Part = None,
+    as_measured: AsMeasured = False,
     dt: Annotated[str, typer.Option(help="Time step; an FMU has its own.")] = "2.5 ms",
     element_length: Annotated[
         str | None,
@@ -77,8 +79,9 @@ def main(
         with bar(quiet, pace=PACE) as progress:
             progress(0.0, "reading")
             check_destinations(*(out / n for n in ("plan.json", *WRITTEN)), given=[model, inflow], folders=True)
-            how = Reading.from_options(mapped, decimal)
-            studied = read_model(model, inflow, dt, element_length, tolerance, how)
+            how = Reading.from_options(mapped, decimal, parts=part)
+            check_parts(how, [Path(inflow)] if inflow else [])
+            studied = read_model(model, inflow, dt, element_length, tolerance, how, as_measured)
             varied = parse_varied(vary or [], studied.known, studied.nominal, studied.name)
             plan = plan_of(studied, varied, samples, seed, sites)
             if jobs is not None and jobs < 1:

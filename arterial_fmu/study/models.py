@@ -13,6 +13,7 @@ import numpy as np
 
 from fitting.records.alignment.align import align
 from fitting.records.channels.inflow import Inflow, inflow
+from fitting.records.plausible import arteries, check_plausible
 from fitting.records.read.columns import Reading
 from fitting.records.read.record import Array, read_record
 from solver import Network, Settings, repeating_beat
@@ -199,10 +200,12 @@ def read_model(
     element_length: str | None,
     tolerance: float,
     how: Reading | None = None,
+    as_measured: bool = False,
 ) -> StudyModel:
     """The model of a bundled name, a network file or an FMU.
 
     driven_by : the source of the inflow, a network or a record with inlet.Q, read as ``how`` says. An FMU needs it.
+    as_measured : whether a flow is taken that no artery of the network's size has.
     element_length : None for 5 cm, or up to 10 cm where viscous walls allow it.
     Raises ValueError, one sentence.
     """
@@ -221,7 +224,7 @@ def read_model(
         return NetworkModel(network, settings, tolerance, None, longer)
     if len(network.inlets) > 1 or network.inlet.causality != "flow":
         raise InputError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")
-    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds, network, how), longer)
+    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds, network, how, as_measured), longer)
 
 
 def _fmu_model(path: str, driven_by: str | None, how: Reading | None) -> FMUModel:
@@ -251,9 +254,11 @@ def _fmu_model(path: str, driven_by: str | None, how: Reading | None) -> FMUMode
     return FMUModel(path, digest, tuple(beat.tolist()), flow.T, known, nominal)
 
 
-def _flow(source: str, dt: float, network: Network | None, how: Reading | None) -> Inflow:
+def _flow(
+    source: str, dt: float, network: Network | None, how: Reading | None, as_measured: bool = False
+) -> Inflow:  # fmt: skip
     """The inflow of a network, or the mean beat of a record, up to the frequencies that steps of dt [s] resolve.
-    network : gives the filter of the record's meter. how : to read the record."""
+    network : gives the filter of the record's meter, and the size of the artery. how : to read the record."""
     if Path(source).suffix.lower() in _NETWORKS:
         inlet = read_network(find_network(source)).inlet
         if inlet.causality != "flow":
@@ -264,6 +269,8 @@ def _flow(source: str, dt: float, network: Network | None, how: Reading | None) 
         return Inflow(inlet.T, X, np.ones(len(X), bool))
     record = read_record(source, how)
     record.require((INFLOW,))
+    if network is not None and not as_measured:
+        check_plausible(replace(record, channels={INFLOW: record.channels[INFLOW]}), arteries(network))
     return inflow(align(record), dt, network)
 
 

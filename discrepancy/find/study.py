@@ -128,9 +128,10 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
     """
     least = thresholds.FEWEST_BEATS
     if beats.n_beats < least:
+        left_out = "".join(f" Note: {text}" for text in beats.variable.said[-1:]) if beats.variable else ""
         raise Unusable(
             f"{beats.source}: {beats.n_beats} beats are too few; record at least {least}, so that some can be kept "
-            f"apart to judge by."
+            f"apart to judge by.{left_out}"
         )
     there = {channel: (~np.isnan(values)).mean(axis=1) for channel, values in beats.values.items()}
     serves = {channel: share >= _SERVES * share.max() for channel, share in there.items()}
@@ -139,8 +140,8 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
         worst = min(serves, key=lambda channel: int(serves[channel].sum()))
         raise Unusable(
             f"{beats.source}: {worst} lacks {1.0 - there[worst].mean():.0%} of its samples, and only {len(whole)} of "
-            f"{beats.n_beats} beats have all channels, which is too few (at least {least}); cut the record to where "
-            f"all were measured, record more beats, or leave the channel out."
+            f"{beats.n_beats} beats have all channels, which is too few (at least {least}); read the part where "
+            f"all were measured with --part, record more beats, or leave the channel out."
         )
     n_held_out = max(2, math.floor(thresholds.HELD_OUT * len(whole)))
     fitted, kept = beats.select(whole[:-n_held_out]), beats.select(whole[-n_held_out:])
@@ -149,8 +150,8 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
             if lost := float(np.isnan(values).all(axis=0).mean()):  # phases without a sample in any beat
                 raise Unusable(
                     f"{part.source}: {channel} lacks {1.0 - there[channel].mean():.0%} of its samples, and the "
-                    f"{part.n_beats} beats that are {label} have none of it over {lost:.0%} of a beat; cut the record "
-                    f"to where it was measured, record more beats, or leave the channel out."
+                    f"{part.n_beats} beats that are {label} have none of it over {lost:.0%} of a beat; read the part "
+                    f"where it was measured with --part, record more beats, or leave the channel out."
                 )
     check_scatter(fitted)
     if len(whole) == beats.n_beats:

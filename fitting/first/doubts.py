@@ -132,7 +132,7 @@ def _clocks(beats: Beats, root: str) -> Iterator[str]:
         yield (
             f"{root} rises {1e3 * abs(late):.0f} ms {'after' if late > 0.0 else 'before'} {INFLOW}, and at one place "
             "both rise together: one of the two is of another clock or another place; shift the times of its file "
-            '(--with "FILE=SHIFT").'
+            f'(--with "FILE=SHIFT"), or tell the other commands: --filter "{INFLOW}=delay {-1e3 * late:.0f} ms".'
         )
 
 
@@ -153,7 +153,8 @@ def _ventricle(beats: Beats, root: str) -> Iterator[str]:
     if low < _EMPTY * high:
         yield (
             f"{root} falls from {high:.3g} to {low:.3g} mmHg in each beat, as a ventricle's pressure does, or one that "
-            "is not told from that of the air; an artery keeps its pressure, and the resistance needs its level."
+            "is not told from that of the air; an artery keeps its pressure, and the resistance needs its level: "
+            "leave out the column of a ventricle."
         )
 
 

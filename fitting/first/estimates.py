@@ -121,8 +121,11 @@ def compliances(beats: Beats, root: str, P_venous: float, R: float) -> tuple[Fir
 
     pulse, usual = float(np.ptp(P)), np.log(beats.T / R)
     if excess(usual - 10.0) < 0.0:
+        largest = R * float(np.ptp(Q))
         raise InputError(
-            f"{beats.source}: the pulse of {root} is larger than the resistance times that of {INFLOW}; check units."
+            f"{beats.source}: the pulse of {root} is {pulse / MMHG:.3g} mmHg, and that of {INFLOW} times the "
+            f"resistance, mean of {root} minus P_venous over mean of {INFLOW}, is but {largest / MMHG:.3g} mmHg: "
+            f"{root} is no artery, or its zero or a unit is wrong; correct it, give --venous, or leave out its column."
         )
     C = float(np.exp(brentq(excess, usual - 10.0, usual + 10.0)))
     decay = _decay(smooth(beats, root) - P_venous, smooth(beats, INFLOW), R, beats.T)

@@ -27,6 +27,7 @@ ELASTIC = 1.5 * NEAR  # of a lag, by which a stretch may come early or late
 # VARIES in 1.5 % of the recordings, and the pulses exceed both VARIES and NO_PULSE in 1 %.
 VARIES = NEAR / 5.0  # of the beat or the pulse: standard deviation, from which beats are cut singly; and of a period
 # over the whole record, by which a given one may differ from the one of equal beats
+OTHER_PULSE = 2.0 * NEAR  # of the pulse, by which it changes over the beats used if they are of no one state
 RANGE = (0.05, 0.95)  # quantiles of a beat whose distance is its pulse: spikes are beyond them
 NO_PULSE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
 UNLIKE, USUAL = 0.35, 6.0  # of the pulse, and times as much as usual: a beat that differs by both is not used

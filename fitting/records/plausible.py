@@ -61,24 +61,26 @@ def check_plausible(record: Record, known: Mapping[str, Artery]) -> None:
             artery = replace(artery, pulse=artery.slope * _pulse(record.channels[f"{site}.R"]))
         fault = _fault(kind, values, artery)
         if fault:
-            advice = _advice(name, values, record.scales.get(name, 1.0), artery)
+            option = record.maps.get(name, f"{name}={name}")
+            advice = _advice(name, values, record.scales.get(name, 1.0), artery, option)
             raise UnusableRecord(
                 f"{record.path}: {name}: {fault}; {advice}, or --as-measured if it is truly so (a phantom, a vein)."
             )
 
 
-def _advice(name: str, values: Array, scale: float, artery: Artery) -> str:
-    """What may be wrong. scale : SI over the unit that was read."""
-    site, _, kind = name.rpartition(".")
-    if kind == "R" and artery.R0 is not None and not _fault(kind, values / 2.0, artery):
-        return f'its numbers are those of a diameter: give it as one, --map "{name}={site}.D [mm]"'
+def _advice(name: str, values: Array, scale: float, artery: Artery, option: str) -> str:
+    """What may be wrong. scale : SI over the unit that was read. option : --map that reads it, without a unit."""
+    kind = name.rpartition(".")[2]
+    if option.endswith(".R") and artery.R0 is not None and not _fault(kind, values / 2.0, artery):
+        unit = next((f" [{each}]" for each in UNITS[kind] if factor(each, KINDS[kind]) == scale), "")
+        return f'its numbers are those of a diameter: give it as one, --map "{option.removesuffix(".R")}.D{unit}"'
     # no unit moves zero: a flow under the title of a pressure keeps its negative numbers
     column = "it falls to zero or below, as a flow does: check that the column is a pressure"
     doubt = kind == "P" and np.nanpercentile(values, limits.LEVELS[0]) <= 0.0
     for unit in UNITS[kind]:
         other = factor(unit, KINDS[kind]) or 1.0
         if abs(other / scale - 1.0) > 0.1 and not _fault(kind, values * (other / scale), artery):
-            fits = f'its numbers fit the unit {unit}: correct the title, or --map "{name}={name} [{unit}]"'
+            fits = f'its numbers fit the unit {unit}: correct the title, or --map "{option} [{unit}]"'
             return f"{column}; if it is, {fits}" if doubt else fits
     return column if doubt else "check its unit, its sensor, and whether it is of this artery"
 

@@ -257,8 +257,9 @@ def _check_start(values: Mapping[str, float], R: float) -> None:
         )
     if phi0 <= 0.0:
         raise NoFit(
-            f"phi0 = {phi0:.3g} Pa.s is negative: the pressure comes after the radius, so the loop would give "
-            "energy; check that P and R are not swapped, fit a time lag between them, and check R0 if it was given."
+            f"phi0 = {1e-3 * phi0:.3g} kPa·s is negative: the pressure comes after the radius, so the loop would give "
+            "energy; check that P and R are not swapped, fit a time lag between them with --lag, and check R0 if it "
+            "was given."
         )
 
 

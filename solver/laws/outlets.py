@@ -70,6 +70,10 @@ class Outlet:
     stores: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
+        missing = [name for name in ("symbol", "noun") if not hasattr(cls, name)]
+        missing += [name for name in ("load", "condition") if getattr(cls, name).__func__ is getattr(Outlet, name).__func__]
+        if missing:
+            raise TypeError(f"{cls.__name__}: this kind of outlet lacks {', '.join(missing)}; state them in its class.")
         cls.stores = cls.capacity.__func__ is not Outlet.capacity.__func__  # type: ignore[attr-defined]
 
     @property

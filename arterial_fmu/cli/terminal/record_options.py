@@ -81,6 +81,15 @@ Filters = Annotated[
 Decimal = Annotated[
     str | None, typer.Option("--decimal", is_eager=True, help="Decimal mark: comma or point; default: from the file.")
 ]
+Part = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--part",
+        metavar="[FILE=]FROM..TO",
+        help='Read only this part, in times after the first sample: "60..120 s", "2 min..", "..30 s"; '
+        '"drug.txt=60..120 s" of one of several recordings, repeatable.',
+    ),
+]
 AsMeasured = Annotated[
     bool,
     typer.Option("--as-measured", help="Accept values outside the range of arteries, e.g. of a phantom or a vein."),
@@ -148,12 +157,25 @@ def seconds(text: str | None, name: str) -> float | None:
 
 
 def reading(
-    records: Sequence[Path], mapped: list[str] | None, decimal: str | None, beside: list[Path] | None
+    records: Sequence[Path],
+    mapped: list[str] | None,
+    decimal: str | None,
+    beside: list[Path] | None = None,
+    part: list[str] | None = None,
 ) -> Reading:
     """How to read these records. Raises InputError for a wrong option, or a file that cannot be opened."""
-    how = Reading.from_options(mapped, decimal, beside)
+    how = Reading.from_options(mapped, decimal, beside, part)
     check_readable(*records, *how.beside)
+    check_parts(how, records)
     return how
+
+
+def check_parts(how: Reading, records: Sequence[Path]) -> None:
+    """Raise InputError for a part of a file that is none of these records."""
+    names = [path.name for path in records]
+    for file in how.parts:
+        if file and file not in names:
+            raise InputError(f"--part {file}: no recording has this name; they are {', '.join(names)}.")
 
 
 def beats_of(

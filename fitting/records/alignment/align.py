@@ -24,7 +24,9 @@ from .variable_beats import VariableBeats, cut_variable
 
 @single_threaded
 def align(record: Record, period: float | None = None) -> Beats:
-    """The record as whole beats that start at its first sample, moved onto the strict period where they jitter.
+    """The record as whole beats, moved onto the strict period where they jitter.
+
+    Equal beats start at the first sample of the record, variable ones at the feet of their upstrokes.
 
     period : [s], by default found. A period of equal beats is used exactly, and may span several beats. If beats vary,
     it only identifies the beats, and each is cut by itself. Equal beats have N = round(T/dt) samples; where T is no

@@ -90,9 +90,10 @@ class Beats:
         return (*found, *self._trends(), *self._odd_beats())
 
     def _trends(self) -> list[str]:
-        """A sentence for each channel whose level is not that of one state: an occlusion, a drug, a zero that drifts.
+        """A sentence for each channel whose level or pulse is not that of one state: an occlusion, a drug, a zero that
+        drifts, a catheter that clots.
 
-        The change is that of a line through the means of the beats, over the record.
+        The change is that of a line through the means of the beats, or their sizes along the mean beat.
         """
         found = []
         for name, beats in self.values.items():
@@ -100,16 +101,23 @@ class Beats:
             there = np.flatnonzero(~np.isnan(beats).all(axis=1))
             if len(there) < limits.FEWEST_BEATS:
                 continue
-            level = usual.mean() + np.nanmean((beats - usual)[there], axis=1)
-            line = np.polyfit(there, level, 1)
-            change = float(line[0] * (self.n_beats - 1))
-            if abs(change) > limits.NEAR * max(abs(float(usual.mean())), float(usual.std())):
-                unit, factor = of_signal(name)
-                found.append(
-                    f"the mean of {name} goes from {factor * line[1]:.3g} to {factor * (line[1] + change):.3g} {unit} "
-                    "over the beats used: the mean beat is of no single state, or a zero drifts; cut the file to a "
-                    "steady part."
-                )
+            off = (beats - usual)[there]
+            level, wave = np.nanmean(off, axis=1), usual - usual.mean()
+            size = 1.0 + np.nanmean((off - level[:, None]) * wave, axis=1) / max(float(np.var(wave)), 1e-300)
+            largest = max(abs(float(usual.mean())), float(usual.std()))
+            for what, y, least, why in (
+                ("mean", usual.mean() + level, limits.NEAR * largest, "a zero drifts"),
+                ("pulse", float(np.ptp(usual)) * size, limits.OTHER_PULSE * float(np.ptp(usual)), "a catheter clots"),
+            ):
+                line = np.polyfit(there, y, 1)
+                change = float(line[0] * (self.n_beats - 1))
+                if abs(change) > least:
+                    unit, factor = of_signal(name)
+                    found.append(
+                        f"the {what} of {name} goes from {factor * line[1]:.3g} to {factor * (line[1] + change):.3g} "
+                        f"{unit} over the beats used: the mean beat is of no single state, or {why}; give a steady "
+                        "part with --part."
+                    )
         return found
 
     def _odd_beats(self) -> list[str]:
@@ -134,8 +142,8 @@ class Beats:
         names = ", ".join(dict.fromkeys(found[b][0] for b in sorted(found)))
         return [
             f"{len(found)} of {self.n_beats} beats, from {begins[min(found)]:.4g} to {begins[max(found)]:.4g} s after "
-            f"the record's start, are unlike the others in {names}: if the subject was in another state then, cut the "
-            "file to one state; if they are artefacts, leave their samples empty."
+            f"the record's start, are unlike the others in {names}: if the subject was in another state then, give "
+            "the part of one state with --part; if they are artefacts, leave their samples empty."
         ]
 
     def require(self, names: Iterable[str]) -> None:

@@ -100,7 +100,8 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Perio
         if _irregular(x[votes], each.lag, found.T / step):
             note = (
                 f"the heart is irregular: beats about {each.lag * step:.3g} s apart come at intervals that do not "
-                f"repeat, as in atrial fibrillation; if one beat lasts {found.T:.3g} s, give that period."
+                f"repeat, as in atrial fibrillation; if {round(found.T / step / each.lag)} upstrokes are one beat, of "
+                f"{found.T:.3g} s, give that period."
             )
             return PeriodFound(each.lag * step, found.T, (note,))
     passed = list(zip([each.lag for each in tried], scores, strict=True))

@@ -67,7 +67,7 @@ def without_still(values: Array, name: str, dt: float, place: Place) -> tuple[Ar
     levels = ", ".join(f"{shown * float(np.median(x[a:b])):.4g}" for a, b in strange[: limits.NAMED])
     where = f"{name} stands still at {levels} {unit} for {dt * sum(b - a for a, b in strange):.3g} s"
     if share > 0.5:
-        raise UnusableRecord(f"{place}: {where}, most of the record; cut the file to where it was measured.")
+        raise UnusableRecord(f"{place}: {where}, most of the record; read the part where it was measured with --part.")
     return found, (f"{where}, as a sensor that is flushed, zeroed or dead: these samples were taken for gaps.",)
 
 

@@ -1,13 +1,17 @@
 """Times as a clock shows them, 12:03:04.250, 12:03:04.250 PM, 03:04.250 or 2024-05-01T12:03:04.250, as seconds since
-midnight, the hour or 1970."""
+midnight, the hour or 1970; and the part of a recording that an option states."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from datetime import date
 
 import numpy as np
+
+from solver.errors import InputError
+from solver.network.files import parse_quantity
 
 from .table import Array
 
@@ -50,6 +54,34 @@ def past_midnight(seconds: Array) -> Array:
     """(n,) [s] of a clock, with a day added each time it begins anew."""
     with np.errstate(invalid="ignore"):
         return seconds + _DAY * np.concatenate([[0], np.cumsum(np.diff(seconds) < -0.5 * _DAY)])
+
+
+def part_of(text: str) -> tuple[str, tuple[float, float]]:
+    """The file, "" of all, and begin and end [s] of "60..120 s", "base.txt=1 min..2 min", "60 s.." or "..2 min".
+
+    Raises ValueError, one sentence, for a text that is none.
+    """
+    file, _, span = text.rpartition("=")
+    ends = [end.strip() for end in span.split("..")]
+    if len(ends) != 2 or not any(ends):
+        raise InputError(
+            f'--part "{text}": must be FROM..TO, such as --part "60..120 s", --part "60 s.." or "..2 min".'
+        )
+    begin, end = ends
+    if re.fullmatch(r"[0-9.]+", begin):  # of two numbers with one unit it is that of both
+        begin += re.sub(r"^[0-9.eE+-]+", "", end)
+    low = parse_quantity(begin, "s", "--part") if begin else 0.0
+    high = parse_quantity(end, "s", "--part") if end else math.inf
+    if not 0.0 <= low < high:
+        raise InputError(
+            f'--part "{text}": must begin at 0 or later and end after that; times are counted from the first sample.'
+        )
+    return file.strip(), (low, high)
+
+
+def span_text(span: tuple[float, float]) -> str:
+    """Such a part [s] for people."""
+    return f"{span[0]:.10g}..{span[1]:.10g} s" if span[1] < math.inf else f"{span[0]:.10g} s.."
 
 
 def _seconds(text: str, mark: str) -> str:

@@ -15,6 +15,7 @@ from solver.errors import InputError
 from solver.network.files import parse_quantity
 from solver.quantities.units import INFLOW
 
+from .clock import part_of, span_text
 from .sensors import KINDS, TIME, Kind
 from .table import Column, Place, Table, refuse
 from .titles import advice as advised
@@ -51,20 +52,23 @@ class Reading:
     If any is given, all columns that neither it nor the variables' names mention are left out. "Q.csv:2" is of the file
     of that name alone.
     beside : further files of the same recording. shifts : file -> seconds that are added to its times; None: it starts
-    with the first file.
+    with the first file. parts : name of a file, "" of all -> begin and end [s] of the samples that are read, from the
+    first one of the recording on.
     """
 
     decimal: str | None = None
     names: Mapping[str, str] = field(default_factory=dict)
     beside: tuple[str, ...] = ()
     shifts: Mapping[str, float | None] = field(default_factory=dict)
+    parts: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @staticmethod
     def from_options(
-        pairs: Iterable[str] | None, decimal: str | None, beside: Iterable[str | os.PathLike[str]] | None = None
-    ) -> Reading:
-        """Of the options ``--map TITLE=VARIABLE``, ``--decimal`` and ``--with FILE`` or ``FILE=SHIFT``. Raises
-        ValueError for a pair or a shift that is none."""
+        pairs: Iterable[str] | None, decimal: str | None, beside: Iterable[str | os.PathLike[str]] | None = None,
+        parts: Iterable[str] | None = None,
+    ) -> Reading:  # fmt: skip
+        """Of the options ``--map TITLE=VARIABLE``, ``--decimal``, ``--with FILE`` or ``FILE=SHIFT``, and ``--part``.
+        Raises ValueError for one that is none."""
         names: dict[str, str] = {}
         for pair in pairs or ():
             title, equals, variable = (part.strip() for part in pair.rpartition("="))
@@ -75,7 +79,11 @@ class Reading:
             names[title] = variable
         files = [_shifted(os.fspath(file)) for file in beside or ()]
         shifts = {file: shift for file, shift in files if shift != 0.0}
-        return Reading(decimal, names, tuple(file for file, _ in files), shifts)
+        return Reading(decimal, names, tuple(file for file, _ in files), shifts, dict(map(part_of, parts or ())))
+
+    def part(self, file: str | os.PathLike[str]) -> tuple[float, float] | None:
+        """Begin and end [s] of the samples of a file that are read, None for all."""
+        return self.parts.get(Path(file).name, self.parts.get(""))
 
     def each(self, tables: Sequence[Table]) -> list[Reading]:
         """The reading of each file of a recording, whose names are of its columns alone.
@@ -101,18 +109,21 @@ class Reading:
         """The options of the reading as plain data, for the provenance of a result; empty without options."""
         decimal = {} if self.decimal is None else {"decimal": self.decimal}
         shifts = {file: _START if shift is None else shift for file, shift in self.shifts.items()}
-        return decimal | ({"map": dict(self.names)} if self.names else {}) | ({"shift": shifts} if shifts else {})
+        parts = {file: span_text(span) for file, span in self.parts.items()}
+        given = {"map": dict(self.names), "shift": shifts, "part": parts}
+        return decimal | {name: value for name, value in given.items() if value}
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A column that is read: its name in the record (D as R), kind, scale of its unit in SI, and -1 of one that is
-    turned. Time is "time"."""
+    """A column that is read: its name in the record (D as R), kind, scale of its unit in SI, the variable that it was
+    called, and -1 of one that is turned. Time is "time"."""
 
     column: Column
     name: str
     kind: Kind
     scale: float
+    variable: str
     sign: float = 1.0
 
     @property
@@ -290,7 +301,7 @@ def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], plac
         refuse(place, None, title, f'{column.problem}; leave it out: --map "{title}=", or export it alike')
     scale = _factor(kind, name, unit, title, titles, place)
     site, _, letter = name.rpartition(".")
-    return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale, 1.0 if given == name else -1.0)
+    return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale, given, 1.0 if given == name else -1.0)
 
 
 def _unknown(column: Column, target: tuple[str, str]) -> bool:

@@ -162,8 +162,10 @@ def _samples(lines: Sequence[str], start: int, separator: str, width: int, at: l
 
 
 def _is_remark(row: Sequence[str], mark: str, grouped: bool) -> bool:
-    """Whether a row is no sample but an event: words, and perhaps its time, in place of all channels."""
-    cells = [cell for cell in map(str.strip, row[1:] or row) if cell]
+    """Whether a row is no sample but an event: words, and perhaps its time, in place of all channels, or of its time
+    above empty channels, as spreadsheets write a heading."""
+    first, *others = map(str.strip, row)
+    cells = list(filter(None, others)) or [first]
     return bool(cells) and not any(_ALMOST.fullmatch(c) or _number(c, mark, grouped) is not None for c in cells)
 
 

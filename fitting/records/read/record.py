@@ -37,7 +37,7 @@ from .sensors import (
     without_plateaus,
 )
 from .table import Array, Column, Place, Table
-from .time_axis import between, longest_block, time_axis
+from .time_axis import between, longest_block, rows_of, time_axis
 
 # A Hamming window of 16 slow intervals has a transition of 3.3/16 = 0.2 of the slow rate f: from 0.3 f, as it was,
 # to 0.5 f, gone
@@ -52,7 +52,8 @@ class Record:
     path as given; sha256 of the file's bytes. Names end in .P [Pa], .Q [m³/s] or .R [m]. resting : flows that do not
     pulsate, such as that of a closed outlet, and their value; nothing can be fitted to them, so they are no channels.
     told : the options of the reading, as ``Reading.told``, and the changes of the samples; said : these changes as
-    sentences. scales : of each channel, SI over the unit that was read.
+    sentences. scales : of each channel, SI over the unit that was read. maps : of each channel the option --map, but
+    for a unit, that reads it. origin : the first time of the file [s], of which a part was read.
     """
 
     path: str
@@ -62,7 +63,14 @@ class Record:
     resting: Mapping[str, float] = field(default_factory=dict)
     told: Mapping[str, Any] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
+    maps: Mapping[str, str] = field(default_factory=dict)
     said: tuple[str, ...] = ()
+    origin: float | None = None
+
+    @property
+    def start(self) -> float:
+        """The first time of the recording [s], whatever part of it was read."""
+        return float(self.time[0]) if self.origin is None else self.origin
 
     @property
     def dt(self) -> float:
@@ -105,11 +113,9 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         ]  # of half a gigabyte as long as the numbers: beside them
         tables = [read_table(file, reading.decimal) for file in files]
         each = reading.each(tables) if reading.beside else [reading]
-        records = [
-            part
-            for own, digest in zip(each, digests, strict=True)
-            for part in _of_one_file(tables.pop(0), own, digest.result())
-        ]
+        records: list[Record] = []
+        for own, digest in zip(each, digests, strict=True):
+            records += _of_one_file(tables.pop(0), own, digest.result(), records[0] if records else None)
     if len(records) == 1:
         return records[0]
     records = [records[0], *(_shifted(each, records[0], reading) for each in records[1:])]
@@ -124,6 +130,7 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         resting={name: value for r in records for name, value in r.resting.items()},
         told=details | ({"sampling": sampling} if sampling else {}),
         scales={name: scale for r in records for name, scale in r.scales.items()},
+        maps={name: option for r in records for name, option in r.maps.items()},
         said=(*(text for r in records for text in r.said), note),
     )
 
@@ -133,18 +140,28 @@ def _shifted(part: Record, first: Record, reading: Reading) -> Record:
     if part.path not in reading.shifts:
         return part
     shift = reading.shifts[part.path]
-    shift = float(first.time[0] - part.time[0]) if shift is None else shift
+    shift = first.start - part.start if shift is None else shift
     return replace(
         part, time=part.time + shift, said=(*part.said, f"{shift:+.10g} s were added to the times of {part.path}.")
     )
 
 
-def _of_one_file(table: Table, reading: Reading, sha256: str) -> list[Record]:
-    """The records in one file, one for each of the rates that its channels were sampled at."""
+def _of_one_file(table: Table, reading: Reading, sha256: str, first_file: Record | None) -> list[Record]:
+    """The records in one file, one for each of the rates that its channels were sampled at. first_file : the record in
+    the file that this one is beside, and whose part is read."""
     clock, chosen = choose(table, reading)
     place = table.place
-    block, notes = longest_block(clock.column.values, clock.factor, place)
-    del table
+    stamps, factor, origin = clock.column.values, clock.factor, None
+    asked, notes = slice(0, len(stamps)), tuple[str, ...]()
+    span = reading.part(first_file.path if first_file else place.source)
+    if span is not None and np.isfinite(stamps).any():
+        shift = reading.shifts.get(place.source, 0.0)
+        origin = float(stamps[np.isfinite(stamps)][0]) * factor
+        begin = first_file.start - shift if first_file and shift is not None else origin
+        asked, notes = rows_of(stamps, factor, begin, span, place)
+    inner, others = longest_block(stamps[asked], factor, replace(place, rows=range(asked.start, asked.stop)))
+    block, notes = slice(asked.start + inner.start, asked.start + inner.stop), (*notes, *others)
+    del table, stamps
     every = [_every(each.column.values[block]) for each in chosen]
     usual = min((rows for rows in every if rows is not None), key=lambda rows: rows[1], default=(0, 1))
     groups: dict[tuple[int, int], list[Chosen]] = {}
@@ -161,7 +178,7 @@ def _of_one_file(table: Table, reading: Reading, sha256: str) -> list[Record]:
                 "only these were read.",
             )
         used = replace(place, rows=range(block.start + first, block.stop, step))
-        found.append(_one(clock, mine, used, reading, sha256, notes))
+        found.append(replace(_one(clock, mine, used, reading, sha256, notes), origin=origin))
         notes = ()
     return found
 
@@ -185,6 +202,7 @@ def _one(
     axis = time_axis(clock.column.values[used], clock.factor, clock.column.title, place)
     titles = {each.name: each.column.title for each in chosen}
     scales = {each.name: each.scale for each in chosen}
+    maps = {each.name: f"{each.column.title}={each.variable}" for each in chosen}
     channels: dict[str, Array] = {}
     resting: dict[str, float] = {}
     while chosen:
@@ -215,7 +233,8 @@ def _one(
     for name in channels:
         channels[name], hum = without_hum(axis.of(channels[name]), name, axis.dt)
         notes += hum
-    return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, notes)
+    told = {**reading.told, **axis.told}
+    return Record(place.source, sha256, axis.time, channels, resting, told, scales, maps, notes)
 
 
 def together(parts: Sequence[Record]) -> tuple[Array, dict[str, Array], str]:

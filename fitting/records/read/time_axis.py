@@ -15,7 +15,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from solver.errors import InputError
+
 from .. import limits
+from .clock import span_text
 from .sensors import UnusableRecord, refuse
 from .table import Array, Place
 
@@ -65,6 +68,33 @@ def between(t: Array, x: Array, at: Array) -> Array:
     return CubicSpline(t, x)(at) if len(t) > 1 else np.full(len(at), np.nan)
 
 
+def rows_of(
+    given: Array, factor: float, origin: float, span: tuple[float, float], place: Place
+) -> tuple[slice, tuple[str, ...]]:
+    """The samples whose stamps, ``given`` times ``factor`` [s], lie in the span [s] from ``origin`` [s] on, and a note.
+
+    Where times begin anew they go on from those before. Raises ValueError if there are none.
+    """
+    after = _going_on(given) * factor - origin
+    blur = 4.0 * np.spacing(np.abs(after + origin).max())  # of a stamp at the edge
+    inside = np.flatnonzero((after >= span[0] - blur) & (after < span[1] - blur))
+    if len(inside) == 0:
+        lasts = f"its samples are from {after.min():.6g} to {after.max():.6g} s after the first"
+        raise InputError(f'{place}: --part "{span_text(span)}": {lasts}; give a part of these.')
+    note = f"{place}: only {span_text(span)} of the record was read; times in notes count from there."
+    return slice(int(inside[0]), int(inside[-1]) + 1), (note,)
+
+
+def _going_on(given: Array) -> Array:
+    """Stamps without gaps, none before the one before: a step back by more than jitter counts as a usual one."""
+    there = np.isfinite(given)
+    stamps = _steadied(given if there.all() else np.interp(np.arange(len(given)), np.flatnonzero(there), given[there]))
+    step = np.diff(stamps)
+    if step.min(initial=0.0) >= 0.0:
+        return stamps
+    return stamps[0] + np.concatenate([[0.0], np.cumsum(np.where(step < 0.0, np.median(step), step))])
+
+
 def longest_block(given: Array, factor: float, place: Place) -> tuple[slice, tuple[str, ...]]:
     """The samples of the longest block of a file, and a note on the others; all samples of a file with one block.
 
@@ -85,8 +115,8 @@ def longest_block(given: Array, factor: float, place: Place) -> tuple[slice, tup
     block = slice(start, start + int(sizes.max()))
     return block, (
         f"{place} holds {len(sizes)} blocks, at which its times begin anew or pause; the longest, of "
-        f"{(given[block.stop - 1] - given[start]) * factor:.4g} s from {place.of(start)} on, was read: cut the file to "
-        "read another.",
+        f"{(given[block.stop - 1] - given[start]) * factor:.4g} s from {place.of(start)} on, was read: --part reads "
+        "another.",
     )
 
 
@@ -195,7 +225,7 @@ def _check_regular(step: Array, numbers: Array, dt: float, lost: int, title: str
         at = int(step.argmax())
         why = (
             f"{lost} samples are missing and {len(step) + 1} are there, the longest step is {step[at]:.6g}; at least "
-            "half must be there: cut the file where it was paused"
+            "half must be there: read the part on one side of the pause with --part"
         )
         refuse(place, at + 1, title, why)
 

@@ -43,13 +43,15 @@ _BARE = re.compile(
 def name_and_unit(title: str) -> tuple[str, str]:
     """Name and unit of "name [unit]", "name (unit)", "name_unit", "name / unit" or "name in unit"; "" if there is none.
 
-    In round brackets, and without brackets, only units of time, pressure, flow or length count as units.
+    In round brackets only units of time, pressure, flow, length, velocity or volts count as units, and without
+    brackets only the first four.
     """
     title = title.strip()
     if match := re.fullmatch(r"(.*?)\s*\[([^\[\]]*)\]", title, re.DOTALL):
         return match[1], match[2].strip()
-    if (match := re.fullmatch(r"(.*?)\s*\(([^()]*)\)", title, re.DOTALL)) and is_unit(match[2]):
-        return match[1], match[2].strip()
+    if match := re.fullmatch(r"(.*?)\s*\(([^()]*)\)", title, re.DOTALL):
+        if is_unit(match[2]) or is_voltage(match[2]) or is_velocity(match[2]):
+            return match[1], match[2].strip()
     if match := _BARE.fullmatch(title):
         time = factor(match[2], TIME) is not None
         if time == (match[1].strip().lower() in _TIMES):
