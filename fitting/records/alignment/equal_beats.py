@@ -76,7 +76,8 @@ def grid(T: float, dt: float, n: int, source: str) -> Grid:
 def strict_period(channels: Mapping[str, Array], dt: float, T: float, source: str) -> float:
     """The strict period [s] of all channels near T.
 
-    Beats are cut at T and timed, and T is put right by the slope of their shifts. Raises ValueError as :func:`grid`.
+    Beats are cut at T and timed, and T is put right by the slope of their shifts. Raises ValueError as :func:`grid` and
+    :func:`check_steady`.
     """
     last, n = 0.0, len(next(iter(channels.values())))
     for _ in range(25):
@@ -89,6 +90,7 @@ def strict_period(channels: Mapping[str, Array], dt: float, T: float, source: st
         shrinks, last = min(1.0, abs(slope) / last) if last > 0.0 else 1.0, abs(slope)
         if shrinks * last < max(4e-16, _ENOUGH * doubt) or (last < _NEARLY * doubt and shrinks > _SHRINKS):
             break
+    check_steady(float(np.abs(np.diff(turns)).max()), T, source)
     return T
 
 
