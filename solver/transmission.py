@@ -30,6 +30,7 @@ from .network.description import Network
 Array = np.ndarray
 
 _PIECES = 4  # from the middle of a segment to any place in it, where a wall varies
+_OF_PARTS = 64  # the same where parts of a wall begin and end
 _GAUSS = 0.5 + np.array([-1.0, 1.0]) * np.sqrt(3.0) / 6.0  # points of a piece
 _NEAR = 1e-2  # of x, below which (1 - e^{-x})/x is a series: either way it is exact to 1e-13
 
@@ -83,11 +84,14 @@ def ways(places: Places, omega: Array) -> Ways:
         Ω = | -a  -b |     a = √3 d²/12 (Z'_1 Y'_2 - Z'_2 Y'_1)     b = d (Z'_1 + Z'_2)/2     c = d (Y'_1 + Y'_2)/2
             | -c   a |     e^Ω = cosh μ + Ω sinh(μ)/μ     μ² = a² + b c
     """
-    n, base, L = len(places.x), places.c.base, places.c.L[0]
-    gauss = (np.arange(_PIECES)[:, None] + _GAUSS) / _PIECES
+    n, base, L, pieces = len(places.x), places.c.base, places.c.L[0], _PIECES
+    along = (term for term in places.c.terms if term.effect.owner == "segment" and changes(term.effect, "wall"))
+    if any(term.effect.cut_at(term.values) for term in along):
+        pieces = _OF_PARTS
+    gauss = (np.arange(pieces)[:, None] + _GAUSS) / pieces
     parts = np.concatenate([[0.0, 1.0], gauss.ravel()])  # of the way: middle, place, and the points of all pieces
     x, own = (0.5 + np.outer(parts, places.x - 0.5)).ravel(), np.tile(np.arange(n), len(parts))
-    wall, pieces = places.c.wall_at(own, x), _PIECES
+    wall = places.c.wall_at(own, x)
     if not wall.varies(n):
         pieces, used = 1, slice(4 * n)
         wall, x, own = wall.at(used), x[used], own[used]

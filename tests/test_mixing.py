@@ -51,6 +51,17 @@ def test_two_slow_modes() -> None:
     np.testing.assert_allclose(mixed.y, state.y, rtol=1e-9)  # of equal states, themselves
 
 
+def test_areas_stay_positive() -> None:
+    """An extrapolation to the area 2 · 0.4 - 1 of the one at rest is no start of a beat; to 2 · 0.6 - 1 it is."""
+    state = initial_state(build(load("human")))
+    outlets, H = slice(0, state.H.shape[1]), np.ones_like(state.H)
+    for share, possible in ((0.4, False), (0.6, True)):
+        narrower = replace(state, y=share * state.y, H=1.5 * H)
+        beats = Beats(outlets).followed(replace(state, H=0.0 * H), replace(state, H=H), 1.0)
+        mixed = beats.followed(replace(state, H=H), narrower, 0.5).mixed()
+        assert (mixed is not None) == possible
+
+
 @pytest.mark.parametrize(("name", "slow"), [("sheep", False), ("sheep_nonlinear", False), ("human", True)])
 def test_who_fills_slowly(name: str, slow: bool) -> None:
     """What is left of a gap after a beat, by C/Σ(1/R): 2 % in the sheep, 47 % in the human."""

@@ -140,7 +140,7 @@ def test_a_new_kind_is_one_class(sheep: Network) -> None:
 
 def test_a_kind_states_what_the_solver_asks_of_it() -> None:
     """A class without a part of the interface fails where it is written, and the sentence names what is missing."""
-    with pytest.raises(TypeError, match="Half: this kind of outlet lacks noun, load, condition; state them in its class"):
+    with pytest.raises(TypeError, match="Half: this kind of outlet lacks noun, load, condition; state"):
         type("Half", (Outlet,), {"symbol": "H"})
 
 

@@ -94,6 +94,22 @@ def test_quantities_that_are_not(value: object, words: list[str]) -> None:
     assert [word for word in words if word not in str(error.value)] == []
 
 
+@pytest.mark.parametrize(
+    ("text", "unit", "words"),
+    [
+        ("600 rpm", "Hz", "the unit rpm does not convert to the expected Hz"),  # pint: 62.8 Hz
+        ("63 rad/s", "Hz", "the unit rad/s does not convert to the expected Hz"),
+        ("30 deg", "1", "the unit deg does not convert to the expected number without unit"),
+        ("3 dB", "1", "the unit dB is not known"),
+        ("0 dB", "1", "the unit dB is not known"),
+    ],
+)
+def test_angles_and_levels_are_no_numbers(text: str, unit: str, words: str) -> None:
+    """An angular frequency is no frequency without its factor of 2 pi, and a level has no factor."""
+    with pytest.raises(ValueError, match=words):
+        parse_quantity(text, unit, "x")
+
+
 @given(st.text("0123456789 .e+-cmkPasL/*^()[]%·{\"'=\n", max_size=12))
 def test_parse_quantity_gives_a_float_or_value_error(text: str) -> None:
     """No text whatever makes the parser of numbers or units raise anything but a sentence about x."""

@@ -71,7 +71,8 @@ class Outlet:
 
     def __init_subclass__(cls) -> None:
         missing = [name for name in ("symbol", "noun") if not hasattr(cls, name)]
-        missing += [name for name in ("load", "condition") if getattr(cls, name).__func__ is getattr(Outlet, name).__func__]
+        given = {name for base in cls.__mro__[: cls.__mro__.index(Outlet)] for name in vars(base)}
+        missing += [name for name in ("load", "condition") if name not in given]
         if missing:
             raise TypeError(f"{cls.__name__}: this kind of outlet lacks {', '.join(missing)}; state them in its class.")
         cls.stores = cls.capacity.__func__ is not Outlet.capacity.__func__  # type: ignore[attr-defined]

@@ -56,7 +56,7 @@ class Beats:
         last, w = self.ends[-1], self.weights()
         if not np.abs(w).sum(axis=0).max() <= _FURTHEST:
             return None
-        return replace(
+        mixed = replace(
             last,
             y=np.einsum("kb,kbn->bn", w, [end.y for end in self.ends]),
             A_t=np.einsum("kb,kb...->b...", w, [end.A_t for end in self.ends]),
@@ -64,6 +64,7 @@ class Beats:
             unknowns=np.einsum("kb,ksbm->sbm", w, [end.unknowns for end in self.ends]),
             unknowns_before=np.einsum("kb,ksbm->sbm", w, [end.unknowns_before for end in self.ends]),
         )
+        return mixed if (mixed.A > 0.0).all() else None
 
     def weights(self) -> Array:
         """w : (beats, B)."""

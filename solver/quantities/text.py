@@ -127,14 +127,16 @@ def _factor(text: str, unit: str, assignment: str) -> Fraction:
         if _ENDLESS.search(text):
             raise ValueError
         given = registry.parse_units(pint_spelling(text))
-        dimension = given.dimensionality  # a logarithmic unit, such as dB, has none
+        dimension = given.dimensionality
+        one = registry.Quantity(Fraction(1), given).to_root_units()  # a logarithmic unit, such as dB, has no factor
     # the parser of pint lets all of these through for text that is not a unit
     except (tokenize.TokenError, AssertionError, AttributeError, ValueError, TypeError, ArithmeticError, LookupError):
         raise InputError(
             f'{assignment}: the unit {text} is not known; expected {wanted or "no unit"}, such as "{example(unit)}".'
         ) from None
     target = registry.parse_units(wanted)
-    if dimension != target.dimensionality:
+    # pint counts angles as numbers: rpm and rad/s would be Hz without the factor of 2 pi
+    if dimension != target.dimensionality or "radian" in dict(one.unit_items()):
         raise InputError(
             f"{assignment}: the unit {text} does not convert to the expected {wanted or 'number without unit'}; "
             f'correct the unit or the key, such as "{example(unit)}".'

@@ -53,7 +53,8 @@ class Model:
     parameters : values that replace the network's own. layout : of the state vector: A (n_e, N) [m²]; Q (n_e, N+1)
     [m³/s]; P_C (n_outlets,) [Pa]; stress (m, n_e, N) [Pa], of the elements of walls with memory; history (m, n_e, N+1)
     [m/s], of a force with memory.
-    wall : (B, n_e, N). outlet_wall : (B, n_outlets). site_wall : (B, n_sites). minus_J_inverse, kinetic : (B, n_e, N)
+    wall : (B, n_e, N). outlet_wall : (B, n_outlets). site_wall : (B, n_sites). on_parts : (n_sites,)
+    whether parts of the wall begin and end in the segment. minus_J_inverse, kinetic : (B, n_e, N)
     -1/J and ½ρα. mass, friction : (B, n_e, N+1) ρ w J and ρ w J C_f. end_kinetic : (B, n_e, N+1) ½ρ(α - k) at the
     element ends, times the outward normal there. A_rest : (B, n_e, N). flow_floor, pressure_floor : (B,) corrections
     that are round-off; impedance : (B,) ρ c0/A0, which converts flow into pressure. All are per member, so that a batch
@@ -84,6 +85,7 @@ class Model:
     pressure_floor: Array
     impedance: Array
     site_wall: Wall
+    on_parts: Array
     memo: dict[float, Any] = field(default_factory=dict, repr=False)
 
     def with_parameters(self, changed: Parameters) -> Model:
@@ -199,6 +201,7 @@ def lay_out(
         pressure_floor=_ROUND_OFF * np.max(np.abs(wall.K), axis=(1, 2)),
         impedance=np.min(wall.rho * wall.c0 / wall.A0, axis=(1, 2)),
         site_wall=c.wall_at(*sites_of(network)),
+        on_parts=_on_parts(c)[sites_of(network)[0]],
     )
 
 
@@ -207,6 +210,12 @@ def sites_of(network: Network) -> tuple[Array, Array]:
     index = {segment.name: i for i, segment in enumerate(network.segments)}
     sites = network.sites
     return np.array([index[site.segment] for site in sites], int), np.array([site.position for site in sites])
+
+
+def _on_parts(c: Coefficients) -> Array:
+    """(n_segments,) whether an effect acts on a part of the segment's wall."""
+    terms = [t for t in c.terms if t.effect.owner == "segment" and changes(t.effect, "wall")]
+    return np.array([any(bool(t.effect.cut_at(t.at(s))) for t in terms) for s in range(c.L.shape[1])], bool)
 
 
 def _inlets(network: Network, wall: Wall, mesh: Mesh, layout: Layout) -> Inlets:

@@ -33,9 +33,10 @@ class Reporter(Generic[S]):
 def reporter(model: Model, tables: bool = True) -> Reporter[State]:
     """Outputs of a network: P of each inlet (Q for a given P), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
-    At a site A, ∂A/∂t and the effect of memory on the viscous stress are interpolated, and P follows from the wall law;
-    the nodal pressures are the multipliers H. tables : include the direct contributions of source tables at the time of
-    the state.
+    At a site A, ∂A/∂t and the effect of memory on the viscous stress are interpolated, and P follows from the wall law.
+    Where parts of a wall begin and end (``on_parts``) A is not smooth: there P, K ε and K ε̇ are interpolated, and A
+    follows. The nodal pressures are the multipliers H. tables : include the direct contributions of source tables at
+    the time of the state.
     """
     network, mesh, wall, (segment, position) = model.network, model.mesh, model.site_wall, sites_of(model.network)
     gauss, lobatto = mesh.sample_gauss(segment, position), mesh.sample_lobatto(segment, position)
@@ -62,8 +63,21 @@ def reporter(model: Model, tables: bool = True) -> Reporter[State]:
             # the difference, not the stress itself, so that the result is continuous as tau vanishes
             stress = model.wall.combined(np.moveaxis(model.layout.part(state.y, "stress"), 1, 0))
             change = stress - model.wall.viscous_stress(state.A, state.A_t)
-            change = gauss(np.where(model.wall.forgets, 0.0, change).reshape(B, -1))
-            P += wall.K_h * np.sqrt(wall.A0 / A) * change
+            change = np.where(model.wall.forgets, 0.0, change)
+            P += wall.K_h * np.sqrt(wall.A0 / A) * gauss(change.reshape(B, -1))
+        if model.on_parts.any():
+            walls, stretch = model.wall, np.sqrt(state.A / model.wall.A0)
+            pressure = walls.pressure(state.A, state.A_t)
+            if walls.remembers:
+                pressure += walls.K_h / stretch * change
+            P_smooth = gauss(pressure.reshape(B, -1))
+            s = 1.0 + gauss((walls.K * (stretch - 1.0)).reshape(B, -1)) / wall.K
+            rate = gauss((walls.K * walls.strain_rate(state.A, state.A_t)).reshape(B, -1)) / wall.K
+            A_smooth = wall.A0 * s * s
+            viscous = wall.pressure(A_smooth, 2.0 * wall.A0 * s * rate) - wall.pressure(A_smooth, 0.0 * rate)
+            if walls.remembers:
+                viscous += wall.K_h / s * gauss(change.reshape(B, -1))
+            A, P[:] = np.where(model.on_parts, wall.area(P_smooth - viscous), A), np.where(model.on_parts, P_smooth, P)
         Q[:] = flow
         R[:] = np.sqrt(A / np.pi)
         if tables:
