@@ -27,7 +27,8 @@ class Recording:
 
     label : its name. which : numbers of the unknowns that affect it; names : their names without its label.
     values, ci95 : SI, of the varying unknowns, by FMU variable name. chi2, dof : of its data. channels : whitened RMS
-    per channel (1 = noise); rms : the same over the beat [SI]. harmonics : K. beats : their number.
+    per channel (1 = noise); rms : the same over the beat [SI]. means : mean residual [SI] of channels in which it is
+    more than a model error of means may be. harmonics : K. beats : their number.
     """
 
     label: str
@@ -42,6 +43,7 @@ class Recording:
     dof: float
     channels: Mapping[str, float]
     rms: Mapping[str, float]
+    means: Mapping[str, float]
     harmonics: int
     told: Mapping[str, Any] = field(default_factory=dict)
 

@@ -40,7 +40,7 @@ from ..inference.unknown_text import parse_unknowns, varied
 from ..inference.zeros import apart
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
-from ..records.channels.amounts import sizes
+from ..records.channels.amounts import size_text, sizes
 from ..records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
 from ..records.limits import MAX_HARMONICS
 from ..records.recordings import labels_of
@@ -279,10 +279,12 @@ def _recordings(
         covariance, noise = known.covariance[np.ix_(at, at)], noise_known([beats.n_beats])
         ci95 = parameter_intervals(unknowns, network, x, covariance, noise)
         rms = dict(zip(part.signals, part.rms(z).tolist(), strict=True))
+        off, most = part.target.unwhiten(z[:, None])[0, :, 0].real, MEANS * pulses(beats, part.signals)
+        means = {name: x for name, x, y in zip(part.signals, off.tolist(), most, strict=True) if abs(x) > y}
         found.append(Recording(
             label, beats.source, beats.sha256, beats.n_beats, tuple(int(j) for j in at), tuple(names), values,
             {name: ci95[name] for name in values}, float(z @ z), max(1.0, len(z) - float(paid[rows].sum())),
-            part.target.channel_rms(z), rms, part.K, beats.told,
+            part.target.channel_rms(z), rms, means, part.K, beats.told,
         ))  # fmt: skip
     return tuple(found)
 
@@ -310,8 +312,14 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
         f"the intervals allow a model error of {rest} of each channel's pulsation in the harmonics (rms) and {means} "
         "in the means (sd)"
     )
-    if errors[0] >= MEANS > errors[1]:
-        allowed += f", at most; if a zero or a height is off by more, free it (--free {worst}.zero)"
+    if recording.means and not errors[0] == errors[1]:
+        farthest = max(recording.means, key=lambda name: abs(recording.means[name]))
+        mean = size_text(farthest, abs(recording.means[farthest]))
+        side = "above" if recording.means[farthest] > 0.0 else "below"
+        allowed += (
+            f"; the mean of {farthest} is {mean} {side} the record's: if its zero or height is off, free it "
+            f"(--free {farthest}.zero)"
+        )
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
         f"({recording.channels[worst]:.3g} times its noise); "

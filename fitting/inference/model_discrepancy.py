@@ -92,8 +92,8 @@ def settled(fit: Fit) -> Fit:
     return replace(fit, x=fit.x + step, z=fit.z + fit.J @ step)
 
 
-def estimated(fit: Fit, blocks: Sequence[Block], n_parts: int) -> Array:
-    """(n_parts,) the parts a_c that make the residual of a fit most probable, its unknowns refitted.
+def estimated(fit: Fit, blocks: Sequence[Block], n_parts: int, largest: Array | float = LARGEST) -> Array:
+    """(n_parts,) the parts a_c that make the residual of a fit most probable, its unknowns refitted. largest : of each.
 
     The fixed point of D. A. Harville (J. Am. Stat. Assoc. 72, 1977, 320): a² <- a² (zᵀP B Bᵀ P z)/tr(Bᵀ P B), with P
     the inverse covariance, projected on the residuals of the unknowns.
@@ -102,7 +102,7 @@ def estimated(fit: Fit, blocks: Sequence[Block], n_parts: int) -> Array:
     for _ in range(_STEPS):
         power, trace = _sums(fit, blocks, parts)
         ratio = np.sqrt(power / np.maximum(trace, 1e-300))
-        new = np.clip(parts * np.clip(ratio, 0.1, 10.0), _SMALLEST, LARGEST)
+        new = np.clip(parts * np.clip(ratio, 0.1, 10.0), _SMALLEST, largest)
         done = np.all((np.abs(new - parts) < _SETTLED * parts) | (new == _SMALLEST))
         parts = new
         if done:

@@ -23,6 +23,7 @@ import numpy as np
 from ...records.channels.noise import pulses
 from ..fit import Array, Fit
 from ..gauss_newton import LARGEST, Point, Rules, Search, search
+from ..model_discrepancy import LARGEST as LARGEST_ERROR
 from ..model_discrepancy import Block, estimated, settled
 from ..models.network import NetworkProblem
 from ..runs import Runs
@@ -32,8 +33,9 @@ Networks = NetworkProblem | Several
 Problem = TypeVar("Problem", bound=NetworkProblem | Several)
 
 # Of the pulsation (rms): largest error of the means, 1 or 2 mmHg of a pressure. A zero that is off by more can be
-# freed. Without a limit the few means are given up for the harmonics, and with them the mean resistance, and all that
-# only other flows show
+# freed. Without a limit the few means are given up for the many harmonics, and with them the mean resistance, and all
+# that only other flows show. Where the harmonics would give them up by more than the limit, the error is as much
+# smaller than the limit as that is larger, and the means count the more
 MEANS = 0.1
 CHANCE = 4.0  # standard deviations of χ² above which more than noise remains
 # Predicted gain of a search that ended without a better step, which moves no value by more than a third of its standard
@@ -121,8 +123,10 @@ def model_errors(whole: Several, fit: Fit) -> Array:
     parts = networks(whole)
     lone = len(parts) == 1 and len(parts[0].signals) == 1  # one mean gives no error of means
     each = zip(parts, whole.rows, strict=True)
-    means, rest = estimated(linear, [block for part, rows in each for block in _blocks(part, rows.start, int(lone))], 2)
-    means = min(means, MEANS)
+    blocks = [block for part, rows in each for block in _blocks(part, rows.start, int(lone))]
+    means, rest = estimated(linear, blocks, 2)
+    if means > MEANS:
+        means, rest = estimated(linear, blocks, 2, np.array([MEANS**2 / means, LARGEST_ERROR]))
     return np.array([max(means, rest), rest])  # few means determine it poorly: at least that of the harmonics
 
 
