@@ -86,9 +86,7 @@ def unusable(
     )
 
 
-def summary(
-    record: Record, model: str | os.PathLike[str], study: Study, naming: Naming, shown: ValidationRuns
-) -> Outcome:
+def summary(model: str | os.PathLike[str], study: Study, naming: Naming, shown: ValidationRuns) -> Outcome:
     """The outcome of all stages."""
     before, after = shown.before, shown.after
     gaps = shown.gaps or (before.gap, after.gap if after else None)
@@ -110,7 +108,7 @@ def summary(
         met=bool(naming.only_with),
         map=acting,
         walls=walls,
-        record=record.path,
+        record=study.fitted.source,
         model=os.fspath(model),
         kind=study.problem.kind,
         effects=shown.effects,
@@ -139,8 +137,8 @@ def summary(
         notes=(*([f"{naming.reason}."] if none and naming.reason else []),
                *(() if bent else odd_ones(walls, study.network))),
         provenance={
-            "record_sha256": record.sha256,
-            **({"columns": dict(record.told)} if record.told else {}),
+            "record_sha256": study.fitted.sha256,
+            **({"columns": dict(study.fitted.told)} if study.fitted.told else {}),
             "model": os.fspath(model),
             "beats": {"fitted": study.fitted.n_beats, "held_out": study.held_out.n_beats},
             "period": {"value": study.fitted.T, "unit": "s"},

@@ -43,6 +43,7 @@ _FILE = "the file as it is"
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
 Key = TypeVar("Key")
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
+Ran = tuple[Recorded, Run, Run | None]  # a recording, and its runs without and with the added effects
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
 
 
@@ -58,6 +59,16 @@ class Judged:
     gaps: tuple[Gap, Gap | None]
     recordings: tuple[Recorded, ...]
     warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FreeRuns:
+    """before, after : run the FMU without and with the added effects. given : runs of the file as it is, under each
+    fitted recording."""
+
+    before: FreeRun
+    after: FreeRun
+    given: Sequence[Run] = ()
 
 
 @dataclass(frozen=True)
@@ -116,15 +127,14 @@ class Recordings:
 
     # --- through the FMUs ---------------------------------------------------------------------------------------------
 
-    def judged(self, naming: Naming, base: Fit, before: FreeRun, after: FreeRun, given: Sequence[Run] = ()) -> Judged:
+    def judged(self, naming: Naming, base: Fit, runs: FreeRuns) -> Judged:
         """The naming if the free runs of all recordings support it, with these runs.
 
-        base : fit without the added effects. before, after : run the FMU without and with the added effects. given :
-        runs of the file as it is, under each fitted recording. The walls of a fit without effect may have absorbed so
-        much that the FMU does not run with them, though record and file are sound: the periodic solution of the fit
-        stands in for its run, and without one the run of the file, with which no name stands.
+        base : fit without the added effects. Its walls may have absorbed so much that the FMU does not run with them,
+        though record and file are sound: the periodic solution of the fit stands in for its run, and without one the
+        run of the file, with which no name stands.
         """
-        found, unjudged = self.each(naming, base, before, after, given)
+        found, unjudged = self.each(naming, base, runs)
         unjudged += [
             f"{r.source}: {r.failed} The gap is that of {first.stands_in}; do not use these walls."
             for r, first, _ in found
@@ -141,15 +151,13 @@ class Recordings:
             each = tuple(replace(r, gap_after=None, rms_after={}, own=r.own_before) for r in each)
         return Judged(naming, first, last, gaps, () if self.alone else each, (*self.warnings, *unjudged))
 
-    def each(
-        self, naming: Naming, base: Fit, before: FreeRun, after: FreeRun, given: Sequence[Run] = ()
-    ) -> tuple[list[tuple[Recorded, Run, Run | None]], list[str]]:
+    def each(self, naming: Naming, base: Fit, runs: FreeRuns) -> tuple[list[Ran], list[str]]:
         """The free runs of each recording, and sentences on held-out ones that could not be judged."""
-        found, unjudged = [], list[str]()
+        found, unjudged = list[Ran](), list[str]()
         for i, (record, study) in enumerate((*zip(self.records, self.studies, strict=True), *self.unseen)):
             fitted = i < len(self.records)
             try:
-                ran = self._run(i, record, study, naming, base, before, after, given)
+                ran = self._run(i, study, naming, base, runs)
                 if ran[0].failed and not fitted:
                     raise RunFailed(ran[0].failed)
                 found.append(ran)
@@ -159,17 +167,7 @@ class Recordings:
                 unjudged.append(not_judged(record.path, error))  # the verdict does not depend on it
         return found, unjudged
 
-    def _run(
-        self,
-        i: int,
-        record: Record,
-        study: Study,
-        naming: Naming,
-        base: Fit,
-        before: FreeRun,
-        after: FreeRun,
-        given: Sequence[Run],
-    ) -> tuple[Recorded, Run, Run | None]:
+    def _run(self, i: int, study: Study, naming: Naming, base: Fit, runs: FreeRuns) -> Ran:
         """The free runs of one recording, without and with the added effects."""
         fitted, whole = i < len(self.records), naming.problem if isinstance(naming.problem, Several) else None
 
@@ -179,59 +177,47 @@ class Recordings:
         if fitted:
             study = replace(study, problem=whole.parts[i] if whole else naming.problem.first)
         without, best = there(base), there(naming.best.fit) if naming.adds else None
-        found = self._through(i, record, study, without, best, before, after, given)
+        found = self._through(i, study, without, best, runs)
         if best is None or not (whole and fitted) or found[2] is None:
             return found
         response = whitened_response(naming.best.fit, best.terms)[whole.rows[i]]
         return replace(found[0], d=float(np.linalg.norm(response))), *found[1:]
 
-    def unseen_by(
-        self, base: Fit, law: Fit, there: Callable[[Study], Study], before: FreeRun, after: FreeRun
-    ) -> list[Recorded]:
+    def unseen_by(self, base: Fit, law: Fit, there: Callable[[Study], Study], runs: FreeRuns) -> list[Recorded]:
         """The free runs of the recordings that are held out whole, without and with a learned law. Recordings that
         cannot be simulated are omitted: a warning of the verdict already reports them.
 
         base : fit without the law. there : the study of a recording with the ranges of the law in its network.
         """
         found = list[Recorded]()
-        for i, (record, study) in enumerate(self.unseen, len(self.records)):
+        for i, (_, study) in enumerate(self.unseen, len(self.records)):
             ranged = there(study)
             with suppress(InputError, RunFailed):
                 fits = _refitted(self.whole, study, base), _refitted(self.whole, ranged, law)
-                found.append(self._through(i, record, ranged, *fits, before, after)[0])
+                found.append(self._through(i, ranged, *fits, runs)[0])
         return found
 
-    def _through(
-        self,
-        i: int,
-        record: Record,
-        study: Study,
-        without: Fit,
-        best: Fit | None,
-        before: FreeRun,
-        after: FreeRun,
-        given: Sequence[Run] = (),
-    ) -> tuple[Recorded, Run, Run | None]:
+    def _through(self, i: int, study: Study, without: Fit, best: Fit | None, runs: FreeRuns) -> Ran:
         """The free runs of a recording through the FMUs: of its fits without effects and, if there are any, with."""
         fitted = i < len(self.records)
         drive, wave = drives(study, without, best)
         stage = f"_{i}" if i else ""
         failed = ""
         try:
-            first = before(f"before{stage}", without, drive, moved(study.network, without), study)
+            first = runs.before(f"before{stage}", without, drive, moved(study.network, without), study)
         except RunFailed as error:
             failed = f"without effect, the FMU does not run with the walls that were fitted: {error}"
             if (X := study.problem.answer(drive, without)) is not None:
                 first = of_coefficients(study, X, "the periodic solution")
-            elif i < len(given):  # under the weights of this study, which are not those of the file's own run
-                first = of_coefficients(study, given[i].X, _FILE)
+            elif i < len(runs.given):  # under the weights of this study, which are not those of the file's own run
+                first = of_coefficients(study, runs.given[i].X, _FILE)
             else:
                 raise
         if not fitted:
             check_waves(study, first.beats)
         own, own_before = ({} if self.alone else _own(self.whole, study, fit) for fit in (best or without, without))
         recorded = Recorded(
-            self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats,
+            self.labels[i], study.fitted.source, study.fitted.sha256, study.fitted.n_beats + study.held_out.n_beats,
             study.fitted.T, fitted, first.gap.total, held_out(first.gap.rms), own=own, own_before=own_before,
             failed=failed,
         )  # fmt: skip
@@ -239,7 +225,7 @@ class Recordings:
             return recorded, first, None
         # the FMU with the effects has the values of the first recording
         try:
-            last = after(f"after{stage}", best, wave, moved(study.network, best) if i else {}, study)
+            last = runs.after(f"after{stage}", best, wave, moved(study.network, best) if i else {}, study)
         except RunFailed as error:
             return replace(recorded, failed=f"its FMU does not run with this record: {error}"), first, None
         fallen, sd = fall(study, first.X, last.X)

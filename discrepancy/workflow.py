@@ -41,6 +41,7 @@ from solver.laws import effects as catalogue
 from solver.network.description import Network, to_dict
 from solver.network.doubts import network_doubts
 from solver.network.files import write_network
+from solver.simulate import Progress
 
 from .add.described import NOTHING
 from .add.learning import Learnt, in_range, law_of, learns
@@ -58,14 +59,12 @@ from .name.model_selection import name
 from .name.verdict import Naming
 from .options import COMMON, TIME_LIMIT, Asked
 from .plan.second_state import second_state
-from .recordings import drives, recordings_of
+from .recordings import FreeRuns, drives, recordings_of
 from .report.page import check_folder, write_study
 from .report.verdict_text import with_law
 from .show.fmu_validation import Run, agreement, free_run, parity
 
 _LEARNING = 0.3  # of the time limit: further time for learning a law
-
-Progress = Callable[[float, str], None]
 
 
 @single_threaded
@@ -213,7 +212,7 @@ class _Work:
         self, records: Sequence[Record], network: Network, model: Path, journal: Journal, asked: Asked,
         known: Prior | None, progress: Progress,
     ) -> None:  # fmt: skip
-        self.record, self.model, self.journal, self.asked, self.progress = records[0], model, journal, asked, progress
+        self.model, self.journal, self.asked, self.progress = model, journal, asked, progress
         self.network, calibrated = (network, None) if known is None else (known.network, known.calibrated)
         progress(0.02, "cutting the beats")
         runs = Runs(Meter(lambda simulations: progress(0.08, f"{simulations} simulations")))
@@ -245,7 +244,8 @@ class _Work:
             fmu = self._fmu(network, "extended")
         self.progress(0.82, f"running the {'extended FMU' if naming.adds else 'model with this subject’s walls'}")
         base = subject_without(naming)
-        judged = self.recordings.judged(naming, base, partial(self._kept, given), partial(self._kept, fmu), as_given)
+        runs = FreeRuns(partial(self._kept, given), partial(self._kept, fmu), as_given)
+        judged = self.recordings.judged(naming, base, runs)
         found = naming.best.fit if naming.adds else None
         naming, before, after = judged.naming, judged.before, judged.after
         study, best = weighted(self.study, naming), found if after else None
@@ -257,7 +257,7 @@ class _Work:
         law = self._law(naming, after or before, best or base, network_fmu=fmu if after else given)
         self.progress(0.92, "comparing the candidates with the held-out beats")
         shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
-        outcome = with_law(summary(self.record, self.model, self.study, naming, shown), law)
+        outcome = with_law(summary(self.model, self.study, naming, shown), law)
         warnings = (*outcome.warnings, *judged.warnings)
         ran = {"FMUs run": " and ".join(dict.fromkeys(read_fmu(each).tool for each in (given, fmu)))}
         origin = {**outcome.provenance, **ran}
@@ -281,8 +281,8 @@ class _Work:
                 return self.recordings.named(self.journal, self.asked, runs, name)
         except OutOfTime:
             raise Unjudged(
-                f"{self.record.path}: the time limit of {limit:g} s was over before the model as given was refitted to "
-                f"this record, which may be fit for use; allow more time, say --time-limit "
+                f"{self.study.fitted.source}: the time limit of {limit:g} s was over before the model as given was "
+                "refitted to this record, which may be fit for use; allow more time, say --time-limit "
                 f'"{math.ceil(max(TIME_LIMIT, 2.0 * limit) / 60.0)} min".'
             ) from None
 
@@ -320,16 +320,12 @@ class _Work:
             def ran(fmu: Path, stage: str, *rest: Any) -> Run:
                 return self._kept(fmu, f"law_{stage}", *rest)
 
-            return self.recordings.unseen_by(
-                without,
-                law.fit,
-                lambda own: replace(own, problem=in_range(own.problem, law.ranges)),
-                partial(ran, network_fmu),
-                partial(ran, built["learned"]),
-            )
+            runs = FreeRuns(partial(ran, network_fmu), partial(ran, built["learned"]))
+            there = lambda own: replace(own, problem=in_range(own.problem, law.ranges))  # noqa: E731
+            return self.recordings.unseen_by(without, law.fit, there, runs)
 
         until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
-        return law_of(self.study, naming, before, self.record, run, unseen, self.asked.jobs, until, self.journal.stage)
+        return law_of(self.study, naming, before, run, unseen, self.asked.jobs, until, self.journal.stage)
 
     # --- FMUs ---------------------------------------------------------------------------------------------------------
 

@@ -37,7 +37,7 @@ from discrepancy.name.joint_selection import name_together
 from discrepancy.name.model_selection import name as name_one
 from discrepancy.name.verdict import Naming
 from discrepancy.plan.second_state import second_state, separations
-from discrepancy.recordings import Judged, Recordings, _named
+from discrepancy.recordings import FreeRuns, Judged, Recordings, _named
 from discrepancy.show.fmu_validation import Run, confirmed
 from discrepancy.show.gap import Gap, gap
 from fitting.check.fmu_run import RunFailed
@@ -299,7 +299,7 @@ def test_own_numbers_are_of_the_model_that_stands() -> None:
     runs = [Run(np.zeros((1, 1)), {}, gap) for gap in (BEFORE, AFTER)]
     several: Any = SimpleNamespace(each=lambda *_: ([(each, *runs)], []), warnings=(), alone=False, studies=())
     base: Any = object()
-    judged = Recordings.judged(several, named(RELAXATION, 1)[2], base, base, base)
+    judged = Recordings.judged(several, named(RELAXATION, 1)[2], base, base)
     (found,) = judged.recordings
     assert judged.naming.verdict == "unknown" and judged.after is None and judged.gaps[1] is None
     assert found.own == {"CA.E": 1e6} and found.gap_after is None
@@ -327,7 +327,7 @@ def test_an_fmu_that_does_not_run_bears_no_name_out() -> None:
 
     def judged(each: list[tuple[Recorded, Run, Run | None]]) -> Judged:
         several: Any = SimpleNamespace(each=lambda *_: (each, []), warnings=(), alone=False, studies=())
-        return Recordings.judged(several, named(RELAXATION, 1)[2], base, base, base)
+        return Recordings.judged(several, named(RELAXATION, 1)[2], base, base)
 
     for each in ([(failed, runs[0], None)], [(ran, *runs), (failed, runs[0], None)]):
         found = judged(each)
@@ -353,7 +353,7 @@ def test_walls_with_which_no_fmu_runs(monkeypatch: pytest.MonkeyPatch) -> None:
         raise RunFailed("x.fmu: supercritical.")
 
     def through(before: Any, after: Any, given: Sequence[Run]) -> tuple[Recorded, Run, Run | None]:
-        return own._through(0, own.records[0], study, fit, naming.best.fit, before, after, given)
+        return own._through(0, study, fit, naming.best.fit, FreeRuns(before, after, given))
 
     recorded, first, last = through(breaks, pytest.fail, [run])  # a bench has no such solution
     assert first.stands_in == "the file as it is" and np.array_equal(first.X, X) and last is None

@@ -335,12 +335,12 @@ def healthy() -> tuple[Record, Prepared, Naming]:
 
 def test_an_incomplete_search_is_said(healthy: tuple[Record, Prepared, Naming]) -> None:
     """A healthy bench whose search was cut short: summary, page and verdict.json say so; of a whole one none does."""
-    record, study, naming = healthy
+    _, study, naming = healthy
     assert (naming.verdict, naming.complete) == ("none", True)
     X = np.stack([np.fft.rfft(study.fitted.mean(n), norm="forward") for n in study.problem.signals], axis=1)
     run = compared(study, naming.base.fit, X)
     for complete in (True, False):
-        outcome = summary(record, "base.toml", study, replace(naming, complete=complete), ValidationRuns(run, run))
+        outcome = summary("base.toml", study, replace(naming, complete=complete), ValidationRuns(run, run))
         said = verdict_json(outcome)
         incomplete = "The time limit ended the search before all candidates were compared."
         for text in (outcome.sentence, said["sentence"], report.page(outcome, {})):
@@ -429,12 +429,12 @@ def two(naming: Naming) -> Named:
 
 def test_a_class_holds_hypotheses(healthy: tuple[Record, Prepared, Naming]) -> None:
     """Of two pairs that share an effect: which belong together is kept."""
-    record, study, naming = healthy
+    _, study, naming = healthy
     one = two(naming)
     other = replace(one, fit=replace(one.fit, terms=(PlacedEffect("taper", "PD", ("PD",), ()), one.fit.terms[1])))
     X = np.stack([np.fft.rfft(study.fitted.mean(n), norm="forward") for n in study.problem.signals], axis=1)
     run = compared(study, naming.base.fit, X)
-    outcome = summary(record, "base.toml", study, replace(naming, members=(one, other)), ValidationRuns(run, run))
+    outcome = summary("base.toml", study, replace(naming, members=(one, other)), ValidationRuns(run, run))
     gain = ("channel_gain", ("CA.P",))
     assert outcome.members == ((("stenosis", ("MD",)), gain), (("taper", ("PD",)), gain))
 

@@ -129,7 +129,7 @@ def test_nothing_is_learned_of_a_network_without_anything_hidden(seed: int) -> N
     study: Any = SimpleNamespace(problem=problem, terms=(), fitted=problem.beats)
     naming = Naming("unknown", problem, none, (none,), (), {}, (), 0.5, map=found)
     assert learnt(study, naming, Runs()) is None and not learns(replace(naming, verdict="none"))
-    assert described(study, naming, *3 * (pytest.fail,)) is None  # type: ignore[arg-type]
+    assert described(study, naming, *2 * (pytest.fail,)) is None  # type: ignore[arg-type]
 
 
 def test_tables_of_a_map() -> None:
@@ -177,22 +177,16 @@ def test_a_law_must_shrink_the_gap() -> None:
         X[:, 1] = mean * (1.0 if fit is law.fit else 1.02)
         return compared(study, naming.base.fit, X)
 
-    source = Record("made.csv", "ab", made.time, made.channels, {})
     before = run(naming.base.fit, study)
-    kept = stands(study, law, before, source, lambda own, network, fit: (run(fit, own), lambda: b"fmu"))
+    kept = stands(study, law, before, lambda own, network, fit: (run(fit, own), lambda: b"fmu"))
     assert kept is not None and kept.archive == b"fmu" and kept.after[1] < 0.5 * kept.before[1]
     assert kept.network.segment(SITE).terms["learned_cubic"] == pytest.approx(kept.parameters["AA.learned_cubic"].value)
-    assert stands(study, law, before, source, lambda own, network, fit: (before, lambda: b"")) is None
+    assert stands(study, law, before, lambda own, network, fit: (before, lambda: b"")) is None
     assert own.problem.site == SITE
     for fallen, sd in ((-50.0, 10.0), (10.0, 10.0), (50.0, 10.0)):  # of a recording that it has not seen
         each = [Recorded("b", "b.csv", "cd", 12, 0.5, False, (7.0, 6.0), {}, (2.0, 1.5), {}, 15.0, fallen, sd)]
         ran = stands(
-            study,
-            law,
-            before,
-            source,
-            lambda own, network, fit: (run(fit, own), lambda: b""),
-            lambda _, each=each: each,
+            study, law, before, lambda own, network, fit: (run(fit, own), lambda: b""), lambda _, each=each: each
         )
         assert (ran is not None) == (fallen > 3.0 * sd)
         assert ran is None or (ran.elsewhere == {"b": (6.0, 1.5)} and ran.explains)

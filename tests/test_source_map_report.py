@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -244,14 +243,13 @@ def test_the_outcome_has_the_map_of_its_naming() -> None:
     """From the naming of a small network on: sentence, verdict.json and page, with beats of the study's period."""
     s = study()
     run = stiffer(s, 0.0)
-    made = SimpleNamespace(path="b.csv", sha256="ab", told={}, channels={})
     naming = replace(named("unknown"), map=found(LEAK), base=replace(named().base, misfit=9.0), complete=True)
-    outcome = summary(made, "fork.toml", s, naming, ValidationRuns(run, run))  # type: ignore[arg-type]
+    outcome = summary("fork.toml", s, naming, ValidationRuns(run, run))
     assert outcome.map is not None and outcome.map.T == T
     assert "No law of the catalogue explains it. It acts as a loss of flow along B: 1.4 mL/s rms (" in outcome.sentence
     assert verdict_json(outcome)["map"][0]["where"] == "B" and "Where the missing physics acts" in page(outcome, {})
     assert page(outcome, {}).count("cts as a loss of flow along B") == 1  # the section has the sentence's map as figure
-    assert summary(made, "", s, replace(naming, map=None), ValidationRuns(run, run)).map is None  # type: ignore[arg-type]
+    assert summary("", s, replace(naming, map=None), ValidationRuns(run, run)).map is None
 
 
 # --- verdict.json, figure and page --------------------------------------------------------------------------------

@@ -12,10 +12,8 @@ import polars as pl
 from fitting.parallel.threads import single_threaded
 from fitting.records.channels.spectral import interpolated
 
-from .measures import POINTS, measured
+from .measures import POINTS, Array, measured
 from .models import StudyModel
-
-Array = np.ndarray
 
 SET, FAILED = "set", "failed"
 WAVE = pl.Array(pl.Float32, POINTS)

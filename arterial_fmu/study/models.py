@@ -15,7 +15,7 @@ from fitting.records.alignment.align import align
 from fitting.records.channels.inflow import Inflow, inflow
 from fitting.records.plausible import arteries, check_plausible
 from fitting.records.read.columns import Reading
-from fitting.records.read.record import read_record
+from fitting.records.read.record import Array, read_record
 from solver import Network, Settings, repeating_beat
 from solver.errors import InputError
 from solver.network.files import dumps, find_network, parse_quantity, read_network
@@ -27,7 +27,6 @@ from solver.simulate import BROKEN
 
 from .varied import Varied
 
-Array = np.ndarray
 Beats = Mapping[str, Array]  # by channel [SI], (N,) or (n, N): sample j at time j T/N
 
 MAX_BEATS = 30

@@ -13,12 +13,10 @@ import numpy as np
 from fitting.results.provenance import engine, software
 from solver.quantities.legible import number
 
-from .plan import Plan
+from .plan import Array, Plan
 from .run import finer_differences
 from .sensitivity import LEVELS, Findings, Index, findings
 from .store import Store
-
-Array = np.ndarray
 
 # Half-width of a 95 % interval of an index above which the study calls N small. It decreases as one over the square
 # root of N. On 120 designs of Ishigami's function the bootstrap intervals contain the truth in 0.84 and 0.85 of all

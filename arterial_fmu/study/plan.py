@@ -16,11 +16,9 @@ import numpy as np
 from fmu_src import __version__
 from solver.errors import InputError
 
-from .measures import WAVES, measures
+from .measures import WAVES, Array, measures
 from .models import NetworkModel, StudyModel
 from .varied import Varied
-
-Array = np.ndarray
 
 FORMAT = 1  # of the files of a study
 _CHECKED = 16  # sets that are also run with finer steps

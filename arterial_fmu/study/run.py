@@ -9,10 +9,9 @@ import numpy as np
 from fitting.parallel.tasks import done
 
 from .batch import FAILED, Batch, run_batch
-from .plan import Plan
+from .plan import Array, Plan
 from .store import CHECK, Store
 
-Array = np.ndarray
 Progress = Callable[[float, str], None]
 
 

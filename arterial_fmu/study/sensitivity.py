@@ -15,10 +15,8 @@ import polars as pl
 from solver.errors import InputError
 
 from .batch import FAILED
-from .plan import Plan
+from .plan import Array, Plan
 from .store import GROUP
-
-Array = np.ndarray
 
 LEVELS = (5.0, 25.0, 50.0, 75.0, 95.0)  # percentiles
 _FEWEST = 8  # minimum number of groups for indices

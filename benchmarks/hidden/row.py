@@ -17,7 +17,7 @@ from discrepancy.name.intervals import stated
 from discrepancy.name.scoring import Named
 from discrepancy.name.verdict import Naming
 from discrepancy.options import TIME_LIMIT
-from discrepancy.recordings import Recordings
+from discrepancy.recordings import FreeRuns, Recordings
 from discrepancy.show.fmu_validation import Run
 from discrepancy.show.fmu_validation import gap as gap_of
 from fitting.check.fmu_run import RunFailed
@@ -93,7 +93,8 @@ def borne_out(record: Record, study: Study, naming: Naming) -> Naming:
         given = run("given", NOTHING, study.problem.measured_wave(study.fitted), {}, study)
     except RunFailed as error:
         raise Unusable(f"{record.path}: the model does not run with this record: {error}") from None
-    return Recordings((record,), (study,)).judged(naming, subject_without(naming), run, run, [given]).naming
+    runs = FreeRuns(run, run, [given])
+    return Recordings((record,), (study,)).judged(naming, subject_without(naming), runs).naming
 
 
 def verdict_of(study: Study, naming: Naming) -> Line:

@@ -15,7 +15,6 @@ from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.source_maps.source_map import SourceMap
 from fitting.inference.unknown import parameter_values
-from fitting.records.read.record import Record
 from solver.errors import InputError
 from solver.mesh.sources import BY_KIND, Source
 from solver.network.curve import Curve
@@ -37,7 +36,7 @@ NOTHING = Fit((), (), _NONE, _NONE, np.zeros((0, 0)), np.zeros(0, int), np.zeros
 _NAMES = {kind: name for name, kind in BY_KIND.items()}
 
 
-def described(study: Study, naming: Naming, before: Run, record: Record, run: Runner) -> LearnedLaw | None:
+def described(study: Study, naming: Naming, before: Run, run: Runner) -> LearnedLaw | None:
     """The tables of a map, if their FMU shrinks the gap to the held-out beats by more than chance and closes most of
     it. None for a bench, and if only sensors and outlying parameters act.
 
@@ -64,7 +63,7 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
         formula=" and ".join(dict.fromkeys(s.place.label for s in found.signals if s.place.sources)),
         before=remaining_gap,
         after=after.gap.total,
-        record=(record.path, record.sha256),
+        record=(study.fitted.source, study.fitted.sha256),
         network=network,
         archive=archive(),
         is_law=False,

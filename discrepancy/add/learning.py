@@ -33,7 +33,6 @@ from fitting.inference.models.network import NetworkProblem
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import quantile
 from fitting.parallel.workers import Workers
-from fitting.records.read.record import Record
 from solver.laws import effects
 from solver.laws.effect import ALL_PLACES, OUTFLOW, OUTLET, WALL, Effect
 from solver.loop import derivative_matrix
@@ -89,7 +88,6 @@ def law_of(
     study: Study,
     naming: Naming,
     before: Run,
-    record: Record,
     run: Runner,
     unseen: Unseen,
     jobs: int,
@@ -105,10 +103,10 @@ def law_of(
     with suppress(OutOfTime, RunFailed), Workers(jobs) as workers:
         runs = Runs(deadline=until, clock=monotonic, workers=workers)
         found: Learnt | None = stage("learned", lambda: learnt(study, naming, runs))
-        law = None if found is None else stands(study, found, before, record, run, unseen)
+        law = None if found is None else stands(study, found, before, run, unseen)
         if law is not None:
             return law
-    return described(study, naming, before, record, run)
+    return described(study, naming, before, run)
 
 
 def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
@@ -119,7 +117,9 @@ def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
     problem = study.problem.individual() if naming.problem.deviations else study.problem
     problem = problem.sharpened(naming.base.fit, runs)
     starts = [naming.base.fit, *([naming.best.fit] if naming.verdict == "partial" else [])]
-    begun = [f for start in starts for f in _again(problem, start, runs)]
+    # continued under the weights of this problem
+    again = [problem.refit([f.terms], f, runs) if problem.site else problem.refine([f], runs) for f in starts]
+    begun = [f for some in again for f in there(some)]
     found: list[Learnt] = []
     for effect in (e for e in effects.ALL if e.library):
         places = _places(naming, effect, problem)
@@ -150,11 +150,6 @@ def _range(
 def in_range(problem: Single, ranges: Mapping[str, float]) -> Single:
     """The same problem with a network that contains the ranges of a learned law, but not yet the law."""
     return with_network(problem, problem.network.with_terms(ranges))
-
-
-def _again(problem: Single, fit: Fit, runs: Runs) -> list[Fit]:
-    """A fit continued under the weights of this problem."""
-    return there(problem.refit([fit.terms], fit, runs) if problem.site else problem.refine([fit], runs))
 
 
 @dataclass(frozen=True)
@@ -215,9 +210,7 @@ class _Path:
 # --- its FMU ----------------------------------------------------------------------------------------------------------
 
 
-def stands(
-    study: Study, found: Learnt, before: Run, record: Record, run: Runner, unseen: Unseen = lambda law: ()
-) -> LearnedLaw | None:
+def stands(study: Study, found: Learnt, before: Run, run: Runner, unseen: Unseen = lambda law: ()) -> LearnedLaw | None:
     """The law if its FMU confirms it, otherwise None. The FMU must agree with the inferred model and shrink the gap to
     the held-out beats by more than chance; if it leaves more than noise, it must close most of the gap.
 
@@ -248,7 +241,7 @@ def stands(
         instead=found.instead,
         before=remaining_gap,
         after=after.gap.total,
-        record=(record.path, record.sha256),
+        record=(study.fitted.source, study.fitted.sha256),
         network=network,
         archive=archive(),
         kind=study.problem.kind,

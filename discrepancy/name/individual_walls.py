@@ -49,18 +49,15 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
     for name in (name for name in nominal if name in deviate and known[name].individual > 0.0):
         now = interval(fit.unknowns, name, nominal[name], known[name], fit.x, fit.covariance, quantile)
         moved = np.array([dict(u.moves).get(name, 0.0) for u in fit.unknowns])[own] @ fit.x[own]
-        source = "calibration" if name in in_calibration and not is_first(network) else "file"
-        size = _prior_sd(fit, name) if name in in_calibration else known[name].individual
+        source, size = "file", known[name].individual
+        if name in in_calibration:  # along the directions of which the unknowns have a standard deviation of 1
+            source = "file" if is_first(network) else "calibration"
+            size = float(np.linalg.norm([dict(u.moves).get(name, 0.0) for u in fit.unknowns if u.group == CALIBRATION]))
         arteries[name] = OwnNumber(file[name], now, float(moved / size), source)
     # of every quantity, the stated spread between arteries, and the one that maximises the evidence
     sizes = {name.rpartition(".")[2]: q.individual for name, q in known.items()}
     spread = {kind: (sizes[kind], width * sizes[kind]) for kind, width in Linear.of(fit).inferred().of.items()}
     return Walls("individual", spread, arteries)
-
-
-def _prior_sd(fit: Fit, name: str) -> float:
-    """Standard deviation of a variable by the calibration, along whose directions the unknowns have one of 1."""
-    return float(np.linalg.norm([dict(u.moves).get(name, 0.0) for u in fit.unknowns if u.group == CALIBRATION]))
 
 
 def odd_ones(walls: Walls, network: Network) -> list[str]:

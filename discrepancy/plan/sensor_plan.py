@@ -7,7 +7,7 @@ every effect, and each set of sensors is judged by its part of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,12 +26,11 @@ from solver.errors import InputError
 from solver.laws.catalogue import filtered
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
+from solver.simulate import Progress
 
 from .. import thresholds
 from ..findings.isolability import INSEPARABLE, isolability
 from ..findings.outcome import Isolability
-
-Progress = Callable[[float, str], None]
 
 _SAMPLES = 100  # of a beat
 _SEED = 5

@@ -23,14 +23,14 @@ from solver.errors import InputError
 from solver.laws.effect import CHANNEL, JUNCTION, OUTLET
 from solver.layout import Lane, lanes
 from solver.network.description import Network
-from solver.quantities.units import readable
+from solver.quantities.units import printed, readable
 
 from ..findings.isolability import INSEPARABLE
 from ..findings.map_marks import Mark, label_text, marks, site_of
 from ..findings.outcome import Isolability, Outcome
 from ..findings.shown_map import Acting, SourceMapShown
 from .tables import APART, Z, channel_z, loop_sites, period
-from .verdict_text import axis_label, phrase
+from .verdict_text import phrase
 
 Captioned = tuple[Picture, str]
 
@@ -190,7 +190,7 @@ def _beat(panel: Axes, a: Acting, shown: SourceMapShown, colour: str) -> None:
     title = phrase(a.place) + (f"\n{a.part}" if a.part else "")
     panel.set_title(title[0].upper() + title[1:], loc="left")
     panel.set_xlabel("time [s]")
-    panel.set_ylabel(axis_label(a))
+    panel.set_ylabel(f"g [{readable(a.unit)[0] or printed(a.unit)}]")
 
 
 def _isolability(isolability: Isolability) -> Captioned:

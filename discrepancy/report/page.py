@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from math import exp
 from pathlib import Path
@@ -22,6 +22,7 @@ from solver.io.writing import check_destinations, make_folder, write_folder
 from solver.network.files import dumps
 from solver.quantities.legible import number, plus_minus
 from solver.quantities.units import printed
+from solver.simulate import Progress
 
 from .. import thresholds
 from ..findings import isolability, map_marks, recorded
@@ -33,7 +34,6 @@ from .verdict_text import DESCRIBED, MODEL, law_text, map_sentences
 if TYPE_CHECKING:
     from fitting.pages.panels import Drawing
 
-Progress = Callable[[float, str], None]
 
 FMU, ITS_FMU, TABLE = "model_learned.fmu", "model_described.fmu", "source.csv"
 FILES = (MODEL, FMU, DESCRIBED, ITS_FMU, TABLE)  # of what was learned

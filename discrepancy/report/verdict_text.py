@@ -15,7 +15,7 @@ from fitting.results.estimate import Estimate
 from solver.laws.effect import CHANNEL, JUNCTION, OUTLET, WALL, Effect
 from solver.laws.sensors import Sensor
 from solver.quantities.legible import number
-from solver.quantities.units import INFLOW, MMHG, printed, readable
+from solver.quantities.units import INFLOW, MMHG, readable
 
 from ..findings.map_marks import entry, label_text, of_sensor, places_text, plain
 from ..findings.outcome import Detectable, LearnedLaw, NamedEffect, Outcome
@@ -316,11 +316,6 @@ def _alike(a: Acting, several: bool, recording: str) -> str:
         )
         sentences.append(f"Without {it}, {recording or 'the record'} is nearly as probable: {others_do}.")
     return " ".join(sentences)
-
-
-def axis_label(a: Acting) -> str:
-    """The label of the axis of a signal."""
-    return f"g [{readable(a.unit)[0] or printed(a.unit)}]"
 
 
 # --- a learned law ----------------------------------------------------------------------------------------------------

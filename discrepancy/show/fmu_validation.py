@@ -156,7 +156,8 @@ def _borne_out(naming: Naming, each: Sequence[Recorded], before: Gap, after: Gap
         return _without(naming, "unknown", f"the model fits the record, but this cannot be judged: {failed}")
     if not naming.adds and naming.verdict != "unknown":
         return naming
-    why = "" if after is None else _not_fallen_in(each)
+    fitted, unseen = ([r for r in each if r.fitted is mine] for mine in (True, False))
+    why = "" if after is None else not_fallen(fitted, len(each) > 1) or not_fallen(unseen)
     if before.is_noise and (after is None or why or before.in_error is not None or naming.verdict == "partial"):
         found = f"{best} was found but not named" if after else "no effect was named"
         more = "no more than noise"
@@ -188,11 +189,6 @@ def _closed_above(before: Gap, after: Gap) -> str:
         if first > at.NO_GAP and last <= (1.0 - at.PART_CLOSED) * first:
             return f", but from harmonic {k} on it falls from {number(first)} to {number(last)} times the noise"
     return ""
-
-
-def _not_fallen_in(each: Sequence[Recorded]) -> str:
-    """The reason of :func:`not_fallen` among the fitted recordings, otherwise among those held out whole."""
-    return not_fallen([r for r in each if r.fitted], len(each) > 1) or not_fallen([r for r in each if not r.fitted])
 
 
 def not_fallen(each: Sequence[Recorded], labelled: bool = True) -> str:

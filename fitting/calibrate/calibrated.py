@@ -11,12 +11,11 @@ import numpy as np
 from solver.quantities.legible import endless
 from solver.quantities.units import SIGNAL_UNITS
 
-from ..inference.unknown import Unknown, quantile
+from ..inference.unknown import Array, Unknown, quantile
 from ..records.channels.noise import degrees_of_freedom
 from ..results.parameter_set import ParameterSet, Value, unit_of
 from ..results.provenance import engine, software
 
-Array = np.ndarray
 Interval = tuple[float, float]
 
 ALL_PRIOR = 0.95  # posterior over prior standard deviation: above it, the data add no information

@@ -15,10 +15,8 @@ from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 
 from ..inference.prior import Calibrated, along
-from ..records.read.record import Record
+from ..records.read.record import Array, Record
 from ..results.parameter_set import ParameterSet, read_set
-
-Array = np.ndarray
 
 _AGAIN = "give the .json file that arterial-fmu calibrate --out wrote, as it wrote it"
 _ASYMMETRY = 1e-9  # of a covariance's largest entry: round-off

@@ -21,11 +21,9 @@ from ..inference.gauss_newton import Rules
 from ..inference.joint.calibration import Problem
 from ..inference.joint.model_error import Ended, minimum
 from ..inference.models.simulator import Simulator
-from ..inference.unknown import absent, starting_points
+from ..inference.unknown import Array, absent, starting_points
 from ..records.alignment.beats import Beats
 from ..records.channels.noise import pulses
-
-Array = np.ndarray
 
 OTHER_STARTS = 8
 _SEED = 1

@@ -17,8 +17,6 @@ from ..records.alignment.beats import Beats
 from .calibrated import Calibration
 from .network_calibration import calibrate
 
-Array = np.ndarray
-
 
 @dataclass(frozen=True)
 class HeldOut:

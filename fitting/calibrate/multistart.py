@@ -18,14 +18,12 @@ from solver import Settings
 from solver.errors import InputError
 from solver.network.description import Network
 
-from ..inference.unknown import Unknown, starting_points
+from ..inference.unknown import Array, Unknown, starting_points
 from ..inference.unknown_text import parse_unknowns, varied
 from ..parallel.tasks import done
 from ..records.alignment.beats import Beats
 from ..records.recordings import labels_of
 from .network_calibration import Calibration, Progress, calibrate
-
-Array = np.ndarray
 
 SAME = 0.1  # standard deviations of every unknown within which two ends are one minimum
 MOST = 10_000  # starts

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,8 +25,9 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.legible import number
 from solver.quantities.units import INFLOW, of_signal
+from solver.simulate import Progress
 
-from ..inference.fit import Fit
+from ..inference.fit import Array, Fit
 from ..inference.gauss_newton import Rules
 from ..inference.intervals.identify import Determined, sentences
 from ..inference.joint.calibration import DERIVATIVE_ERROR, Problem, recorded, widening
@@ -46,9 +47,6 @@ from ..records.recordings import labels_of
 from .calibrated import ALL_PRIOR, Calibration, Recording, noise_known
 from .first_search import ROUGH, first_search
 from .late_flow import late_flow
-
-Array = np.ndarray
-Progress = Callable[[float, str], None]
 
 # Gain at which a search ends, as squared fractions of a standard deviation. From a tenth, one step with the second
 # weights reaches the minimum; a hundredth is negligible. If the model lacks more than noise, a tenth is, too
@@ -112,7 +110,7 @@ def calibrate(
 
 def _cut(problem: Problem, near: Ended) -> tuple[Problem, Ended]:
     """The problem and the end of its search with elements for the lengths there: the search kept those of its start."""
-    if not problem.moves_elements:
+    if not any(name.endswith(".L") for u in problem.unknowns for name in u.variables):  # moves no elements
         return problem, near
     errors = [part.error for part in problem.parts]
     problem = problem.cut(near.fit.x).weighted(near.fit.x, errors)

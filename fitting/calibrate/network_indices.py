@@ -14,8 +14,8 @@ from solver.network.description import Network
 from ..inference.joint.calibration import STEP
 from ..inference.models.simulator import HARMONICS_BEYOND, Simulator
 from ..inference.runs import Runs
-from ..inference.unknown import finite_steps, parameter_values
-from ..inference.zeros import apart, unmoved
+from ..inference.unknown import Array, finite_steps, parameter_values
+from ..inference.zeros import apart
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.channels.inflow import inflow
@@ -23,8 +23,6 @@ from ..records.limits import MAX_HARMONICS
 from ..results.estimate import Estimate
 from ..wall.indices import estimates, loop_area, measured_loss, of_wall
 from .network_calibration import Calibration
-
-Array = np.ndarray
 
 _TOLERANCE = 1e-6  # of the periodic beat
 _SAMPLES = 8 * MAX_HARMONICS  # of a beat
@@ -66,7 +64,7 @@ def indices_at(
     """The indices of ``indices.OF_LAW`` at every site for unknowns x : (B, p) -> (B, n_sites, 7), in one batch."""
     settings = settings or Settings()
     parameters, _ = apart(parameter_values(calibration.unknowns, network, x), network)
-    parameters = parameters or unmoved(network, len(x))
+    parameters = parameters or {"fluid.rho": np.full(len(x), network.fluid.rho)}  # none moves, in so many members
     outputs = tuple(f"{site.name}.{kind}" for kind in "PR" for site in network.sites)
     alone = replace(network, channels=())  # outputs of the arteries, without sensors
     simulator = Simulator(alone, inflow(beats, settings.dt, network), beats.T, outputs, MAX_HARMONICS, settings,

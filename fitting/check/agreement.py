@@ -10,11 +10,9 @@ import numpy as np
 
 from solver.quantities.units import SIGNAL_UNITS
 
-from ..records.alignment.beats import Beats
+from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients
 from ..wall.indices import loop_area
-
-Array = np.ndarray
 
 _NOISELESS = 1e-8  # of the pulse: less noise than this is round-off
 

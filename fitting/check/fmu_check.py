@@ -36,14 +36,13 @@ from ..records.channels.filters import with_filters
 from ..records.channels.inflow import flowed, undoable
 from ..records.channels.spectral import coefficients, interpolated
 from ..records.plausible import Artery, check_plausible
-from ..records.read.record import Record
+from ..records.read.record import Array, Record
 from ..results.parameter_set import ParameterSet
 from ..results.result_files import json_text
 from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
 from .fmu_build import answering, fmu_of
 from .fmu_run import FMU, PERIODIC, Answer, RunFailed, periodic_answer, read_fmu, steps_per_beat
 
-Array = np.ndarray
 Progress = Callable[[str], None]
 
 _TRUSTED = 0.75  # of the Nyquist frequency
@@ -173,8 +172,25 @@ def _check(
         beats.T,
         channels,
         compare_loops(waveforms),
-        _sources(parameters, described, given, beats),
-        _run(described, beats, answer, K),
+        {
+            "record": {"path": beats.source, "sha256": beats.sha256}
+            | ({"columns": dict(beats.told)} if beats.told else {}),
+            "fmu": {"path": given, "name": described.name, "guid": described.guid, "tool": described.tool},
+            "parameter_set": {
+                "name": parameters.name,
+                "texts": dict(parameters.texts),
+                "values": {name: asdict(value) for name, value in parameters.values.items()},
+                "provenance": dict(parameters.provenance),
+            },
+        },
+        {
+            "beats_measured": beats.n_beats,
+            "samples_a_beat": beats.N,
+            "beats_run": answer.beats,
+            "change": answer.change,
+            "step": {"value": beats.T / steps_per_beat(described, beats.T), "unit": "s"},
+            "harmonics": K,
+        },
         (*beats.warnings, *_warnings(parameters, described, record, compared, source, answer, starts)),
         waveforms,
     )
@@ -338,32 +354,4 @@ def _response(
     return {
         name: coefficients(interpolated(other.values[name] - answer.values[name], beats.N))[: K + 1] / nudge
         for name in names
-    }
-
-
-# --- where it comes from ------------------------------------------------------------------------------------------
-
-
-def _sources(parameters: ParameterSet, fmu: FMU, given: str, beats: Beats) -> dict[str, Any]:
-    return {
-        "record": {"path": beats.source, "sha256": beats.sha256}
-        | ({"columns": dict(beats.told)} if beats.told else {}),
-        "fmu": {"path": given, "name": fmu.name, "guid": fmu.guid, "tool": fmu.tool},
-        "parameter_set": {
-            "name": parameters.name,
-            "texts": dict(parameters.texts),
-            "values": {name: asdict(value) for name, value in parameters.values.items()},
-            "provenance": dict(parameters.provenance),
-        },
-    }
-
-
-def _run(fmu: FMU, beats: Beats, answer: Answer, K: int) -> dict[str, Any]:
-    return {
-        "beats_measured": beats.n_beats,
-        "samples_a_beat": beats.N,
-        "beats_run": answer.beats,
-        "change": answer.change,
-        "step": {"value": beats.T / steps_per_beat(fmu, beats.T), "unit": "s"},
-        "harmonics": K,
     }

@@ -31,9 +31,7 @@ from solver.simulate import change_of
 
 from ..parallel.threads import ENVIRONMENT
 from ..records.channels.spectral import interpolated, shift
-from .native_run import FMUFailed, stepped
-
-Array = np.ndarray
+from .native_run import Array, FMUFailed, stepped
 
 BEATS = (5, 10, 20, 40, 60)  # numbers of beats of successive runs, until the last two beats agree
 PERIODIC = 1e-4  # largest relative change of an output between them

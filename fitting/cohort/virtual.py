@@ -18,11 +18,9 @@ import numpy as np
 from solver.errors import InputError
 from solver.io.writing import write_folder
 
-from ..records.read.record import record_content
+from ..records.read.record import Array, record_content
 from ..records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radii, table_wall
 from ..results.result_files import json_text
-
-Array = np.ndarray
 
 SD = 0.20  # of E and of φ0, relative
 COMMON = 0.5  # share of their variance common to the sites of an animal

@@ -6,11 +6,9 @@ import numpy as np
 
 from solver.quantities.units import INFLOW
 
-from ..records.alignment.beats import Beats
+from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients, resample
 from .waves import heard
-
-Array = np.ndarray
 
 _HARMONICS = 16  # at most: they hold the pulse
 # Of the pulsation: the error of the model at each harmonic, in its fit and in a study. Judgement: above the 0.04 to

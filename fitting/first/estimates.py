@@ -14,11 +14,9 @@ from solver.errors import InputError
 from solver.network.description import Fluid
 from solver.quantities.units import INFLOW, MMHG, of_signal
 
-from ..records.alignment.beats import Beats
+from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients
 from .waves import foot, heard, later, smooth, steepest_foot
-
-Array = np.ndarray
 
 _VENOUS = 5.0 * MMHG  # uncertainty of an assumed venous pressure
 _LEAST = 0.2  # smallest relative standard deviation, as both methods may share an error

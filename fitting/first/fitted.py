@@ -25,12 +25,10 @@ from solver.network.description import Network
 from ..records import limits
 from . import shares
 from .data import Data, rms
-from .sections import Section
+from .sections import Array, Section
 from .shares import forks
 from .tubes import KEYS, TAPER, TAPER_ERROR, TAPERED, keyed, narrowed, on_the_way, rest_of
 from .waves import FEET, late
-
-Array = np.ndarray
 
 # standard deviation of the logarithm, and the range of the factor: judgement. The length stands for a reflection time
 # that is known by its order only

@@ -27,7 +27,7 @@ from solver.network.doubts import network_doubts
 from solver.network.files import loads
 from solver.quantities.units import INFLOW
 
-from ..records.alignment.beats import Beats
+from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
 from .data import Data
@@ -51,8 +51,6 @@ from .sections import Section, layouts, parents, with_side_branch
 from .species import Typical, by_stroke, typical
 from .tubes import KEYS, Tube, made, mean_speed, windkessel
 from .waves import heard
-
-Array = np.ndarray
 
 _MOST = 0.85  # of the compliance: upper limit of the tubes
 _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c

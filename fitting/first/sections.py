@@ -11,9 +11,7 @@ import numpy as np
 from solver.errors import InputError
 from solver.quantities.units import INFLOW, of_signal
 
-from ..records.alignment.beats import Beats
-
-Array = np.ndarray
+from ..records.alignment.beats import Array, Beats
 
 _SIDE = 0.05  # of the flow: a larger loss between two sites leaves through a side branch
 _ROOT = "root"  # name of the first tube of a record without a site at the root

@@ -15,9 +15,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .sections import Section, carried
-
-Array = np.ndarray
+from .sections import Array, Section, carried
 
 SPREAD, FARTHEST = 1.0, 3.0  # standard deviation and range of u: judgement; a half becomes 0.05 to 0.95
 

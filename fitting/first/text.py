@@ -16,9 +16,7 @@ from solver.quantities.units import INFLOW, display_factor, display_units, reada
 
 from .estimates import FirstEstimate
 from .fitted import of_owner
-from .tubes import TAPERED, Tube
-
-Array = np.ndarray
+from .tubes import TAPERED, Array, Tube
 
 REFERENCE = "first model of "  # how the reference of such a file begins
 _LARGE = 0.3  # larger relative standard deviations are given as factors

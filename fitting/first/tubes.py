@@ -16,10 +16,8 @@ from solver.laws.effects import Taper
 from solver.laws.outlets import Windkessel
 from solver.network.description import Fluid
 
-from .sections import Section, arrivals
+from .sections import Array, Section, arrivals
 from .species import Typical
-
-Array = np.ndarray
 
 # s of a whole way, and its standard deviation: radii of the bundled aortas fall by 0.14 (sheep, AA to DD) to 0.75
 # (human, to its bifurcation) of their mean, and a tube of a laboratory by nothing

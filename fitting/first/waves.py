@@ -6,10 +6,8 @@ import numpy as np
 
 from solver.quantities.units import INFLOW
 
-from ..records.alignment.beats import Beats
+from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients, derivative, resample, without_high
-
-Array = np.ndarray
 
 _POINTS = 2048  # a beat, to resolve a foot to less than a millisecond
 _HIGHEST = 40  # harmonic

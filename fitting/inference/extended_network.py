@@ -13,11 +13,9 @@ from solver.laws.sensors import Sensor
 from solver.network.description import Channel, Network
 
 from ..results.estimate import Estimate
-from .fit import Fit
+from .fit import Array, Fit
 from .hypothesis import PlacedEffect, effect_of, rewired
 from .unknown import Reach, Unknown, bounds, interval, linear, parameter_values, reference, values
-
-Array = np.ndarray
 
 _SAME = 1e-9  # relative difference of ratios that are the same
 

@@ -10,9 +10,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
 from .hypothesis import PlacedEffect
-from .unknown import Unknown, bounds, penalty, precision, precisions
-
-Array = np.ndarray
+from .unknown import Array, Unknown, bounds, penalty, precision, precisions
 
 _ODD = 4.0  # standard deviations of a prior
 # Partial sums over n harmonics whose largest is that of _INDEPENDENT √n independent ones: from P(T > t) of 100 000

@@ -11,21 +11,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
-import numpy as np
-
 from solver.network.description import Network
 
 from ..records.alignment.beats import Beats
 from ..records.channels.noise import mean_beat
 from .extended_network import frequency
-from .fit import Fit
+from .fit import Array, Fit
 from .gauss_newton import Point, Rules, Trial
 from .hypothesis import PlacedEffect
 from .jackknife import Rest
 from .runs import Runs
 from .unknown import Unknown
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from .fit import Fit, Member
+from .fit import Array, Fit, Member
 from .unknown import TAILS, bounds, penalty, precision, precisions
-
-Array = np.ndarray
 
 LARGEST = 2.0  # of a step, in typical sizes
 # Parts of a step to which the reach falls: where there is no residual, and where the cost rises. With 0.5 there, one of

@@ -21,10 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import erfcx, ndtr
 
-from .fit import Fit
+from .fit import Array, Fit
 from .unknown import Unknown, bounds, penalty, precision
-
-Array = np.ndarray
 
 DECADES = 3.0  # over which the sizes of an effect are spread
 LARGE = 10.0  # X, typical sizes of an effect, from which ever fewer are expected: judgement

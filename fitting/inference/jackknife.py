@@ -11,11 +11,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..records.channels.noise import Target
-from .fit import Fit
+from .fit import Array, Fit
 from .gauss_newton import linear_step
 from .unknown import precision
-
-Array = np.ndarray
 
 Rest = tuple[Array, Array]  # (J, z) of what stays, whitened by its own covariance
 

@@ -20,12 +20,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .fit import Fit
+from .fit import Array, Fit
 from .gauss_newton import linear_step
 from .places import Place
 from .unknown import precision
-
-Array = np.ndarray
 
 PART = 2.0  # -2 ln of the odds beforehand of each part that is not zero: judgement
 LARGEST = 1.0  # of a part: an error as large as the pulse

@@ -97,10 +97,6 @@ def _drops(network: Network) -> list[Place]:
     return [*found, Place(DROP, ALL_PLACES, whole, (1.0,) * len(whole))] if len(whole) > 1 else found
 
 
-def _outflows(network: Network) -> list[Place]:
-    return [Place(OUTFLOW, s.name, (Outflow(s.name),), (1.0,)) for s in network.segments]
-
-
 def _junctions(network: Network) -> list[Place]:
     found = []
     for j in network.junctions:
@@ -108,10 +104,6 @@ def _junctions(network: Network) -> list[Place]:
         steps = steps[1:] if len(steps) == 2 else steps  # at a junction of two segments, both drops are the same
         found.append(Place(JUNCTION, j.name, tuple(steps), (1.0,) * len(steps)))
     return _and_all(JUNCTION, found)
-
-
-def _outlets(network: Network) -> list[Place]:
-    return [Place(OUTLET, o.segment, (OutletFlow(o.segment),), (1.0,)) for o in network.outlets]
 
 
 def _and_all(kind: str, each: list[Place]) -> list[Place]:
@@ -125,7 +117,7 @@ def _and_all(kind: str, each: list[Place]) -> list[Place]:
 _OF_KIND: dict[str, Callable[[Network], list[Place]]] = {
     WALL: _walls,
     DROP: _drops,
-    OUTFLOW: _outflows,
+    OUTFLOW: lambda network: [Place(OUTFLOW, s.name, (Outflow(s.name),), (1.0,)) for s in network.segments],
     JUNCTION: _junctions,
-    OUTLET: _outlets,
+    OUTLET: lambda network: [Place(OUTLET, o.segment, (OutletFlow(o.segment),), (1.0,)) for o in network.outlets],
 }

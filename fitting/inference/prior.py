@@ -17,9 +17,7 @@ from solver.quantities.coordinate import SCALE, SHIFT, Coordinate, allowed
 from solver.quantities.quantity import Quantity
 
 from .hypothesis import FARTHEST, OWN, deviations, nuisances
-from .unknown import OUTLIER, Unknown
-
-Array = np.ndarray
+from .unknown import OUTLIER, Array, Unknown
 
 CALIBRATION = "calibration"  # the group of unknowns of a calibration
 _LEAST = 1e-4  # of the largest standard deviation: smaller ones are neglected

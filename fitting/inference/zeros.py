@@ -7,8 +7,6 @@ from dataclasses import replace
 from functools import cache
 from typing import TypeVar
 
-import numpy as np
-
 from solver.laws.catalogue import ZERO, zero_of
 from solver.network.description import Channel, Network
 from solver.quantities.quantity import Quantity
@@ -49,8 +47,3 @@ def apart(values: Mapping[str, T], network: Network) -> tuple[dict[str, T], dict
     known = zero_quantities(network)
     zeros = {name: value for name, value in values.items() if name in known}
     return {name: value for name, value in values.items() if name not in known}, zeros
-
-
-def unmoved(network: Network, members: int) -> dict[str, np.ndarray]:
-    """The parameters of a batch of so many members in which none of a network's parameters moves."""
-    return {"fluid.rho": np.full(members, network.fluid.rho)}

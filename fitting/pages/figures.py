@@ -12,12 +12,10 @@ from matplotlib.axes import Axes
 from solver.quantities.legible import number
 from solver.quantities.units import MMHG
 
-from ..records.alignment.beats import Beats
+from ..records.alignment.beats import Array, Beats
 from ..wall.site_fit import without_lag
 from ..wall.wall_fit import WallFit
 from .style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION, Picture
-
-Array = np.ndarray
 
 _TITLES = {
     "linear": "Linear Kelvin–Voigt",
@@ -85,15 +83,12 @@ def _spectrum(ax: Axes, fits: Sequence[WallFit]) -> None:
     k, _, expected = fits[-1].residual_spectrum()
     P = np.abs(np.fft.rfft(fits[0].loop.P)) / fits[0].loop.N
     ax.semilogy(k[1:harmonics], P[1:harmonics] / MMHG, color=BLACK, linewidth=1.0, label="pressure")
-    ax.semilogy(k[1:harmonics], expected[1:harmonics] / MMHG, color=SKY, linewidth=2.0, label=_expected(fits[-1]))
+    noise = "noise and model error (1 sd)" if fits[-1].model_error else "noise (1 sd)"
+    ax.semilogy(k[1:harmonics], expected[1:harmonics] / MMHG, color=SKY, linewidth=2.0, label=noise)
     ax.set_title("Residual of the pressure")
     ax.set_xlabel("harmonic k")
     ax.set_ylabel("Fourier coefficient, mmHg")
     ax.legend(fontsize=8)
-
-
-def _expected(fitted: WallFit) -> str:
-    return "noise and model error (1 sd)" if fitted.model_error else "noise (1 sd)"
 
 
 def _harmonics_shown(fitted: WallFit) -> int:

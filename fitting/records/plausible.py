@@ -21,11 +21,9 @@ from solver.network.description import Network
 from solver.quantities.units import of_signal
 
 from . import limits
-from .read.record import Record
+from .read.record import Array, Record
 from .read.sensors import KINDS, UnusableRecord
 from .read.titles import factor
-
-Array = np.ndarray
 
 UNITS = {"P": ("mmHg", "kPa", "Pa"), "R": ("mm", "cm", "m", "um"), "Q": ("mL/s", "L/min", "mL/min", "m^3/s")}
 

@@ -17,14 +17,12 @@ from scipy.linalg import solve_triangular
 from solver.loop import derivative_matrix
 from solver.quantities.coordinate import SHIFT
 
-from ..inference.fit import Fit, Member
+from ..inference.fit import Array, Fit, Member
 from ..inference.gauss_newton import Point, Rules, Search, Trial, one_by_one, search
 from ..inference.models.loop import Linear, Loop, NoFit, linearise, spectrum
 from ..inference.unknown import Unknown
 from ..records.channels import spectral
 from .wall_model import Values, WallModel, evaluate
-
-Array = np.ndarray
 
 _ROUNDS = 200
 _SETTLED = 1e-2  # gain of a tenth of a standard deviation: what rounding leaves of loops without noise is far less

@@ -19,13 +19,12 @@ from solver.quantities.legible import rounded
 from solver.quantities.quantity import quantities
 from solver.quantities.units import readable
 
-from ..records.alignment.beats import Beats
+from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients
 from ..results.estimate import Estimate, mixture
 from .site_fit import without_lag
 from .wall_fit import WallFit
 
-Array = np.ndarray
 Values = Mapping[str, float]
 
 _STEP = 1e-5  # relative, of the central differences: their error is then 1e-10

@@ -44,7 +44,10 @@ def with_model_error(loop: Loop, model: WallModel, found: Solution, lag_free: bo
         fit, white = whitened(loop, model, found)
         each = [Block(np.arange(loop.N), pulse * white, np.zeros(loop.N, int))]
         share = estimated(fit, each, 1)
-        if not wide.model_error and (share[0] < MISSED or not _favoured(fit, widened(fit, each, share))):
+        # the first error must be decidedly more probable than misjudged noise
+        if not wide.model_error and (
+            share[0] < MISSED or not _scaled(fit) - _cost(widened(fit, each, share)) > 2.0 * DECIDED
+        ):
             return loop
         error = float(share[0]) * pulse / math.sqrt(loop.N)
         if abs(error - wide.model_error) <= _SAME * error:
@@ -52,11 +55,6 @@ def with_model_error(loop: Loop, model: WallModel, found: Solution, lag_free: bo
         wide = replace(loop, model_error=error)
         found = solve(wide, model, found.values, lag=found.lag if lag_free else None)
     return wide
-
-
-def _favoured(fit: Fit, wide: Fit) -> bool:
-    """True if a residual ``wide``, with the model error, is decidedly more probable than with misjudged noise."""
-    return _scaled(fit) - _cost(wide) > 2.0 * DECIDED
 
 
 def _cost(fit: Fit) -> float:

@@ -34,8 +34,6 @@ from .model_error import widening, with_model_error
 from .wall_fit import WallFit
 from .wall_model import WallModel, columns, evaluate, fitted_laws, model, parameters_of
 
-Array = np.ndarray
-
 _LAG_HARMONICS = 12  # of the radius, to find a lag: enough for its shape, few enough to limit its noise
 _THIN = (2.0, 300.0)  # wide range of R0/h of arteries: outside, a unit or a channel is wrong
 

@@ -12,7 +12,7 @@ from solver.displays import Shown
 from solver.laws.wall import Wall
 
 from ..inference.models.loop import Loop
-from ..inference.unknown import quantile
+from ..inference.unknown import Array, quantile
 from ..records.channels import spectral
 from ..results.estimate import mixture
 from ..results.parameter_set import ParameterSet, Value
@@ -24,8 +24,6 @@ from .wall_model import PARAMETERS, UNITS, WallModel, evaluate
 
 if TYPE_CHECKING:
     from ..records.alignment.beats import Beats
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..fit import Fit
+from ..fit import Array, Fit
 from ..forward import Forward
 from ..runs import Runs
 from ..unknown import Reach, Unknown, bounds
-
-Array = np.ndarray
 
 _CLOSE = 0.05  # relative error of the rise that ends a search
 _TRIES = 8  # of one end at most

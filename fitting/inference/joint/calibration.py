@@ -23,7 +23,7 @@ from solver.network.description import Network
 
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow import inflow
-from ..fit import Fit, Member
+from ..fit import Array, Fit, Member
 from ..gauss_newton import Trial
 from ..intervals.identify import Determined, determined
 from ..model_discrepancy import worst_octave
@@ -34,8 +34,6 @@ from ..unknown import Unknown, parameter_values
 from ..zeros import apart
 from .joint_record import Several
 from .model_error import networks
-
-Array = np.ndarray
 
 # Of x in prior units. The truncation error and jumps by one more iteration of a stage are then both about 1e-4 of the
 # derivative (measured, sheep network)
@@ -93,11 +91,6 @@ class Problem:
             values = parameter_values(unknowns, simulator.network, x[mine])
             records.append((beats, simulator.cut({name: float(value) for name, value in values.items()})))
         return replace(self, records=tuple(records), whole=replace(self.whole, parts=()))
-
-    @property
-    def moves_elements(self) -> bool:
-        """True if an unknown changes lengths of segments."""
-        return any(name.endswith(".L") for u in self.unknowns for name in u.variables)
 
     def at(self, x: Array) -> Fit:
         """The point x : (p,) as a fit. Raises the error of the recording whose simulation fails."""

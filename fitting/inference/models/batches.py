@@ -11,14 +11,12 @@ import numpy as np
 from solver.network.description import Network
 from solver.simulate import BROKEN
 
-from ..fit import Member
+from ..fit import Array, Member
 from ..hypothesis import PlacedEffect, rewired
 from ..runs import TIME_IS_OVER, OutOfTime, Runs
 from ..unknown import parameter_values
 from .bench_observation import driven, inlet_sensor, sense
 from .simulator import Simulator
-
-Array = np.ndarray
 
 _LARGEST = 64  # members of a batch
 _FEWEST = 16  # members of a batch in a separate process: a batch has an overhead of ten members (measured)

@@ -27,7 +27,7 @@ from ...records.channels.noise import degrees_of_freedom
 from ...records.channels.wander import of_other_beats
 from ...records.limits import SAFE
 from ..extended_network import allowed
-from ..fit import Fit, Member, begun, taken_over
+from ..fit import Array, Fit, Member, begun, taken_over
 from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, search
 from ..hypothesis import PlacedEffect, nuisances
@@ -39,7 +39,6 @@ from .bench_network import on_bench
 from .bench_observation import chain
 from .loop import Loop, NoFit, fourier, leading, linearise, mean_loop
 
-Array = np.ndarray
 Chain = tuple[Array, Array]
 
 _MOST_HARMONICS = 40

@@ -12,11 +12,9 @@ from solver.laws.sensors import Sensor
 from solver.quantities.units import INFLOW
 
 from ...records.channels.inflow import Inflow
-from ..fit import Member
+from ..fit import Array, Member
 from ..unknown import values
 from ..zeros import is_zero, zero_name
-
-Array = np.ndarray
 
 
 def chain(moved: Mapping[str, Array], channel: str, omega: Array) -> tuple[Array, Array]:

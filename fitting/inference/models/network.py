@@ -32,7 +32,7 @@ from ...records.channels.noise import (
 )
 from ...records.channels.wander import of_other_beats
 from ..extended_network import allowed
-from ..fit import Fit, Member, begun, sizes_of, taken_over
+from ..fit import Array, Fit, Member, begun, sizes_of, taken_over
 from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, continued, promised, search
 from ..hypothesis import EVERY, PlacedEffect, about_common, refined, rewired
@@ -45,8 +45,6 @@ from .batches import simulated
 from .bench_observation import meter, shown, zeros_apart
 from .simulator import Simulator, varying
 from .weights import weighted
-
-Array = np.ndarray
 
 _STEP = 0.02  # finite difference step of x
 # A comparison needs costs within a few tenths: the odds that rule out are 9 (-2 ln). Of 8, 6 and 4 steps with updated

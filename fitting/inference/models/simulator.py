@@ -14,15 +14,12 @@ from solver.mesh.sources import Source
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
-from ...records.alignment.beats import Beats
+from ...records.alignment.beats import Array, Beats
 from ...records.channels.inflow import Inflow, undoable
 from ...records.channels.inflow_variability import BeatVariation, beat_variation
 from ...records.channels.noise import response
 from ...records.limits import NEIGHBOURS
 from ..runs import Runs
-
-Array = np.ndarray
-
 
 HARMONICS_BEYOND = 8  # above K in a harmonic balance: without them the error is 7e-5 of the pulse with elastic walls
 _BEATS = 30  # without repeating, after which the simulation has failed

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow_variability import BeatVariation
 from ...records.channels.noise import Target, target
-from ..fit import Member
+from ..fit import Array, Member
 from ..hypothesis import rewired
 from ..unknown import parameter_values
 from ..zeros import apart
 from .bench_observation import meter, sense
 from .simulator import Simulator, linear_response, varying
-
-Array = np.ndarray
 
 
 def weighted(

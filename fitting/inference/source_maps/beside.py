@@ -24,8 +24,6 @@ from .place_model import MOST, Active, PlaceModel, Point
 from .source_evidence import PRICE
 from .source_map import SourceMap
 
-Array = np.ndarray
-
 _NO_ANSWER = (InputError, np.linalg.LinAlgError)  # small waves have no steady state or no start
 
 

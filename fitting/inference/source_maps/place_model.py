@@ -19,7 +19,7 @@ from solver.periodic.harmonic_balance import NoSteadyState
 from solver.periodic.small_waves import source_responses
 
 from ...records.channels.noise import pulses
-from ..fit import Member
+from ..fit import Array, Member
 from ..gauss_newton import Trial
 from ..hierarchy import APART, Linear, beforehand
 from ..hypothesis import PlacedEffect, rewired
@@ -30,7 +30,6 @@ from ..runs import Runs
 from ..unknown import Unknown, bounds, parameter_values, precisions
 from .source_evidence import FIRST_LOOK, PRICE, Law, Normal, marginal
 
-Array = np.ndarray
 Move = tuple[float, tuple["Active", ...]]  # -2 ln evidence, and the active places
 
 MOST = 3  # active places at once

@@ -20,9 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..hierarchy import forward
-
-Array = np.ndarray
+from ..hierarchy import Array, forward
 
 AMPLITUDES = tuple(
     10.0 ** (0.25 * i) for i in range(-8, 13)

@@ -27,11 +27,9 @@ from solver.quantities.units import INFLOW
 from ..models.network import NetworkProblem
 from ..places import Place
 from ..runs import OutOfTime, Runs
-from ..unknown import Unknown
+from ..unknown import Array, Unknown
 from .place_model import CLOSELY, MOST, SETTLED, Active, PlaceModel, Point, normal_size, slices, with_signals
 from .source_evidence import Law
-
-Array = np.ndarray
 
 LEVELS = (0.2, 0.05, 0.015, 0.003, 0.0)  # model error at each stage, as a fraction of every channel's pulse
 _WORSE = 1.5  # a step that raises chi2 by more than this factor is shortened

@@ -13,9 +13,9 @@ from solver.errors import InputError
 from solver.quantities.units import of_signal
 
 from .. import limits
-from ..read.record import Array, require
+from ..read.record import require
 from .rounding import rounded_harmonics
-from .variable_beats import VariableBeats, unlikeness
+from .variable_beats import Array, VariableBeats, unlikeness
 
 
 @dataclass(frozen=True)

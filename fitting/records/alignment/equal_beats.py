@@ -12,10 +12,8 @@ from solver.errors import InputError
 
 from .. import limits
 from .harmonic_model import evaluate, harmonics
-from .upstrokes import without_gaps
+from .upstrokes import Array, without_gaps
 from .variable_beats import mean
-
-Array = np.ndarray
 
 _EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are timed
 # The search for the period ends if the predicted next change is below _ENOUGH standard deviations, or if the last one

@@ -48,23 +48,19 @@ def _flat_top(beats: Array, step: float) -> tuple[float, float] | None:
     """
     n = beats.shape[1]
     window = max(1, round(limits.SMOOTHED * n))
-    mean_beat = _moving_mean(np.nanmean(beats, axis=0), window)
+    mean_beat = np.nanmean(beats, axis=0)
+    mean_beat = np.convolve(
+        np.concatenate([mean_beat, mean_beat[: window - 1]]), np.full(window, 1.0 / window), "valid"
+    )
     pulse, top = float(np.ptp(mean_beat)), int(np.argmax(mean_beat))
     if pulse == 0.0:
         return None
     error = float(np.nanstd(beats[:, top])) / math.sqrt(len(beats) * window)
     tolerance = limits.TOP * pulse + limits.EXTREME * error + step
     at_top = np.roll(mean_beat > mean_beat[top] - tolerance, -top)
-    if at_top.all():
-        return None
     length = int(np.argmin(at_top)) + int(np.argmin(at_top[::-1]))
     longest = limits.FLAT_TOP * 2.0 / math.pi * math.sqrt(tolerance / pulse)
     return (float(mean_beat[top]), length / n) if length >= limits.PLATEAU and length > longest * n else None
-
-
-def _moving_mean(x: Array, n: int) -> Array:
-    """The mean of n neighbours in a beat x : (N,)."""
-    return np.convolve(np.concatenate([x, x[: n - 1]]), np.full(n, 1.0 / n), mode="valid")
 
 
 def _would_be_negative(beats: Array) -> bool:

@@ -16,9 +16,7 @@ import numpy as np
 from solver.errors import InputError
 
 from .. import limits
-from .upstrokes import find_upstrokes, usual_range, vertex, without_gaps
-
-Array = np.ndarray
+from .upstrokes import Array, find_upstrokes, usual_range, vertex, without_gaps
 
 _FINE = 5e-3  # [s], the time step of the search
 _EXACT, _FINEST = 1e-12, 1e-3  # of the power: of no stretch, and of a difference that a shift by half a sample makes
@@ -287,8 +285,7 @@ def _candidates(x: Array, step: float) -> Array:
     n = x.shape[1]
     power = (np.abs(np.fft.rfft(x, 2 * n, axis=1)) ** 2).mean(axis=0)
     r = np.fft.irfft(power)[:count] / (n - np.arange(count))  # the mean of x_j x_{j+L}
-    falls = np.flatnonzero(r < 0.2)  # before the first of them, all lags resemble lag 0
-    first = max(int(limits.SHORTEST / step * 0.97), int(falls[0]) if len(falls) else count, 1)
+    first = max(int(limits.SHORTEST / step * 0.97), 1)
     lags = np.arange(first + 1, len(r) - 1)
     lags = lags[(r[lags] > 0.0) & (r[lags] >= np.maximum(r[lags - 1], r[lags + 1]))]
     highest = [r[int(lag * (1.0 - limits.ELASTIC)) : int(lag * (1.0 + limits.ELASTIC)) + 1].max() for lag in lags]

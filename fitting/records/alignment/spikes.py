@@ -8,9 +8,7 @@ import numpy as np
 
 from .. import limits
 from .equal_beats import Grid
-from .variable_beats import VariableBeats
-
-Array = np.ndarray
+from .variable_beats import Array, VariableBeats
 
 _ROBUST = 1.4826  # standard deviation over median absolute deviation, of a Gaussian
 _LEAST = 1e-6  # of the range: rounding is no scatter

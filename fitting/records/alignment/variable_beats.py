@@ -14,9 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .. import limits
-from .upstrokes import Upstrokes, lead, without_gaps
-
-Array = np.ndarray
+from .upstrokes import Array, Upstrokes, lead, without_gaps
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,8 @@ from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
 from .. import limits
-from ..alignment.beats import Beats
+from ..alignment.beats import Array, Beats
 from .spectral import coefficients
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

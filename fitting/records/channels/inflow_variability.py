@@ -17,10 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import limits
-from ..alignment.beats import Beats
+from ..alignment.beats import Array, Beats
 from .spectral import coefficients
 
-Array = np.ndarray
 Transfer = Callable[[float, int], Array]
 
 

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .. import limits
-from ..alignment.beats import Beats
-
-Array = np.ndarray
+from ..alignment.beats import Array, Beats
 
 _ALIKE = 1e-6  # beyond a correlation of 1 - this, channels are one to the precision of their samples
 

@@ -13,9 +13,7 @@ from solver.quantities.units import of_signal
 
 from .. import limits
 from .sensors import KINDS, UnusableRecord, converter_step
-from .table import Place
-
-Array = np.ndarray
+from .table import Array, Place
 
 
 def without_codes(values: Array, name: str, scale: float) -> tuple[Array, tuple[str, ...]]:

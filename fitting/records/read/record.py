@@ -21,7 +21,7 @@ import numpy as np
 
 from solver.errors import InputError
 from solver.network.files import write_whole
-from solver.quantities.units import of_signal
+from solver.quantities.units import INFLOW, of_signal
 
 from .. import limits
 from .artefacts import without_codes, without_hum, without_still
@@ -34,13 +34,10 @@ from .sensors import (
     check_numbers,
     check_ranges,
     constant_value,
-    may_rest,
     without_plateaus,
 )
-from .table import Column, Place, Table
+from .table import Array, Column, Place, Table
 from .time_axis import between, longest_block, rows_of, time_axis
-
-Array = np.ndarray
 
 # A Hamming window of 16 slow intervals has a transition of 3.3/16 = 0.2 of the slow rate f: from 0.3 f, as it was,
 # to 0.5 f, gone
@@ -224,7 +221,7 @@ def _one(
         if constant is None:
             channels[name], clipped = without_plateaus(channels[name], name, title, place, axis.dt)
             notes += clipped
-        elif may_rest(name) and len(channels) > 1:
+        elif name.endswith(".Q") and name != INFLOW and len(channels) > 1:  # a closed outlet has such a flow
             del channels[name]
             resting[name] = constant
         else:

@@ -12,13 +12,11 @@ from functools import partial
 import numpy as np
 
 from solver.errors import InputError
-from solver.quantities.units import INFLOW, SIGNAL_UNITS, display_factor
+from solver.quantities.units import SIGNAL_UNITS, display_factor
 
 from .. import limits
 from . import table
-from .table import Place
-
-Array = np.ndarray
+from .table import Array, Place
 
 
 @dataclass(frozen=True)
@@ -63,11 +61,6 @@ def constant_value(values: Array) -> float | None:
     """The value of a channel that does not pulsate, None of one that does."""
     low, high = _extremes(values)
     return high if high / 2.0 - low / 2.0 <= limits.FLAT * max(abs(low), abs(high)) / 2.0 else None  # lest it overflow
-
-
-def may_rest(name: str) -> bool:
-    """Whether the channel may be constant: a flow, as at a closed outlet, but not the inflow."""
-    return _kind(name).noun == "flow" and name != INFLOW
 
 
 def without_plateaus(values: Array, name: str, title: str, place: Place, dt: float) -> tuple[Array, tuple[str, ...]]:
@@ -126,10 +119,6 @@ def _extremes(values: Array) -> tuple[float, float]:
         values = values[~np.isnan(values)]
         low, high = (float(values.min()), float(values.max())) if len(values) else (np.nan, np.nan)
     return low, high
-
-
-def _kind(name: str) -> Kind:
-    return KINDS[name.rpartition(".")[2]]
 
 
 def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], place: Place) -> None:

@@ -20,9 +20,7 @@ from solver.errors import InputError
 from .. import limits
 from .clock import span_text
 from .sensors import UnusableRecord, refuse
-from .table import Place
-
-Array = np.ndarray
+from .table import Array, Place
 
 _DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
 _SEEN = 10  # stamps on either side of a wide step: their medians stand still where one stamp alone is late
