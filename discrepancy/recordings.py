@@ -32,11 +32,12 @@ from .checkpoint import Journal
 from .find.plausibility import check_beats, check_record, check_waves
 from .find.study import Study, prepare
 from .findings.recorded import Recorded
+from .name.confirmation import confirmed
 from .name.joint_selection import name_together
 from .name.scoring import weighed, whitened_response
 from .name.verdict import Naming
 from .options import COMMON, Asked
-from .show.fmu_validation import Run, confirmed, of_coefficients
+from .show.fmu_validation import Run, of_coefficients
 from .show.gap import Gap, fall, held_out
 
 _FILE = "the file as it is"

@@ -17,11 +17,12 @@ from discrepancy.find.study import Study
 from discrepancy.findings.map_marks import label_text
 from discrepancy.findings.outcome import NamedEffect
 from discrepancy.findings.recorded import Recorded
+from discrepancy.name import confirmation
+from discrepancy.name.confirmation import _closed_above
 from discrepancy.name.model_selection import name
 from discrepancy.name.verdict import Naming
 from discrepancy.report.verdict_text import late_drive, low_passed
-from discrepancy.show import fmu_validation
-from discrepancy.show.fmu_validation import Run, _closed_above, agreement, compared
+from discrepancy.show.fmu_validation import Run, agreement, compared
 from discrepancy.show.gap import Gap, change, changed, fall, left
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import sensor_effects
@@ -70,7 +71,7 @@ def confirmed(
     if after is not None:
         fallen, sd = fall(s, before.X, after.X)
         each = replace(each, fallen=fallen, sd=sd)
-    return fmu_validation.confirmed(naming, [each], before.gap, after and after.gap, losses)
+    return confirmation.confirmed(naming, [each], before.gap, after and after.gap, losses)
 
 
 # --- the gap must fall ------------------------------------------------------------------------------------------------
@@ -102,7 +103,7 @@ def test_a_model_that_fits_but_does_not_run(left: float, verdict: str) -> None:
     s = study()
     run = stiffer(s, left)
     each = [Recorded("A", "A.csv", "", 20, s.fitted.T, True, run.gap.total, {}, failed="the FMU does not run.")]
-    found = fmu_validation.confirmed(named("none"), each, run.gap, None)
+    found = confirmation.confirmed(named("none"), each, run.gap, None)
     assert found.verdict == verdict
     assert verdict == "none" or (found.reason or "").endswith("cannot be judged: the FMU does not run.")
 
@@ -115,7 +116,7 @@ def test_a_model_that_does_not_run_before_any_effect_was_compared() -> None:
     each = [Recorded("A", "A.csv", "", 20, s.fitted.T, True, run.gap.total, {}, failed="the FMU does not run.")]
     naming = replace(named("unknown"), ranked=(named().base,), complete=False)
     assert naming.best.label == ""
-    found = fmu_validation.confirmed(naming, each, run.gap, None)
+    found = confirmation.confirmed(naming, each, run.gap, None)
     assert found.reason == "no effect can be judged: the FMU does not run."
     wave = s.problem.measured_wave(s.fitted)
     assert agreement(s, NOTHING, wave, replace(run, stands_in="the file as it is")) is None
@@ -193,7 +194,7 @@ def test_a_fall_counts_in_a_gap_of_noise(in_error: tuple[float, float] | None, v
     """χ² falls by 75 ± 17 (d' of 15) in a gap of 0.99 of the noise: the name stands, but not in a stated error."""
     before, after = (replace(Gap((left, left), {}), in_error=in_error) for left in (0.99, 0.95))
     each = [Recorded("A", "A.csv", "", 20, 1.0, True, before.total, {}, fallen=75.0, sd=17.0, gap_after=after.total)]
-    found = fmu_validation.confirmed(named(), each, before, after)
+    found = confirmation.confirmed(named(), each, before, after)
     assert found.verdict == verdict
 
 

@@ -33,12 +33,13 @@ from discrepancy.find.study import Study, prepare
 from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.recorded import rows as rows_of
 from discrepancy.name import joint_selection
+from discrepancy.name.confirmation import confirmed
 from discrepancy.name.joint_selection import name_together
 from discrepancy.name.model_selection import name as name_one
 from discrepancy.name.verdict import Naming
 from discrepancy.plan.second_state import second_state, separations
 from discrepancy.recordings import FreeRuns, Judged, Recordings, _named
-from discrepancy.show.fmu_validation import Run, confirmed
+from discrepancy.show.fmu_validation import Run
 from discrepancy.show.gap import Gap, gap
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Fit, Member

@@ -43,9 +43,10 @@ from .. import thresholds as at
 from ..find.study import Study
 from ..findings.outcome import LearnedLaw
 from ..findings.recorded import Recorded
+from ..name.confirmation import not_fallen
 from ..name.scoring import there, weighed
 from ..name.verdict import Naming
-from ..show.fmu_validation import Run, agreement, not_fallen
+from ..show.fmu_validation import Run, agreement
 from .described import Runner, described, gap_that_falls, with_network
 
 _TRIED = 2  # most promising terms, refitted at every step
@@ -216,7 +217,7 @@ def stands(study: Study, found: Learnt, before: Run, run: Runner, unseen: Unseen
 
     before : the run without it. run : runs a law's FMU under the record's wave; it also returns a
     function that builds the FMU to deliver. unseen : runs it under recordings that are held out whole; there the gap
-    must fall as for a name (:func:`discrepancy.show.fmu_validation.confirmed`).
+    must fall as for a name (:func:`discrepancy.name.confirmation.confirmed`).
     """
     own = replace(study, problem=in_range(study.problem, found.ranges))
     network = extended(own.problem.network, found.fit)

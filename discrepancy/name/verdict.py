@@ -1,6 +1,6 @@
 """The verdict: the hypotheses that remain, exact or with model discrepancy, and the conclusion from them.
 
-Free runs of the FMU may withdraw a name (:func:`discrepancy.show.fmu_validation.confirmed`).
+Free runs of the FMU may withdraw a name (:func:`discrepancy.name.confirmation.confirmed`).
 """
 
 from __future__ import annotations
