@@ -22,7 +22,7 @@ from discrepancy.find.model_source import first_of
 from discrepancy.find.study import _means_along
 from fitting.first.doubts import lost_on_the_way
 from fitting.first.estimates import beats_in_period, delay, stroke
-from fitting.first.model import FirstModel, first_model
+from fitting.first.model import FirstModel, _rms, first_model
 from fitting.first.options import FirstOptions
 from fitting.first.sections import Section, with_side_branch
 from fitting.first.shares import forks, ratios
@@ -272,12 +272,13 @@ def test_a_windkessel_without_a_tube() -> None:
     Q = ejection(T, 45.0 * ML)
     wt = 2.0 * np.pi / T * np.arange(N // 2 + 1)
     P = np.fft.irfft((Z + (R - Z) / (1.0 + 1j * wt * C * (R - Z))) * np.fft.rfft(Q), N) + VENOUS
-    model = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P))
+    record = beats(T, 1, inlet_Q=Q, Ao_P=P)
+    model = first_model(record)
     (tube,), s = model.network.segments, model.network.segments["Ao"].terms["taper"]
     c_2 = 2.0 * tube.E * tube.h / (3.0 * 1060.0 * tube.R0)
     stored = np.pi * tube.R0**2 * tube.L / (1060.0 * c_2) * (1.0 + s**2 / 4.0)  # A/c² ∝ R³ along it
     assert model.network.outlets["Ao"].C + stored == pytest.approx(C, rel=0.05)
-    assert model.shown[0].rms < 2e-3 * np.ptp(P)
+    assert _rms(record, model.network, "Ao.P") < 2e-3 * np.ptp(P)
 
 
 def human(names: tuple[str, ...], T: float = 0.9) -> Beats:
@@ -318,15 +319,18 @@ def test_a_network_by_another_generator() -> None:
 
 
 def test_side_branches(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Human, a carotid pressure: with a branch 0.33 and 0.56 mmHg rms are left, a quarter of what one path leaves."""
+    """Human, a carotid pressure: with a branch small waves leave 0.33 and 0.56 mmHg rms, a quarter of what they leave
+    with one path. The full equations leave 0.86 mmHg at the root, as the comparison shows."""
     sides = human(("AsA.P", "LC.P"))
     forked = first_model(sides, paths=("AsA,LC",))
     monkeypatch.setattr("fitting.first.model._BRANCHES", 0)
     path = first_model(sides)
     assert [(j.inflow, j.outflow) for j in forked.network.junctions] == [(("AsA",), ("LC", "AsA_side"))]
     assert not path.network.junctions
-    for one, other in zip(forked.shown, path.shown, strict=True):
-        assert one.rms < 0.3 * other.rms
+    for name in ("AsA.P", "LC.P"):
+        assert _rms(sides, forked.network, name) < 0.3 * _rms(sides, path.network, name)
+    assert forked.shown[0].rms == pytest.approx(0.86 * MMHG, rel=0.02)
+    assert forked.shown[0].rms > 2.0 * _rms(sides, forked.network, "AsA.P")
     shares = [float(found) for found in re.findall(r"# (\d+)% of the flow", forked.text)]
     assert shares[0] == 100.0 and sum(shares[1:]) == pytest.approx(100.0, abs=1.0)
 
@@ -419,7 +423,7 @@ def test_sites_behind_one_another_or_not() -> None:
     assert {o.segment for o in side.network.outlets} == {"FA", "Ao_side"}
     for model in (fork, side):
         flow = next(each.mean[1] for each in model.shown if each.channel == "CA.Q")
-        assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=5e-4)
+        assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=1e-3)
     for model in (row, fork, side):
         root = next(each for each in model.shown if each.channel == "Ao.P")
         assert root.mean[1] == pytest.approx(root.mean[0], rel=0.01)

@@ -83,7 +83,7 @@ def tables(model: FirstModel) -> tuple[Table, Table]:
         "channel",
         "unit",
         *map(right, ("mean", "of the model", "pulse", "of the model", "rms of the difference")),
-        title="Record against model, as small waves about the mean pressure",
+        title="Record against model",
         title_justify="left",
     )
     for row in model.shown:

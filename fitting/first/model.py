@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from solver.errors import InputError
+from solver.harmonics import beat_harmonics
 from solver.linear import waveforms
 from solver.network.description import Fluid, Network
 from solver.network.doubts import network_doubts
@@ -58,13 +59,13 @@ _DISTANCE = 0.1  # the same of a length that is given
 _USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
 _FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
 _BRANCHES = 2  # side branches on the longest way, at most, because each doubles the time: judgement
-_SAMPLES = 200  # a beat, of the comparison
+_SAMPLES, _HARMONICS = 200, 40  # a beat, of the comparison
 
 
 @dataclass(frozen=True)
 class FirstModel:
-    """network : that of the file ``text``. found : the estimates. shown : record against model, small waves about the
-    mean pressure. notes : doubts, one sentence each."""
+    """network : that of the file ``text``. found : the estimates. shown : record against model, whose beat is that of
+    the file. notes : doubts, one sentence each."""
 
     network: Network
     text: str
@@ -127,10 +128,11 @@ def first_model(
         return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, notes_here)
 
     def of_layout(tubes: Sequence[Section], before: Fitted | None = None) -> _Layout | None:
-        models = [with_compliance(C, tubes).model(beats) for C in compliances(beats, channel, P_venous, R.value)]
-        parts, model = min(models, key=lambda each: next(row.rms for row in each[1].shown if row.channel == channel))
-        fit = fitted(data, model.network, bool(distances), tubes, before)
-        return None if fit is None else _Layout(tubes, model.network, parts, fit)
+        made_with = [with_compliance(C, tubes) for C in compliances(beats, channel, P_venous, R.value)]
+        models = [(parts, parts.read(beats)[1]) for parts in made_with]
+        parts, network = min(models, key=lambda each: _rms(beats, each[1], channel))
+        fit = fitted(data, network, bool(distances), tubes, before)
+        return None if fit is None else _Layout(tubes, network, parts, fit)
 
     data, upstream = Data(beats, channel), parents(paths, root, times)
     plain = layouts(beats, root, upstream, times, echo.value / 2.0, area, bool(paths))
@@ -142,7 +144,7 @@ def first_model(
             break
         best = other
     fit, lag = delayed(data, best.network, bool(distances), best.tubes, best.fit)
-    return best.parts.adjusted(fit, lag, channel).model(beats)[1]
+    return best.parts.adjusted(fit, lag, channel).model(beats)
 
 
 @dataclass(frozen=True)
@@ -185,15 +187,20 @@ class _Parts:
         notes = [*self.notes, *([late_flow(delay, root)] if delay else [])]
         return replace(self, tubes=tubes, windkessels=ends, notes=notes, factor=f, late=delay.late if delay else 0.0)
 
-    def model(self, beats: Beats) -> tuple[_Parts, FirstModel]:
-        """The model of the file."""
+    def read(self, beats: Beats) -> tuple[str, Network]:
+        """The file and its network."""
         file = text.network_file(
             self.source, self.found, self.tubes, self.windkessels, self.notes, self.factor, self.late
         )
-        network = loads(file, f"first model of {beats.source}")
-        comparison = _shown(beats, network)
+        return file, loads(file, f"first model of {beats.source}")
+
+    def model(self, beats: Beats) -> FirstModel:
+        """The model of the file."""
+        file, network = self.read(beats)
+        beat = _solved(beats, network)
+        comparison = tuple(_compared(beats, name, beat[name]) for name in beats.values if name in beat)
         notes = *self.notes, *filter(None, map(means_apart, comparison)), *network_doubts(network)
-        return self, FirstModel(network, file, self.found, comparison, notes)
+        return FirstModel(network, file, self.found, comparison, notes)
 
 
 def _speed_and_area(
@@ -249,20 +256,27 @@ def _inflow(beats: Beats) -> Array:
     return np.where(np.isin(np.arange(len(X)), [0, *kept]), X, 0.0)
 
 
-def _shown(beats: Beats, network: Network) -> tuple[ChannelComparison, ...]:
-    """All channels except the inflow, against the network under the measured inflow, linearised at its mean
-    pressure."""
-    wave = waveforms(network, resample(beats.mean(INFLOW), _SAMPLES), beats.T)
-    rows = []
-    for name in beats.values:
-        if name in wave:
-            x, y = resample(beats.mean(name), _SAMPLES), wave[name]
-            rows.append(
-                ChannelComparison(
-                    name,
-                    (float(x.mean()), float(y.mean())),
-                    (float(np.ptp(x)), float(np.ptp(y))),
-                    float(np.sqrt(np.mean((x - y) ** 2))),
-                )
-            )
-    return tuple(rows)
+def _small_waves(beats: Beats, network: Network) -> Mapping[str, Array]:
+    """The outputs of a network under the measured inflow, linearised at its mean pressure : (n,) each, by name."""
+    return waveforms(network, resample(beats.mean(INFLOW), _SAMPLES), beats.T)
+
+
+def _rms(beats: Beats, network: Network, channel: str) -> float:
+    """The rms [SI] that small waves leave of a channel."""
+    return _compared(beats, channel, _small_waves(beats, network)[channel]).rms
+
+
+def _solved(beats: Beats, network: Network) -> Mapping[str, Array]:
+    """The outputs of the file's own beat : (n,) each, by name; small waves if it is not found."""
+    names = [name for name in beats.values if name != INFLOW and name in network.output_units()]
+    X = beat_harmonics(network, names, _HARMONICS)[0]
+    if np.isnan(X).any():
+        return _small_waves(beats, network)
+    return dict(zip(names, np.fft.irfft(X, _SAMPLES, axis=0, norm="forward").T, strict=True))
+
+
+def _compared(beats: Beats, name: str, y: Array) -> ChannelComparison:
+    """The mean beat of a channel against that of a model : (n,)."""
+    x = resample(beats.mean(name), _SAMPLES)
+    mean, pulse = ((float(measure(x)), float(measure(y))) for measure in (np.mean, np.ptp))
+    return ChannelComparison(name, mean, pulse, float(np.sqrt(np.mean((x - y) ** 2))))
