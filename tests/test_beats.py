@@ -195,6 +195,21 @@ def test_a_pulse_that_changes_is_said(left: float, said: bool) -> None:
     assert len(notes) == said and all(note.startswith("the pulse of AA.P goes from ") for note in notes)
 
 
+@pytest.mark.parametrize("lost", ["the middle", "the extremes"])
+def test_a_pulse_that_changes_beside_gaps(lost: str) -> None:
+    """The second half lacks samples of middle level, or all others: the note says the change of the pulse that is there
+    to a twentieth of it."""
+    time = np.arange(4000) * DT
+    P = pressure(time / 0.5)
+    P = P.mean() + (P - P.mean()) * np.where(time > 10.0, 0.8, 1.0)
+    (whole,) = (text for text in align(record(time, P=P)).warnings if "goes from" in text)
+    off = np.abs(P - P.mean()) / np.ptp(P)
+    P[(time > 10.0) & (time % 1.0 < 0.5) & ((off < 0.1) if lost == "the middle" else (off > 0.4))] = np.nan
+    (gaps,) = (text for text in align(record(time, P=P)).warnings if "goes from" in text)
+    first, last = (np.array([float(x) for x in re.findall(r"(?:from|to) ([0-9.]+)", text)]) for text in (whole, gaps))
+    np.testing.assert_allclose(last, first, rtol=0.05)
+
+
 @pytest.mark.parametrize(("change", "longest", "T"), [(0.2, 0.495, 0.455), (0.25, 0.495, 0.445), (0.3, 0.48, 0.43)])
 def test_a_rate_that_drifts_is_not_taken_for_a_steady_one(change: float, longest: float, T: float) -> None:
     """Refinement ends up to 10 % from the usual beat, at 0.476 s for 0.3; cut singly, T is the mean of what is used, to

@@ -410,8 +410,8 @@ def test_a_distance_gives_the_wave_speed() -> None:
 
 
 def test_sites_behind_one_another_or_not() -> None:
-    """A path by delays where a tube explains the record; a fork by paths, which shares the flow as CA.Q says; what gets
-    lost leaves by a side branch.
+    """A path by delays where a tube explains the record; a fork by paths, which shares the flow as CA.Q says (to 8e-4
+    by the full equations); what gets lost leaves by a side branch.
     """
     channels = {**PAIR, "CA_P": np.roll(P_HUMAN, N // 40), "CA_Q": 0.2 * Q_HUMAN}  # 20 ms
     middle = onward(P_HUMAN, Q_HUMAN, 0.8, 0.06 * PER_ML, 0.02)

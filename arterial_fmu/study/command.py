@@ -80,6 +80,8 @@ def main(
             progress(0.0, "reading")
             check_destinations(*(out / n for n in ("plan.json", *WRITTEN)), given=[model, inflow], folders=True)
             how = Reading.from_options(mapped, decimal, parts=part)
+            if part and not inflow:
+                raise InputError(f'--part "{part[0]}": is of the record of --inflow, and none is given; leave it out.')
             check_parts(how, [Path(inflow)] if inflow else [])
             studied = read_model(model, inflow, dt, element_length, tolerance, how, as_measured)
             varied = parse_varied(vary or [], studied.known, studied.nominal, studied.name)

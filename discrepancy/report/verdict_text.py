@@ -21,6 +21,7 @@ from ..findings.map_marks import entry, label_text, of_sensor, places_text, plai
 from ..findings.outcome import Detectable, LearnedLaw, NamedEffect, Outcome
 from ..findings.shown_map import Acting, SourceMapShown
 from ..name.verdict import Naming
+from ..thresholds import NO_GAP
 
 _NOT_DETECTABLE = "not detectable in its allowed range"
 _OUTLET = "another kind of outlet, refitted only if no other effect explains the record"
@@ -72,12 +73,13 @@ def early(outcome: Outcome) -> bool:
 
 
 def off_in_the_mean(outcome: Outcome) -> str:
-    """The pressures and flows that differ from the model mostly in their mean: "Pe.P (1.4 mmHg above the model’s)"."""
+    """The pressures and flows whose gap is more than noise, and mostly in the mean: "Pe.P (1.4 mmHg above the
+    model’s)"."""
     found = []
     for c in outcome.channels:
         more = c.measured - (c.before if c.after is None else c.after)
-        mean = float(more.mean())
-        if c.name[-1] in "PQ" and mean**2 > float(more.var()):
+        mean, (_, gap) = float(more.mean()), c.gap_after or c.gap_before
+        if c.name[-1] in "PQ" and gap > NO_GAP and mean**2 > float(more.var()):
             side = "above" if mean > 0.0 else "below"
             found.append(f"{c.name} ({size_text(c.name, abs(mean))} {side} the model’s)")
     return ", ".join(found)

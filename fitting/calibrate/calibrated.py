@@ -28,7 +28,7 @@ class Recording:
     label : its name. which : numbers of the unknowns that affect it; names : their names without its label.
     values, ci95 : SI, of the varying unknowns, by FMU variable name. chi2, dof : of its data. channels : whitened RMS
     per channel (1 = noise); rms : the same over the beat [SI]. means : mean residual [SI] of channels in which it is
-    more than a model error of means may be. harmonics : K. beats : their number.
+    more than a model error of means may be, the largest part of a pulsation first. harmonics : K. beats : their number.
     """
 
     label: str

@@ -39,8 +39,9 @@ class Prior:
         if not self.sha256 or record.sha256 not in self.sha256.split(" + "):
             return ()
         return (
-            f"{self.source}: it was calibrated with {record.path} itself, so that this record counts twice: intervals "
-            f"are too narrow and effects may be taken for walls; calibrate with another record of this animal.",
+            f"{self.source}: it was calibrated with {record.path} itself, so that this record counts twice, unless "
+            "another part of the file was used: intervals are too narrow and effects may be taken for walls; calibrate "
+            "with another record of this animal, or another --part.",
         )
 
 

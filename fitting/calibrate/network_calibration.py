@@ -279,8 +279,9 @@ def _recordings(
         covariance, noise = known.covariance[np.ix_(at, at)], noise_known([beats.n_beats])
         ci95 = parameter_intervals(unknowns, network, x, covariance, noise)
         rms = dict(zip(part.signals, part.rms(z).tolist(), strict=True))
-        off, most = part.target.unwhiten(z[:, None])[0, :, 0].real, MEANS * pulses(beats, part.signals)
-        means = {name: x for name, x, y in zip(part.signals, off.tolist(), most, strict=True) if abs(x) > y}
+        off = part.target.unwhiten(z[:, None])[0, :, 0].real
+        far = np.abs(off) / pulses(beats, part.signals)
+        means = {part.signals[i]: float(off[i]) for i in np.argsort(-far) if far[i] > MEANS}
         found.append(Recording(
             label, beats.source, beats.sha256, beats.n_beats, tuple(int(j) for j in at), tuple(names), values,
             {name: ci95[name] for name in values}, float(z @ z), max(1.0, len(z) - float(paid[rows].sum())),
@@ -312,13 +313,12 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
         f"the intervals allow a model error of {rest} of each channel's pulsation in the harmonics (rms) and {means} "
         "in the means (sd)"
     )
-    if recording.means and not errors[0] == errors[1]:
-        farthest = max(recording.means, key=lambda name: abs(recording.means[name]))
-        mean = size_text(farthest, abs(recording.means[farthest]))
-        side = "above" if recording.means[farthest] > 0.0 else "below"
+    if recording.means and len(recordings) * len(recording.channels) > 1:
+        farthest, off = next(iter(recording.means.items()))
+        side = "above" if off > 0.0 else "below"
         allowed += (
-            f"; the mean of {farthest} is {mean} {side} the record's: if its zero or height is off, free it "
-            f"(--free {farthest}.zero)"
+            f"; the mean of {farthest} is {size_text(farthest, abs(off))} {side} the record's: if its zero or height "
+            f"is off, free it (--free {farthest}.zero)"
         )
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "

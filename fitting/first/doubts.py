@@ -132,7 +132,7 @@ def _clocks(beats: Beats, root: str) -> Iterator[str]:
         yield (
             f"{root} rises {1e3 * abs(late):.0f} ms {'after' if late > 0.0 else 'before'} {INFLOW}, and at one place "
             "both rise together: one of the two is of another clock or another place; shift the times of its file "
-            f'(--with "FILE=SHIFT"), or tell the other commands: --filter "{INFLOW}=delay {-1e3 * late:.0f} ms".'
+            f'(--with "FILE=SHIFT"), or give --filter "{INFLOW}=delay {-1e3 * late:.0f} ms" to the other commands.'
         )
 
 

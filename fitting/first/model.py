@@ -60,6 +60,7 @@ _USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
 _FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
 _BRANCHES = 2  # side branches on the longest way, at most, because each doubles the time: judgement
 _SAMPLES, _HARMONICS = 200, 40  # a beat, of the comparison
+_NO_BEAT = "the model has no periodic beat under the recorded flow; its table is that of small waves about the mean."
 
 
 @dataclass(frozen=True)
@@ -198,8 +199,9 @@ class _Parts:
         """The model of the file."""
         file, network = self.read(beats)
         beat = _solved(beats, network)
-        comparison = tuple(_compared(beats, name, beat[name]) for name in beats.values if name in beat)
-        notes = *self.notes, *filter(None, map(means_apart, comparison)), *network_doubts(network)
+        found, notes = (beat, self.notes) if beat else (_small_waves(beats, network), (*self.notes, _NO_BEAT))
+        comparison = tuple(_compared(beats, name, found[name]) for name in beats.values if name in found)
+        notes = *notes, *filter(None, map(means_apart, comparison)), *network_doubts(network)
         return FirstModel(network, file, self.found, comparison, notes)
 
 
@@ -267,11 +269,11 @@ def _rms(beats: Beats, network: Network, channel: str) -> float:
 
 
 def _solved(beats: Beats, network: Network) -> Mapping[str, Array]:
-    """The outputs of the file's own beat : (n,) each, by name; small waves if it is not found."""
+    """The outputs of the file's own beat : (n,) each, by name; none if it is not found."""
     names = [name for name in beats.values if name != INFLOW and name in network.output_units()]
     X = beat_harmonics(network, names, _HARMONICS)[0]
     if np.isnan(X).any():
-        return _small_waves(beats, network)
+        return {}
     return dict(zip(names, np.fft.irfft(X, _SAMPLES, axis=0, norm="forward").T, strict=True))
 
 

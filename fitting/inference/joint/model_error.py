@@ -35,7 +35,7 @@ Problem = TypeVar("Problem", bound=NetworkProblem | Several)
 # Of the pulsation (rms): largest error of the means, 1 or 2 mmHg of a pressure. A zero that is off by more can be
 # freed. Without a limit the few means are given up for the many harmonics, and with them the mean resistance, and all
 # that only other flows show. Where the harmonics would give them up by more than the limit, the error is as much
-# smaller than the limit as that is larger, and the means count the more
+# smaller than the limit as that is larger, and the means count the more, at most as much as each harmonic: judgement
 MEANS = 0.1
 CHANCE = 4.0  # standard deviations of χ² above which more than noise remains
 # Predicted gain of a search that ended without a better step, which moves no value by more than a third of its standard

@@ -103,9 +103,10 @@ class Beats:
                 continue
             off = (beats - usual)[there]
             level, wave = np.nanmean(off, axis=1), usual - usual.mean()
-            size = 1.0 + np.nanmean((off - level[:, None]) * wave, axis=1) / max(float(np.var(wave)), 1e-300)
+            own = np.where(np.isnan(off), np.nan, wave)  # where the beat has samples
+            size = 1.0 + np.nanmean((off - level[:, None]) * own, axis=1) / np.maximum(np.nanvar(own, axis=1), 1e-300)
             largest = max(abs(float(usual.mean())), float(usual.std()))
-            for what, y, least, why in (
+            for quantity, y, least, cause in (
                 ("mean", usual.mean() + level, limits.NEAR * largest, "a zero drifts"),
                 ("pulse", float(np.ptp(usual)) * size, limits.OTHER_PULSE * float(np.ptp(usual)), "a catheter clots"),
             ):
@@ -113,9 +114,10 @@ class Beats:
                 change = float(line[0] * (self.n_beats - 1))
                 if abs(change) > least:
                     unit, factor = of_signal(name)
+                    first, last = factor * line[1], factor * (line[1] + change)
                     found.append(
-                        f"the {what} of {name} goes from {factor * line[1]:.3g} to {factor * (line[1] + change):.3g} "
-                        f"{unit} over the beats used: the mean beat is of no single state, or {why}; give a steady "
+                        f"the {quantity} of {name} goes from {first:.3g} to {last:.3g} "
+                        f"{unit} over the beats used: the mean beat is of no single state, or {cause}; give a steady "
                         "part with --part."
                     )
         return found

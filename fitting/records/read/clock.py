@@ -68,7 +68,7 @@ def part_of(text: str) -> tuple[str, tuple[float, float]]:
             f'--part "{text}": must be FROM..TO, such as --part "60..120 s", --part "60 s.." or "..2 min".'
         )
     begin, end = ends
-    if re.fullmatch(r"[0-9.]+", begin):  # of two numbers with one unit it is that of both
+    if re.fullmatch(r"[0-9.eE+-]+", begin):  # of two numbers with one unit it is that of both
         begin += re.sub(r"^[0-9.eE+-]+", "", end)
     low = parse_quantity(begin, "s", "--part") if begin else 0.0
     high = parse_quantity(end, "s", "--part") if end else math.inf
@@ -77,6 +77,17 @@ def part_of(text: str) -> tuple[str, tuple[float, float]]:
             f'--part "{text}": must begin at 0 or later and end after that; times are counted from the first sample.'
         )
     return file.strip(), (low, high)
+
+
+def parts_of(texts: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """The parts of several files. Raises ValueError, one sentence, for two of one file."""
+    found: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        name, span = part_of(text)
+        if name in found:
+            raise InputError(f'--part "{text}": a part of {name or "all files"} is given twice; keep one.')
+        found[name] = span
+    return found
 
 
 def span_text(span: tuple[float, float]) -> str:

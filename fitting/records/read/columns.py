@@ -15,7 +15,7 @@ from solver.errors import InputError
 from solver.network.files import parse_quantity
 from solver.quantities.units import INFLOW
 
-from .clock import part_of, span_text
+from .clock import parts_of, span_text
 from .sensors import KINDS, TIME, Kind
 from .table import Column, Place, Table, refuse
 from .titles import advice as advised
@@ -79,7 +79,7 @@ class Reading:
             names[title] = variable
         files = [_shifted(os.fspath(file)) for file in beside or ()]
         shifts = {file: shift for file, shift in files if shift != 0.0}
-        return Reading(decimal, names, tuple(file for file, _ in files), shifts, dict(map(part_of, parts or ())))
+        return Reading(decimal, names, tuple(file for file, _ in files), shifts, parts_of(parts or ()))
 
     def part(self, file: str | os.PathLike[str]) -> tuple[float, float] | None:
         """Begin and end [s] of the samples of a file that are read, None for all."""
