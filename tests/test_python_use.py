@@ -193,7 +193,7 @@ class Stiff(wall_laws.Beta):
 
 
 @dataclass(frozen=True)
-class Orifice(outlets.Outlet):
+class Orifice(outlets.Pressure):
     """An outlet with a key of its own."""
 
     b: float = quantity(None, "Pa.s^2/m^6", "resistance b of the jet", 1.0, 1e25, nominal=1e14)
