@@ -33,6 +33,7 @@ from fitting.records.alignment.beats import Beats
 from fitting.records.read.record import read_record, write_record
 from solver import load, read_network, simulate_periodic
 from solver.errors import InputError
+from solver.network.description import Network
 from solver.network.files import loads
 from solver.quantities.coordinate import SHIFT
 from solver.quantities.units import MMHG
@@ -333,6 +334,25 @@ def test_side_branches(monkeypatch: pytest.MonkeyPatch) -> None:
     assert forked.shown[0].rms > 2.0 * _rms(sides, forked.network, "AsA.P")
     shares = [float(found) for found in re.findall(r"# (\d+)% of the flow", forked.text)]
     assert shares[0] == 100.0 and sum(shares[1:]) == pytest.approx(100.0, abs=1.0)
+
+
+@pytest.mark.parametrize("raises", [True, False])
+def test_a_model_without_a_beat_says_so(raises: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the balance finds no beat, or there is no steady state, the table is that of small waves, with a note."""
+
+    def none(network: Network, names: list[str], K: int) -> np.ndarray:
+        if raises:
+            raise InputError("no steady state")
+        return np.full((1, K + 1, len(names)), np.nan + 0j)
+
+    record = beats(0.8, **PAIR)
+    (solved,) = (row for row in first_model(record).shown if row.channel == "Ao.P")
+    monkeypatch.setattr("fitting.first.model.beat_harmonics", none)
+    model = first_model(record)
+    assert sum("no periodic beat" in note for note in model.notes) == 1
+    (row,) = (row for row in model.shown if row.channel == "Ao.P")
+    assert row.rms == pytest.approx(_rms(record, model.network, "Ao.P"), rel=1e-12)
+    assert row.rms != solved.rms
 
 
 def test_where_side_branches_go() -> None:

@@ -15,6 +15,7 @@ record is more probable with them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -271,7 +272,9 @@ def _rms(beats: Beats, network: Network, channel: str) -> float:
 def _solved(beats: Beats, network: Network) -> Mapping[str, Array]:
     """The outputs of the file's own beat : (n,) each, by name; none if it is not found."""
     names = [name for name in beats.values if name != INFLOW and name in network.output_units()]
-    X = beat_harmonics(network, names, _HARMONICS)[0]
+    X = np.full((_HARMONICS + 1, len(names)), np.nan + 0j)
+    with suppress(InputError):  # no steady state under the mean flow
+        X = beat_harmonics(network, names, _HARMONICS)[0]
     if np.isnan(X).any():
         return {}
     return dict(zip(names, np.fft.irfft(X, _SAMPLES, axis=0, norm="forward").T, strict=True))
