@@ -43,8 +43,7 @@ from solver.network.doubts import network_doubts
 from solver.network.files import write_network
 from solver.simulate import Progress
 
-from .add.described import NOTHING
-from .add.learning import Learnt, in_range, law_of, learns
+from .add.learning import NOTHING, Learnt, in_range, law_of, learns
 from .assemble import ValidationRuns, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
 from .find.model_source import OF_FIRST, first_of, read_model

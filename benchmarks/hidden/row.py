@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from discrepancy import thresholds
-from discrepancy.add.described import NOTHING
+from discrepancy.add.learning import NOTHING
 from discrepancy.find.study import Study, Unusable
 from discrepancy.name.individual_walls import subject_without
 from discrepancy.name.intervals import stated
