@@ -22,8 +22,7 @@ from solver.quantities.legible import number
 from solver.quantities.units import INFLOW
 
 from . import thresholds
-from .find.balances import mass_balances, momentum_balances, wall_balances
-from .find.disagreement import Disagreement, find
+from .find.disagreement import Disagreement, find, mass_balances, momentum_balances, wall_balances
 from .find.study import Study, Unusable
 from .findings.isolability import isolability, smallest
 from .findings.map_marks import of_sensor, plain
@@ -34,8 +33,7 @@ from .name.individual_walls import odd_ones, walls_of
 from .name.intervals import stated
 from .name.verdict import Naming
 from .report.verdict_text import acts_as, joined, late_drive, low_passed, separating_measurement, stands_for
-from .show.fmu_validation import Run
-from .show.gap import Gap, changed, left
+from .show.fmu_validation import Gap, Run, changed, left
 
 _SHOWN = 12  # candidates listed in the report
 _ONE_SITE = "Two sensor faults at one site explain the record, but such a pair can imitate many other effects:"

@@ -41,8 +41,7 @@ from solver.network.files import write_whole
 from .add.learning import Learnt
 from .name.scoring import Named
 from .name.verdict import Naming
-from .show.fmu_validation import Run
-from .show.gap import Gap
+from .show.fmu_validation import Gap, Run
 
 Result = TypeVar("Result")
 

@@ -33,12 +33,11 @@ from .find.plausibility import check_beats, check_record, check_waves
 from .find.study import Study, prepare
 from .findings.recorded import Recorded
 from .name.confirmation import confirmed
-from .name.joint_selection import name_together
+from .name.model_selection import name_together
 from .name.scoring import weighed, whitened_response
 from .name.verdict import Naming
 from .options import COMMON, Asked
-from .show.fmu_validation import Run, of_coefficients
-from .show.gap import Gap, fall, held_out
+from .show.fmu_validation import Gap, Run, fall, held_out, of_coefficients
 
 _FILE = "the file as it is"
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries

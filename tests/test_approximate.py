@@ -11,8 +11,7 @@ from test_nearest import FREE, bent, loop
 
 from discrepancy import thresholds as at
 from discrepancy.name.approximate import compared_first_model, compared_with_errors
-from discrepancy.name.joint_selection import name_together
-from discrepancy.name.model_selection import name
+from discrepancy.name.model_selection import name, name_together
 from discrepancy.name.scoring import Compared
 from discrepancy.name.verdict import Naming
 from fitting.calibrate.network_calibration import calibrate

@@ -18,7 +18,7 @@ from discrepancy.name.approximate import Approximate
 from discrepancy.name.intervals import _lower
 from discrepancy.name.scoring import Compared, Named, choice, ranked, shares
 from discrepancy.name.verdict import Naming, _discrepancy_candidates, _exact_verdict, _partial, decided
-from discrepancy.show.gap import Gap
+from discrepancy.show.fmu_validation import Gap
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import EVERY, PlacedEffect
 from fitting.results.estimate import Estimate

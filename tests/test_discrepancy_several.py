@@ -32,15 +32,14 @@ from discrepancy.assemble import _absorbed, sentence
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.recorded import rows as rows_of
-from discrepancy.name import joint_selection
+from discrepancy.name import model_selection
 from discrepancy.name.confirmation import confirmed
-from discrepancy.name.joint_selection import name_together
 from discrepancy.name.model_selection import name as name_one
+from discrepancy.name.model_selection import name_together
 from discrepancy.name.verdict import Naming
 from discrepancy.plan.second_state import second_state, separations
 from discrepancy.recordings import FreeRuns, Judged, Recordings, _named
-from discrepancy.show.fmu_validation import Run
-from discrepancy.show.gap import Gap, gap
+from discrepancy.show.fmu_validation import Gap, Run, gap
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Fit, Member
 from fitting.inference.gauss_newton import Trial
@@ -192,7 +191,7 @@ def test_time_that_is_over_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     def over(*_: Any) -> Any:
         raise OutOfTime("over")
 
-    monkeypatch.setattr(joint_selection, "_refitted", over)
+    monkeypatch.setattr(model_selection, "_refitted", over)
     found = name_together(whole_of(studies), alone, studies[0].terms, Runs())
     assert not found.complete and found.confidence <= 0.5
     with pytest.raises(OutOfTime):

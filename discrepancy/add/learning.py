@@ -51,8 +51,7 @@ from ..findings.recorded import Pair, Recorded
 from ..name.confirmation import not_fallen
 from ..name.scoring import there, weighed
 from ..name.verdict import Naming
-from ..show.fmu_validation import Run, agreement
-from ..show.gap import fall, gap
+from ..show.fmu_validation import Run, agreement, fall, gap
 
 _TRIED = 2  # most promising terms, refitted at every step
 _ALONG = (0.0, 0.5, 1.0)  # x/L at which the strains of a segment are evaluated

@@ -20,9 +20,8 @@ from fitting.inference.hypothesis import PlacedEffect, effect_of, joins, placed
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.runs import Runs
-from fitting.inference.source_maps.beside import found_beside
 from fitting.inference.source_maps.place_model import with_signals
-from fitting.inference.source_maps.source_map import SourceMap, is_noise
+from fitting.inference.source_maps.source_map import SourceMap, found_beside, is_noise
 from solver.errors import InputError
 from solver.laws.effect import ALL_PLACES, CHANNEL
 

@@ -16,7 +16,7 @@ from solver.quantities.units import MMHG
 from .. import thresholds as at
 from ..findings.map_marks import label_text
 from ..findings.recorded import Recorded
-from ..show.gap import Gap, changed
+from ..show.fmu_validation import Gap, changed
 from .individual_walls import implausible
 from .verdict import Naming
 

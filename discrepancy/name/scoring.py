@@ -1,7 +1,7 @@
 """Hypotheses on one record: the score of each, and all that were fitted so far, ranked under one weighting.
 
 The score is -2 ln of evidence times prior. Every hypothesis is evaluated exactly and with model discrepancy. That is
-free terms at places in a network (:mod:`fitting.inference.source_maps.beside`), or an error of its channels
+free terms at places in a network (:mod:`fitting.inference.source_maps.source_map`), or an error of its channels
 (:mod:`discrepancy.name.approximate`), and a random error of the wall law on a bench
 (:mod:`fitting.inference.model_discrepancy`). The model without effect but with discrepancy is "something else".
 The prior consists of a few prices: effects are equally likely beforehand, and so are the places of one effect, so that

@@ -35,9 +35,8 @@ from ..inference.joint.joint_record import Several
 from ..inference.joint.model_error import CHANCE, MEANS, Ended, granted, minimum
 from ..inference.models.simulator import Simulator
 from ..inference.runs import Meter, Runs
-from ..inference.unknown import Unknown, bounds, parameter_intervals, parameter_values
+from ..inference.unknown import Unknown, bounds, parameter_intervals, parameter_values, split_zeros
 from ..inference.unknown_text import parse_unknowns, varied
-from ..inference.zeros import apart
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.channels.amounts import size_text, sizes
@@ -208,7 +207,7 @@ def _result(
     recordings = _recordings(problem, best.fit, known, labels, [u.name for u in asked], own)
     shared, covariance = tuple(unknowns[i] for i in common), known.covariance[np.ix_(common, common)]
     every = {n: float(v) for n, v in parameter_values(shared, network, x[common]).items() if n not in own}
-    values, zeros = apart(every, network)
+    values, zeros = split_zeros(every, network)
     noise = noise_known([part.beats.n_beats for part in problem.parts])
     ci95 = parameter_intervals(shared, network, x[common], covariance, noise)
     sd = np.sqrt(np.diag(known.covariance))

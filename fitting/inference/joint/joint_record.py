@@ -33,7 +33,7 @@ from ..model_discrepancy import Beside, settled
 from ..models.bench import Bench
 from ..models.network import NetworkProblem
 from ..runs import Runs
-from ..source_maps.beside import found_beside
+from ..source_maps.source_map import found_beside
 from ..unknown import OUTLIER, Unknown
 from ..unknown_text import named, parse_unknown
 

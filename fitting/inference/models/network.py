@@ -43,8 +43,7 @@ from ..runs import Runs
 from ..unknown import Unknown, absent, finite_steps, free
 from .batches import simulated
 from .bench_observation import meter, shown, zeros_apart
-from .simulator import Simulator, varying
-from .weights import weighted
+from .simulator import Simulator, varying, weighted
 
 _STEP = 0.02  # finite difference step of x
 # A comparison needs costs within a few tenths: the odds that rule out are 9 (-2 ln). Of 8, 6 and 4 steps with updated
