@@ -28,6 +28,7 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
+from .assemble import ValidationRuns
 from .checkpoint import Journal
 from .find.plausibility import check_beats, check_record, check_waves
 from .find.study import Study, prepare
@@ -45,20 +46,6 @@ Key = TypeVar("Key")
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
 Ran = tuple[Recorded, Run, Run | None]  # a recording, and its runs without and with the added effects
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A naming that the FMUs support. before, after : runs of the first recording without and with the added effects,
-    the latter None if none is added. gaps : of these, over all fitted recordings. recordings : results of each of
-    several. warnings : on recordings."""
-
-    naming: Naming
-    before: Run
-    after: Run | None
-    gaps: tuple[Gap, Gap | None]
-    recordings: tuple[Recorded, ...]
-    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -127,7 +114,7 @@ class Recordings:
 
     # --- through the FMUs ---------------------------------------------------------------------------------------------
 
-    def judged(self, naming: Naming, base: Fit, runs: FreeRuns) -> Judged:
+    def judged(self, naming: Naming, base: Fit, runs: FreeRuns) -> tuple[Naming, ValidationRuns]:
         """The naming if the free runs of all recordings support it, with these runs.
 
         base : fit without the added effects. Its walls may have absorbed so much that the FMU does not run with them,
@@ -149,7 +136,8 @@ class Recordings:
         if not naming.adds:
             last, gaps = None, (gaps[0], None)
             each = tuple(replace(r, gap_after=None, rms_after={}, own=r.own_before) for r in each)
-        return Judged(naming, first, last, gaps, () if self.alone else each, (*self.warnings, *unjudged))
+        warnings, each = (*self.warnings, *unjudged), () if self.alone else each
+        return naming, ValidationRuns(runs.given[0], first, last, gaps=gaps, recordings=each, warnings=warnings)
 
     def each(self, naming: Naming, base: Fit, runs: FreeRuns) -> tuple[list[Ran], list[str]]:
         """The free runs of each recording, and sentences on held-out ones that could not be judged."""

@@ -244,23 +244,19 @@ class _Work:
         self.progress(0.82, f"running the {'extended FMU' if naming.adds else 'model with this subject’s walls'}")
         base = subject_without(naming)
         runs = FreeRuns(partial(self._kept, given), partial(self._kept, fmu), as_given)
-        judged = self.recordings.judged(naming, base, runs)
         found = naming.best.fit if naming.adds else None
-        naming, before, after = judged.naming, judged.before, judged.after
-        study, best = weighted(self.study, naming), found if after else None
-        wave = drives(study, base, found)[after is not None]  # of the runs, also if they do not bear the name out
-        agree = agreement(study, best or base, wave, after or before)
-        shown = ValidationRuns(as_given[0], before, agreement=agree, gaps=judged.gaps)
-        if after is not None:
-            shown = self._with_model(replace(shown, after=after, network=network), naming, fmu)
-        law = self._law(naming, after or before, best or base, network_fmu=fmu if after else given)
+        naming, shown = self.recordings.judged(naming, base, runs)
+        last, study, best = shown.after or shown.before, weighted(self.study, naming), found if shown.after else None
+        wave = drives(study, base, found)[shown.after is not None]  # also if they do not bear the name out
+        shown = replace(shown, agreement=agreement(study, best or base, wave, last))
+        if shown.after is not None:
+            shown = self._with_model(replace(shown, network=network), naming, fmu)
+        law = self._law(naming, last, best or base, network_fmu=fmu if shown.after else given)
         self.progress(0.92, "comparing the candidates with the held-out beats")
         shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
         outcome = with_law(summary(self.model, self.study, naming, shown), law)
-        warnings = (*outcome.warnings, *judged.warnings)
         ran = {"FMUs run": " and ".join(dict.fromkeys(read_fmu(each).tool for each in (given, fmu)))}
-        origin = {**outcome.provenance, **ran}
-        return replace(outcome, recordings=judged.recordings, warnings=warnings, provenance=origin), shown.archive
+        return replace(outcome, provenance={**outcome.provenance, **ran}), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 

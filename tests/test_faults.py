@@ -147,10 +147,10 @@ def test_in_a_search(fault: type[Exception], monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(Simulator, "coefficients", broken)
     if fault is np.linalg.LinAlgError:
-        assert simulated([(problem.simulator, [member])], Runs()) == [[None]]
+        assert simulated(problem.simulator, [member], Runs()) == [None]
         return
     with pytest.raises(fault, match="broadcast"):
-        simulated([(problem.simulator, [member])], Runs())
+        simulated(problem.simulator, [member], Runs())
 
 
 @pytest.mark.parametrize("where", ["align", "fit"])

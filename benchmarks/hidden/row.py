@@ -94,7 +94,7 @@ def borne_out(record: Record, study: Study, naming: Naming) -> Naming:
     except RunFailed as error:
         raise Unusable(f"{record.path}: the model does not run with this record: {error}") from None
     runs = FreeRuns(run, run, [given])
-    return Recordings((record,), (study,)).judged(naming, subject_without(naming), runs).naming
+    return Recordings((record,), (study,)).judged(naming, subject_without(naming), runs)[0]
 
 
 def verdict_of(study: Study, naming: Naming) -> Line:

@@ -44,7 +44,7 @@ from solver.errors import InputError
 
 from .. import thresholds as at
 from ..options import COMMON
-from .approximate import Comparison, compared_first_model, compared_with_errors, from_afar, is_far, nearest
+from .approximate import compared_first_model, compared_with_errors, from_afar, is_far, nearest
 from .at_places import named_at
 from .individual_walls import set_apart
 from .intervals import profiled
@@ -76,23 +76,20 @@ def name(problem: Forward, terms: Sequence[PlacedEffect], runs: Runs | None = No
         search = named_at(whole.at((), found.unknowns, found.x), found, terms, first)
     else:
         search = _of_bench(whole, terms, first)
-    known, complete = last_of(_with_outliers(search, first))
-    near, last = None, Comparison(known)
-    if isinstance(known.problem, NetworkProblem) and known.best.explains:
-        if (near := nearest(known.problem, known.none.fit, replace(runs, deadline=None))) is not None:
-            last = Comparison(known.with_none(near))
-    elif isinstance(known.problem, NetworkProblem):
-        last = compared_with_errors(known, runs)
-        near = None if last.found.best.explains else last.found.none.fit
-    freed = _freed(last.found, found, runs)
-    naming = decided(last.found, terms, freed, complete and last.complete, last.named)
+    last, near = last_of(_with_outliers(search, first)), None
+    if isinstance(last.problem, NetworkProblem) and last.best.explains:
+        if (near := nearest(last.problem, last.none.fit, replace(runs, deadline=None))) is not None:
+            last = last.with_none(near)
+    elif isinstance(last.problem, NetworkProblem):
+        last = compared_with_errors(last, runs)
+        near = None if last.best.explains else last.none.fit
+    naming = decided(last, _freed(last, found, runs))
     return replace(profiled(naming, runs), map=found, nearest=near)
 
 
 def _verdict_on_first_model(problem: NetworkProblem, terms: Terms, runs: Runs) -> Naming:
     """The verdict on a first model. The source map only shows where something acts that no law explains."""
-    last, found = compared_first_model(problem, terms, runs.part(_SEARCHED)), None
-    naming = decided(last.found, terms, lambda n: None, last.complete, last.named)
+    found, naming = None, decided(compared_first_model(problem, terms, runs.part(_SEARCHED)), lambda n: None)
     if naming.verdict in ("partial", "unknown"):
         with suppress(OutOfTime):
             found = source_map(problem, runs.part(_MAPPED))
@@ -179,18 +176,15 @@ def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs:
     It is incomplete if the time limit ended one of these, or the comparison.
     Raises OutOfTime if the limit is reached before the model without effect was refitted to all recordings.
     """
-    complete = all(naming.complete for naming in alone)
     if problem.accuracy:
         last = compared_first_model(problem, terms, runs, [n.fit.terms for naming in alone for n in naming.members])
     else:
-        known, ended = last_of(_stages(problem, alone, terms, runs))
-        complete &= ended
-        sought = problem.site is None and not known.best.explains
-        last = compared_with_errors(known, runs) if sought else Comparison(known)
-    several, none = last.found.problem, last.found.none.fit
+        last = last_of(_stages(problem, alone, terms, runs))
+        last = compared_with_errors(last, runs) if problem.site is None and not last.best.explains else last
+    several, none, complete = last.problem, last.none.fit, all(naming.complete for naming in alone)
     assert isinstance(several, Several)
     freed = (lambda n: None) if problem.accuracy else (lambda n: several.beside(n.fit))
-    naming = profiled(decided(last.found, terms, freed, complete and last.complete, last.named), runs)
+    naming = profiled(decided(replace(last, complete=complete and last.complete), freed), runs)
     far = problem.site is None and is_far(several, none)
     return replace(naming, nearest=none if far else None)
 

@@ -185,7 +185,9 @@ class Compared:
     """All hypotheses that were compared so far.
 
     problem : with its last weighting. none : without effect. ranked : with effects, best first. columns : of every
-    candidate at ``none``, whitened; empty if the time limit came before their simulation.
+    candidate at ``none``, whitened; empty if the time limit came before their simulation. approximate : hypotheses
+    scored with a model error of the channels (:mod:`discrepancy.name.approximate`). complete : False if the time limit
+    ended the comparison.
     """
 
     problem: Forward
@@ -193,6 +195,8 @@ class Compared:
     ranked: tuple[Named, ...]
     columns: Mapping[str, Array]
     terms: tuple[PlacedEffect, ...]
+    approximate: tuple[Named, ...] = ()
+    complete: bool = True
 
     @classmethod
     def of(
@@ -230,7 +234,7 @@ class Compared:
 
     def of_fits(self, fits: Sequence[Fit]) -> Compared:
         """The comparison of other fits to the same record."""
-        return Compared.of(self.problem, fits, self.columns, self.terms)
+        return replace(Compared.of(self.problem, fits, self.columns, self.terms), complete=self.complete)
 
     def with_none(self, none: Fit) -> Compared:
         """The same comparison with another fit without effect."""
@@ -256,8 +260,8 @@ def there(fits: Sequence[Each | None]) -> list[Each]:
     return [f for f in fits if f is not None]
 
 
-def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
-    """The comparison after the last stage, and whether the stages were completed within the time limit.
+def last_of(stages: Iterator[Compared]) -> Compared:
+    """The comparison after the last stage that was completed within the time limit.
 
     Raises OutOfTime if the limit was reached before the first.
     """
@@ -268,9 +272,9 @@ def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
     except OutOfTime:
         if known is None:
             raise
-        return known, False
+        return replace(known, complete=False)
     assert known is not None
-    return known, True
+    return known
 
 
 def exact(

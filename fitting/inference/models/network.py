@@ -214,7 +214,7 @@ class NetworkProblem(Single):
         difference from it is wanted. Zeros of sensors that are unknowns shift the means.
         """
         each = [zeros_apart(member, self.signals) for member in members]
-        (found,) = simulated([(self.simulator, [member for member, _ in each])], runs or Runs(), near)
+        found = simulated(self.simulator, [member for member, _ in each], runs or Runs(), near)
         pairs = zip(found, each, strict=True)
         return [X if X is None or zeros is None else X + np.eye(len(X), 1) * zeros for X, (_, zeros) in pairs]
 
@@ -321,7 +321,7 @@ class NetworkProblem(Single):
         stated = self.accuracy * pulses(self.beats, self.signals)
         for _ in range(_SHARPER):
             finer = replace(problem, simulator=problem.simulator.finer())
-            (X,), (X_finer,) = simulated([(p.simulator, [member]) for p in (problem, finer)], runs)
+            X, X_finer = (p.observe([member], runs)[0] for p in (problem, finer))
             if X is None or X_finer is None:
                 return self
             error = solver_error(X, X_finer, pulses(self.beats, self.signals))
