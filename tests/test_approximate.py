@@ -170,11 +170,11 @@ def test_time_is_over() -> None:
 
 def test_one_that_leaves_a_little_more_than_noise_competes() -> None:
     """χ² within four standard deviations needs no error; what its low harmonics leave may be no noise all the same. It
-    has no exact score then, but one as something else, of the price ELSE."""
+    has no exact score then, but one as something else, of its price."""
     problem, terms = tube(0.0, 0.05)
     last = compared_first_model(problem.individual(), terms, Runs())
     none = last.none
     assert not none.explains and at.MISFIT < none.misfit < 4.0
     (own,) = (n for n in last.approximate if not n.key)
     assert own.errors is not None and not own.errors.any()
-    assert own.score == pytest.approx(none.score + at.ELSE)
+    assert own.score == pytest.approx(none.score + (at.SECOND - at.PART))

@@ -124,8 +124,8 @@ def together(
 
 
 def _near(fits: Sequence[Fit]) -> list[Fit]:
-    """The laws of a place that fit nearly as well as its best; none if the best leaves more than noise."""
-    return [f for f in fits if f.cost < fits[0].cost + at.NEAR][: at.BRANCHES] if _explains(fits) else []
+    """At most FEW/2 laws of a place that fit nearly as well as its best; none if the best leaves more than noise."""
+    return [f for f in fits if f.cost < fits[0].cost + at.NEAR][: at.FEW // 2] if _explains(fits) else []
 
 
 def _own(fit: Fit) -> Array:

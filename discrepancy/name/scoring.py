@@ -149,7 +149,7 @@ def weighed(problem: Forward, fit: Fit, terms: Sequence[PlacedEffect]) -> Named:
 def with_errors(exact: Named, beside: Beside) -> Named:
     """The same hypothesis with model discrepancy."""
     gained = hierarchy.score(beside.fit) - hierarchy.score(exact.fit)
-    score = exact.score + gained + at.ELSE + beside.cost
+    score = exact.score + gained + (at.SECOND - at.PART) + beside.cost
     return replace(exact, fit=beside.fit, score=score, errors=beside.errors, places=beside.places)
 
 

@@ -91,7 +91,7 @@ def decided(found: Compared, beside: Freed) -> Naming:
     loose = made.verdict == "partial" or made.accuracy > 0.0
     concluded = made.members or (made.verdict == "none" and loose)
     surest = at.SUREST["partial" if loose else found.problem.kind] if concluded else 1.0
-    most = surest if found.complete else at.INCOMPLETE
+    most = surest if found.complete else at.SUREST["incomplete"]
     return replace(made, confidence=min(made.confidence, most), complete=found.complete)
 
 
@@ -109,7 +109,7 @@ def _decided(found: Compared, beside: Freed) -> Naming:
     named = sum(n.probability for n in ways if n.fit.terms)
     unknown = Naming("unknown", problem, none, found.ranked, (), found.columns, found.terms, 1.0 - named)
     if not ways:  # nothing explains the record, and if no wall law is valid its error cannot be estimated
-        return replace(unknown, confidence=at.INCOMPLETE, reason=_left(none.fit, problem))
+        return replace(unknown, confidence=at.SUREST["incomplete"], reason=_left(none.fit, problem))
     # similar effects share their probability: together they may be more probable than no effect
     best = next((n for n in ways if n.fit.terms), ways[0]) if named > 0.5 else max(ways, key=lambda n: n.probability)
     if not best.fit.terms:
