@@ -45,7 +45,7 @@ from .show.fmu_validation import Gap, Run
 
 Result = TypeVar("Result")
 
-_FORMAT = 4  # of the stages: another one makes those of an earlier program invalid
+_FORMAT = 5  # of the stages: another one makes those of an earlier program invalid
 
 # classes that stages contain
 _KINDS = dataclasses(

@@ -17,9 +17,8 @@ import numpy as np
 
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit, Member
-from fitting.inference.hypothesis import PlacedEffect, rewired
+from fitting.inference.hypothesis import Calibrated, PlacedEffect, rewired
 from fitting.inference.joint.joint_record import Several
-from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import parameter_values
 from fitting.records.read.record import Record

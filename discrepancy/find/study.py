@@ -15,10 +15,9 @@ from fitting.first.species import by_stroke
 from fitting.first.spread import accuracy
 from fitting.first.tubes import TAPERED
 from fitting.inference.forward import Single
-from fitting.inference.hypothesis import PlacedEffect, candidates
+from fitting.inference.hypothesis import Calibrated, PlacedEffect, candidates
 from fitting.inference.models.bench import bench
 from fitting.inference.models.network_record import network_problem
-from fitting.inference.prior import Calibrated
 from fitting.inference.runs import Runs
 from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats

@@ -15,7 +15,7 @@ from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
 from fitting.inference.hypothesis import PlacedEffect, effect_of, rewired
-from fitting.inference.intervals.profile import reaches
+from fitting.inference.intervals import reaches
 from fitting.inference.jackknife import jackknife
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import Unknown, quantile

@@ -29,7 +29,7 @@ from solver.simulate import Progress
 
 from ..inference.fit import Array, Fit
 from ..inference.gauss_newton import Rules
-from ..inference.intervals.identify import Determined, sentences
+from ..inference.intervals import Determined, sentences
 from ..inference.joint.calibration import DERIVATIVE_ERROR, Problem, recorded, widening
 from ..inference.joint.joint_record import Several
 from ..inference.joint.model_error import CHANCE, MEANS, Ended, granted, minimum
@@ -44,8 +44,7 @@ from ..records.channels.noise import check_flow_driven, harmonics_above_noise, p
 from ..records.limits import MAX_HARMONICS
 from ..records.recordings import labels_of
 from .calibrated import ALL_PRIOR, Calibration, Recording, noise_known
-from .first_search import ROUGH, first_search
-from .late_flow import late_flow
+from .first_search import ROUGH, first_search, late_flow
 
 # Gain at which a search ends, as squared fractions of a standard deviation. From a tenth, one step with the second
 # weights reaches the minimum; a hundredth is negligible. If the model lacks more than noise, a tenth is, too

@@ -10,7 +10,7 @@ from solver.laws.effects import ExternalPressure
 from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 
-from ..inference.prior import Calibrated, along
+from ..inference.hypothesis import Calibrated, along
 from .data import ACCURACY
 from .text import REFERENCE
 from .tubes import TAPER_ERROR, TAPERED, keyed

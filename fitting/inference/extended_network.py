@@ -72,7 +72,7 @@ def estimates(
     """Values and 95 % intervals of a term's parameters: those of :func:`extended`, including the changes by nuisances.
 
     quantile : half an interval in standard deviations; reaches : lower and upper reach of some intervals, by name
-    (:mod:`fitting.inference.intervals.profile`). An effect with the same value everywhere is reported once; an effect
+    (:mod:`fitting.inference.intervals`). An effect with the same value everywhere is reported once; an effect
     of walls as the ratio to their refitted moduli.
     """
     known = {u.name: (reaches or {}).get(u.name, (quantile, quantile)) for u in term.unknowns}

@@ -25,7 +25,7 @@ from ...records.alignment.beats import Beats
 from ...records.channels.inflow import inflow
 from ..fit import Array, Fit, Member
 from ..gauss_newton import Trial
-from ..intervals.identify import Determined, determined
+from ..intervals import Determined, determined
 from ..model_discrepancy import worst_octave
 from ..models.network import NetworkProblem
 from ..models.simulator import HARMONICS_BEYOND, Simulator

@@ -35,10 +35,9 @@ from ..extended_network import allowed
 from ..fit import Array, Fit, Member, begun, sizes_of, taken_over
 from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, continued, promised, search
-from ..hypothesis import EVERY, PlacedEffect, about_common, refined, rewired
+from ..hypothesis import EVERY, PlacedEffect, about_common, of_animal, refined, rewired
 from ..jackknife import Rest, leave_one_site_out, without_each_site
 from ..model_discrepancy import sizes
-from ..prior import of_animal
 from ..runs import Runs
 from ..unknown import Unknown, absent, finite_steps, free
 from .batches import simulated

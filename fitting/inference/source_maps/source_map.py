@@ -44,13 +44,12 @@ _NO_ANSWER = (InputError, np.linalg.LinAlgError)  # small waves have no steady s
 @dataclass(frozen=True)
 class Signal:
     """The source at a place. g : (K+1, q) harmonics of its sources [SI], sd : (K+1, q) standard deviations of their
-    real and imaginary parts; empty for an outlying parameter. units : (q,) of the search. law : prior of its harmonics;
-    None for an outlying parameter."""
+    real and imaginary parts; empty for an outlying parameter. law : prior of its harmonics; None for an outlying
+    parameter."""
 
     place: Place
     g: Array
     sd: Array
-    units: tuple[float, ...]
     law: Law | None = None
 
 
@@ -66,15 +65,13 @@ class Rival:
 class SourceMap:
     """The places where something acts.
 
-    signals : at the most probable places. x : (p,) the subject's own parameters there, of ``unknowns``. widths : of the
-    priors of their groups. score : -2 ln evidence. rivals : best first. chi2 : of the residual, of n data.
-    J : (K+1, m, p) derivatives.
+    signals : at the most probable places. x : (p,) the subject's own parameters there, of ``unknowns``. score : -2 ln
+    evidence. rivals : best first. chi2 : of the residual, of n data. J : (K+1, m, p) derivatives.
     """
 
     signals: tuple[Signal, ...]
     unknowns: tuple[Unknown, ...]
     x: Array
-    widths: Mapping[str, float]
     score: float
     chi2: float
     n: int
@@ -250,14 +247,13 @@ class _Search:
             sd = normal.amplitudes(columns, self.model.variance(active), point.x, self.model.spread(normal, point))[1]
         for a, own in zip(active, slices(active), strict=True):
             units = self.model.units[columns[own]]
-            signals.append(Signal(a.place, point.g[:, own] * units, sd[:, own] * units, tuple(units.tolist()), a.law))
+            signals.append(Signal(a.place, point.g[:, own] * units, sd[:, own] * units, a.law))
         others = [*self.model.looked(normal, active, point, MOST), *self.model.without_each(normal, point, CLOSELY)]
         rivals = [Rival(tuple(a.place for a in other), s - point.score) for s, other in others]
         return SourceMap(
             signals=tuple(signals),
             unknowns=self.model.unknowns_of(active),
             x=point.x,
-            widths=point.widths,
             score=point.score,
             chi2=self.model.chi2(point.D),
             n=normal_size(point),
