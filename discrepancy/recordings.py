@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +41,6 @@ from .show.fmu_validation import Gap, Run, fall, held_out, of_coefficients
 
 _FILE = "the file as it is"
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
-Key = TypeVar("Key")
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
 Ran = tuple[Recorded, Run, Run | None]  # a recording, and its runs without and with the added effects
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
@@ -294,21 +293,13 @@ def joined(gaps: Sequence[Gap]) -> Gap:
         fitted, held_out = np.sqrt(np.mean(np.square(pairs), axis=0))
         return float(fitted), float(held_out)
 
-    def by_key(each: Sequence[Mapping[Key, tuple[float, float]]]) -> dict[Key, tuple[float, float]]:
+    def by_key(part: str) -> dict[Any, tuple[float, float]]:
+        each = [getattr(gap, part) for gap in gaps]
         return {n: mean([own[n] for own in each if n in own]) for n in dict.fromkeys(n for own in each for n in own)}
 
-    by_channel = (
-        by_key([g.channels for g in gaps]),
-        by_key([g.rms for g in gaps]),
-        by_key([g.pulsation for g in gaps]),
-    )
     in_error = [g.in_error for g in gaps if g.in_error is not None]  # of all, or none: they have one network
-    return Gap(
-        mean([g.total for g in gaps]),
-        *by_channel,
-        by_key([g.above for g in gaps]),
-        mean(in_error) if in_error else None,
-    )
+    parts = {part: by_key(part) for part in ("channels", "rms", "pulsation", "above")}
+    return Gap(mean([g.total for g in gaps]), in_error=mean(in_error) if in_error else None, **parts)
 
 
 def _own(whole: Several, study: Study, fit: Fit) -> dict[str, float]:

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import Any
 
@@ -217,14 +216,12 @@ class _Work:
         runs = Runs(Meter(lambda simulations: progress(0.08, f"{simulations} simulations")))
         self.recordings = recordings_of(records, self.network, asked, calibrated, runs)
         self.study = self.recordings.studies[0]
-        self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
     def run(self) -> tuple[Outcome, bytes | None]:
         """All stages: the outcome, and the FMU to deliver of the extended network if an effect was added."""
-        try:
+        with TemporaryDirectory(prefix="discrepancy_", ignore_cleanup_errors=True) as place:
+            self.place = Path(place)
             return self._run()
-        finally:
-            shutil.rmtree(self.place, ignore_errors=True)
 
     def _run(self) -> tuple[Outcome, bytes | None]:
         given = self._fmu(self.network, "given")

@@ -16,7 +16,7 @@ import numpy as np
 from solver.errors import InputError
 from solver.laws import effects
 from solver.laws.catalogue import quantities_of
-from solver.laws.effect import ALL_PLACES, OUTFLOW, Effect, value_of
+from solver.laws.effect import ALL_PLACES, Effect, value_of
 from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate, allowed
 from solver.quantities.quantity import Quantity
@@ -62,24 +62,9 @@ class PlacedEffect:
         return effect_of(self).rewires
 
     @property
-    def remembers(self) -> bool:
-        """True if it adds states to the solution."""
-        return effect_of(self).remembers
-
-    @property
-    def leaks(self) -> bool:
-        """True if flow is lost along a segment; the beats of a batch with leaks do not start at others."""
-        return effect_of(self).source == OUTFLOW
-
-    @property
     def moves_along(self) -> bool:
         """True if its position along its segment may vary."""
         return any(u.name.rpartition(".")[2] in effect_of(self).along for u in self.unknowns)
-
-    @property
-    def cuts(self) -> bool:
-        """True if it changes the mesh of the network."""
-        return bool(effect_of(self).cuts) or self.moves_along
 
 
 def effect_of(term: PlacedEffect) -> Effect:

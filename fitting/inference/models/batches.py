@@ -8,11 +8,12 @@ from itertools import groupby
 
 import numpy as np
 
+from solver.laws.effect import OUTFLOW
 from solver.network.description import Network
 from solver.simulate import BROKEN
 
 from ..fit import Array, Member
-from ..hypothesis import PlacedEffect, rewired
+from ..hypothesis import PlacedEffect, effect_of, rewired
 from ..runs import TIME_IS_OVER, OutOfTime, Runs
 from ..unknown import parameter_values
 from .bench_observation import driven, inlet_sensor, sense
@@ -36,7 +37,7 @@ def simulated(
     None if the simulation broke down. near : the member near which each one lies, whose difference from it is wanted
     (:func:`~solver.beat_harmonics`).
     """
-    groups: dict[str, list[int]] = {}
+    near, groups = range(len(members)) if near is None else near, dict[str, list[int]]()
     for i, member in enumerate(members):
         groups.setdefault(kind_of(member.terms), []).append(i)
     parts = [part for there in groups.values() for part in _cut(there, runs.workers.jobs)]
@@ -68,11 +69,9 @@ def _cut(there: list[int], jobs: int) -> list[list[int]]:
 
 
 def _batch_of(
-    simulator: Simulator, members: Sequence[Member], part: list[int], near: Sequence[int] | None, until: float
+    simulator: Simulator, members: Sequence[Member], part: list[int], near: Sequence[int], until: float
 ) -> Batch:
     """The batch of some members, followed by those near which they lie, if these are others."""
-    if near is None:
-        return simulator, [members[i] for i in part], list(range(len(part))), until
     others = sorted({near[i] for i in part} - set(part)) if len(part) >= _WORTH else []
     at = {i: k for k, i in enumerate((*part, *others))}
     return simulator, [members[i] for i in at], [at.get(near[i], k) for i, k in at.items()], until
@@ -90,10 +89,15 @@ def _elsewhere(batch: Batch) -> Answer:
 
 
 def kind_of(terms: Sequence[PlacedEffect]) -> str:
-    """The kind of a hypothesis: those that share a mesh, outlets, states and leaks run in one batch."""
-    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts or t.remembers]
-    own += ["leaks" for t in terms if t.leaks]
-    return " ".join(sorted(set(own)))
+    """The kind of a hypothesis: those that share a mesh, outlets, states and leaks run in one batch. Beats of a batch
+    in which flow is lost along a segment do not start at others."""
+    own = set[str]()
+    for t, effect in ((t, effect_of(t)) for t in terms):
+        if effect.rewires or effect.cuts or effect.remembers or t.moves_along:
+            own.add(t.label if effect.rewires else t.effect)
+        if effect.source == OUTFLOW:
+            own.add("leaks")
+    return " ".join(sorted(own))
 
 
 def _batch(simulator: Simulator, members: Sequence[Member], near: Sequence[int], runs: Runs) -> list[Array | None]:

@@ -209,9 +209,10 @@ class _Search:
         if best is None:
             return None
         # sources of kept places start from their values; the next step compensates those removed
-        return self.relinearised(self.with_places(point, best[1]))
+        return self.resimulated(self.with_places(point, best[1]))
 
-    def relinearised(self, point: Point) -> Point:
+    def resimulated(self, point: Point) -> Point:
+        """The same point with its residual; with the former one if it cannot be simulated."""
         return self.model.simulated(point) or point
 
     def pruned(self, point: Point) -> Point:
@@ -223,7 +224,7 @@ class _Search:
             if not scores or min(scores) > point.score + self.model.worth:  # linear estimate; a refit decides
                 break
             rest = self.with_places(point, without[int(np.argmin(scores))])
-            fewer = self.settled(self.advanced(self.relinearised(rest), 0.0, True), 0.0)
+            fewer = self.settled(self.advanced(self.resimulated(rest), 0.0, True), 0.0)
             if fewer.score > point.score:
                 break
             point = fewer
@@ -302,17 +303,19 @@ def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs)
     active = tuple(Active(s.place, s.law) for s in found.signals)
     columns = model.columns_of(active)
     g = np.concatenate([s.g for s in found.signals], axis=1) / model.units[columns]
-    D = model.residual(active, found.x, g)
-    if D is None:
+    nothing = np.zeros(0)  # placeholder: simulated next
+    point = model.simulated(Point(active, found.x, g, {}, nothing, found.J, nothing))
+    if point is None:
         return None
     try:
-        G = model.responses(found.x)
+        point = replace(point, G=model.responses(found.x))
     except _NO_ANSWER:
         return None
-    residual = D - np.einsum("kms,ks->km", G[:, :, columns], g)  # in the linear model: without the sources
+    # in the linear model: without the sources
+    residual = point.D - np.einsum("kms,ks->km", point.G[:, :, columns], g)
     z, J = problem.target.whiten(residual[..., None])[:, 0], problem.target.whiten(found.J)
     fit = replace(none, x=found.x, z=z, J=J, log_volume=0.0)
-    return _integrated_out(model, Point(active, found.x, g, {}, D, found.J, G), fit)
+    return _integrated_out(model, point, fit)
 
 
 def _integrated_out(model: PlaceModel, point: Point, fit: Fit) -> Beside:
