@@ -80,15 +80,6 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Pl
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
-def alone(
-    problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[PlacedEffect]], runs: Runs
-) -> list[list[Fit]]:
-    """For every place, the laws that may explain the record beside the sources of the other places (their courses are
-    those of the map), refitted; lowest cost first."""
-    every = range(len(laws))
-    return [_beside(problem, found, [j for j in every if j != i], laws[i], runs) for i in every]
-
-
 def _beside(
     problem: NetworkProblem, found: SourceMap, others: Sequence[int], laws: Sequence[PlacedEffect], runs: Runs
 ) -> list[Fit]:
@@ -211,7 +202,8 @@ def _of_the_map(
     laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
     fits = [*none, *single(problem, found, laws, runs)]
     yield (result := exact(problem, fits, {}, terms, runs))
-    own = alone(problem, found, laws, runs) if len(laws) > 1 and not result.best.explains else []
+    every = range(len(laws)) if len(laws) > 1 and not result.best.explains else ()
+    own = [_beside(problem, found, [j for j in every if j != i], laws[i], runs) for i in every]
     if own:
         fits += together(problem, found, combinations(own, 2), runs)
         yield (result := exact(problem, fits, {}, terms, runs))
