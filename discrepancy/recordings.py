@@ -27,6 +27,7 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
+from .add.learning import Learnt, in_range
 from .assemble import ValidationRuns
 from .checkpoint import Journal
 from .find.plausibility import check_beats, check_record, check_waves
@@ -169,17 +170,15 @@ class Recordings:
         response = whitened_response(naming.best.fit, best.terms)[whole.rows[i]]
         return replace(found[0], d=float(np.linalg.norm(response))), *found[1:]
 
-    def unseen_by(self, base: Fit, law: Fit, there: Callable[[Study], Study], runs: FreeRuns) -> list[Recorded]:
+    def unseen_by(self, base: Fit, law: Learnt, runs: FreeRuns) -> list[Recorded]:
         """The free runs of the recordings that are held out whole, without and with a learned law. Recordings that
-        cannot be simulated are omitted: a warning of the verdict already reports them.
-
-        base : fit without the law. there : the study of a recording with the ranges of the law in its network.
+        cannot be simulated are omitted: a warning of the verdict already reports them. base : fit without the law.
         """
         found = list[Recorded]()
         for i, (_, study) in enumerate(self.unseen, len(self.records)):
-            ranged = there(study)
+            ranged = replace(study, problem=in_range(study.problem, law.ranges))
             with suppress(InputError, RunFailed):
-                fits = _refitted(self.whole, study, base), _refitted(self.whole, ranged, law)
+                fits = _refitted(self.whole, study, base), _refitted(self.whole, ranged, law.fit)
                 found.append(self._through(i, ranged, *fits, runs)[0])
         return found
 

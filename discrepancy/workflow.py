@@ -42,7 +42,7 @@ from solver.network.doubts import network_doubts
 from solver.network.files import write_network
 from solver.simulate import Progress
 
-from .add.learning import NOTHING, Learnt, in_range, law_of, learns
+from .add.learning import NOTHING, Learnt, law_of, learns
 from .assemble import ValidationRuns, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
 from .find.model_source import OF_FIRST, first_of, read_model
@@ -313,8 +313,7 @@ class _Work:
                 return self._kept(fmu, f"law_{stage}", *rest)
 
             runs = FreeRuns(partial(ran, network_fmu), partial(ran, built["learned"]))
-            there = lambda own: replace(own, problem=in_range(own.problem, law.ranges))  # noqa: E731
-            return self.recordings.unseen_by(without, law.fit, there, runs)
+            return self.recordings.unseen_by(without, law, runs)
 
         until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
         return law_of(self.study, naming, before, run, unseen, self.asked.jobs, until, self.journal.stage)
