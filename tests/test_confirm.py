@@ -123,7 +123,7 @@ def test_a_model_that_does_not_run_before_any_effect_was_compared() -> None:
     assert agreement(s, NOTHING, wave, run) is not None
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("strokes", [0.0, 0.05])
 def test_how_often_a_fall_is_chance(strokes: float) -> None:
     """Two models as far from the truth on either side: χ² falls by nothing on average.

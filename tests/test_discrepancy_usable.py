@@ -256,7 +256,7 @@ def bench_record(gap: float) -> tuple[Made, Made]:
     return made, replace(made, channels=dict(made.channels) | {"CA.R": R})
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize(("gap", "whole"), [(0.3, 14)])
 def test_a_channel_that_ends_early(tmp_path: Path, gap: float, whole: int) -> None:
     """CA.R lacks the last 15 or 30 %: beats without it are left out, and said so; no number of the verdict is missing,
