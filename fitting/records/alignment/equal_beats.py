@@ -11,8 +11,9 @@ from scipy.special import fdtrc
 from solver.errors import InputError
 
 from .. import limits
+from ..read.sensors import without_gaps
 from .harmonic_model import evaluate, harmonics
-from .upstrokes import Array, without_gaps
+from .upstrokes import Array
 from .variable_beats import mean
 
 _EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are timed

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from .. import limits
-
-Array = np.ndarray
+from ..read.sensors import without_gaps
+from ..read.table import Array
 
 _PASSES = 6  # at most, that find the length of a beat
 
@@ -183,15 +183,6 @@ def lead(channels: Mapping[str, Array], at: Array, length: float) -> int:
         flat = np.flatnonzero(slope[:steepest] < limits.FLAT_FOOT * slope[steepest])
         leads.append(reach - (int(flat[-1]) if len(flat) else 0))
     return max(leads)
-
-
-def without_gaps(x: Array) -> Array:
-    """x with straight lines over its gaps."""
-    there = ~np.isnan(x)
-    if there.all():
-        return x
-    index = np.arange(len(x))
-    return np.interp(index, index[there], x[there])
 
 
 def usual_range(x: Array) -> tuple[float, float]:

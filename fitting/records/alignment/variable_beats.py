@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .. import limits
-from .upstrokes import Array, Upstrokes, lead, without_gaps
+from ..read.sensors import without_gaps
+from .upstrokes import Array, Upstrokes, lead
 
 
 @dataclass(frozen=True)

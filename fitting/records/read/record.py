@@ -24,7 +24,6 @@ from solver.network.files import write_whole
 from solver.quantities.units import INFLOW, of_signal
 
 from .. import limits
-from .artefacts import without_codes, without_hum, without_still
 from .columns import Chosen, Reading, choose
 from .kinds import read_table
 from .sensors import (
@@ -34,7 +33,10 @@ from .sensors import (
     check_numbers,
     check_ranges,
     constant_value,
+    without_codes,
+    without_hum,
     without_plateaus,
+    without_still,
 )
 from .table import Array, Column, Place, Table
 from .time_axis import between, longest_block, rows_of, time_axis
