@@ -21,14 +21,53 @@ from scipy.optimize import least_squares
 
 from solver.linear import amplitudes
 from solver.network.description import Network
+from solver.quantities.units import INFLOW
 
 from ..records import limits
-from . import shares
-from .data import Data, rms
-from .sections import Array, Section
-from .shares import forks
+from ..records.alignment.beats import Array, Beats
+from ..records.channels.spectral import coefficients, resample
+from .sections import FARTHEST, SPREAD, Section, forks, ratios
 from .tubes import KEYS, TAPER, TAPER_ERROR, TAPERED, keyed, narrowed, on_the_way, rest_of
-from .waves import FEET, late
+from .waves import FEET, heard, late
+
+_HARMONICS = 16  # at most: they hold the pulse
+# Of the pulsation: the error of the model at each harmonic, in its fit and in a study. Judgement: above the 0.04 to
+# 0.46 % (rms over harmonics) that first models leave of 15 virtual animals in which nothing is hidden
+ACCURACY = 0.005
+
+
+class Data:
+    """root : the channel of the pressure at the root, the one whose mean counts. k : (K+1,) of the harmonics. Q :
+    (K+1,) of the inflow [m³/s]. names : the pressures and flows. X, sigma : (K+1,) of each, with the standard deviation
+    √(noise² + (error of the model)²). n : how many real numbers count."""
+
+    def __init__(self, beats: Beats, root: str) -> None:
+        self.beats, self.root = beats, root
+        most = min(_HARMONICS, max(int(heard(beats, name).max(initial=1)) for name in beats.values))
+        self.k = np.arange(most + 1)
+        self.Q = coefficients(resample(beats.mean(INFLOW), 2 * most + 2))[: most + 1]
+        self.names = [name for name in beats.values if name[-2:] in (".P", ".Q") and name != INFLOW]
+        self.X = {name: coefficients(beats.mean(name))[: most + 1] for name in self.names}
+        self.sigma = {name: self._sigma(name) for name in self.names}
+        self.n = sum(2 * int(np.sum(np.isfinite(each))) for each in self.sigma.values())
+
+    def _sigma(self, name: str) -> Array:
+        noise = np.zeros(len(self.k))
+        if self.beats.n_beats > 1:
+            noise = np.sqrt(self.beats.covariance((name,))[: len(self.k), 0, 0].real)
+        noise[0] = 0.0 if name == self.root else np.inf  # breathing moves single beats; zeros elsewhere may be off
+        size = self.size(name)
+        return np.asarray(np.hypot(noise, ACCURACY * size) + 1e-12 * size)
+
+    def size(self, name: str) -> float:
+        """rms of the pulsation of a channel."""
+        return rms(self.X[name])
+
+
+def rms(X: Array) -> float:
+    """Of the pulsation with harmonics X."""
+    return float(np.sqrt(2.0 * np.sum(np.abs(X[1:]) ** 2)))
+
 
 # standard deviation of the logarithm, and the range of the factor: judgement. The length stands for a reflection time
 # that is known by its order only
@@ -116,8 +155,8 @@ def _prior(kind: str, value: float) -> tuple[float, float, float]:
 class _Problem:
     """groups : the parameters that have a factor or a shift in common: E, φ0 and the narrowing of all tubes, R2 of ends
     with measured flows; lengths and Windkessels have their own. x : (p,) logarithms of the factors, the shift,
-    u of each fork (:mod:`~fitting.first.shares`), and the lag [s]; unknowns : their names but for the lag. found : some
-    of them, by a fit before, where a second search starts. known : whether lengths stay."""
+    u of each fork (:func:`ratios`), and the lag [s]; unknowns : their names but for the lag. found : some of them, by a
+    fit before, where a second search starts. known : whether lengths stay."""
 
     def __init__(
         self, data: Data, network: Network, known: bool, tubes: Sequence[Section], found: Mapping[str, float]
@@ -140,7 +179,7 @@ class _Problem:
         ends = [tube.name for tube in tubes if tube.end]
         self.whole = {end: way[end] + sum(nominal[f"{end}.outlet.{key}"] for key in (KEYS[0], KEYS[2])) for end in ends}
         priors = [_prior(kinds[group[0]], nominal[group[0]]) for group in self.groups]
-        priors += [(shares.SPREAD, -shares.FARTHEST, shares.FARTHEST)] * self.forks
+        priors += [(SPREAD, -FARTHEST, FARTHEST)] * self.forks
         self.spread, self.low, self.high = np.array(priors).T
 
     def values(self, X: Array) -> dict[str, Array]:
@@ -174,7 +213,7 @@ class _Problem:
     def ratios(self, X: Array) -> Mapping[str, Array]:
         """Of the shares of the flow to the estimates, by tube."""
         first = len(self.groups)
-        return shares.ratios(self.tubes, X[..., first : first + self.forks])
+        return ratios(self.tubes, X[..., first : first + self.forks])
 
     def fitted(self, x: Array) -> Fitted:
         """The result at a point."""

@@ -32,7 +32,6 @@ from solver.quantities.units import INFLOW
 from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients, resample
 from . import text
-from .data import Data
 from .doubts import ChannelComparison, doubts, late_flow, means_apart
 from .estimates import (
     FirstEstimate,
@@ -47,7 +46,7 @@ from .estimates import (
     speeds,
     stroke,
 )
-from .fitted import Delay, Fitted, delayed, fitted, of_owner
+from .fitted import Data, Delay, Fitted, delayed, fitted, of_owner
 from .options import VENOUS
 from .sections import Section, layouts, parents, with_side_branch
 from .species import Typical, by_stroke, typical

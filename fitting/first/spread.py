@@ -11,7 +11,7 @@ from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 
 from ..inference.prior import Calibrated, along
-from .data import ACCURACY
+from .fitted import ACCURACY
 from .text import REFERENCE
 from .tubes import TAPER_ERROR, TAPERED, keyed
 

@@ -9,7 +9,7 @@ from solver.network.doubts import THIN, more_than_thin
 from solver.quantities.units import MMHG
 
 from .elastic_law import MISFIT
-from .model_error import MISSED
+from .errors_in_variables import MISSED
 from .wall_fit import WallFit
 from .wall_model import relative_viscosity
 

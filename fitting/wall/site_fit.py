@@ -27,10 +27,9 @@ from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.alignment.variable_beats import mean
 from ..records.channels import spectral
-from .errors_in_variables import Solution, plain, solve
+from .elastic_law import evidence, weighing_model
+from .errors_in_variables import Solution, plain, solve, widening, with_model_error
 from .fit_diagnostics import doubts
-from .law_selection import evidence, weighing_model
-from .model_error import widening, with_model_error
 from .wall_fit import WallFit
 from .wall_model import WallModel, columns, evaluate, fitted_laws, model, parameters_of
 
@@ -53,7 +52,7 @@ def fit(
 
     wall : a model, or the name of one (:func:`~fitting.wall.wall_model.model`), which is fitted with every elastic law:
     the result is the fit by the most probable law, with the others and the evidence
-    (:mod:`fitting.wall.law_selection`).
+    (:mod:`fitting.wall.elastic_law`).
     h : measured wall thickness [m]. R0 : measured unstressed radius [m]; fitted if not given. eta : Poisson's ratio.
     lag_free : also fit a delay of P against R, which the loop hardly distinguishes from φ0.
     Raises ValueError if the channels are missing or do not pulsate, or no wall describes the loop (NoFit).

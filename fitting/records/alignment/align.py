@@ -15,9 +15,8 @@ from ..read.record import Array, Record
 from ..read.sensors import converter_step, without_gaps
 from .beats import Beats, require_phases
 from .equal_beats import Grid, check_steady, grid, strict_period, without_jitter
-from .limited import limited_sensors
 from .period import PeriodFound, usual_period
-from .spikes import without_spikes
+from .sensor_faults import limited_sensors, without_spikes
 from .upstrokes import find_upstrokes
 from .variable_beats import VariableBeats, cut_variable
 

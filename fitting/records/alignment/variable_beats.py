@@ -3,7 +3,7 @@
 A heart that beats faster shortens diastole; systole keeps its length. So beats are laid upon one another from their
 start: the length is the mean interval, a longer beat loses its end, and a shorter one goes on from where it ends by the
 mean slope of diastole. All channels are cut alike, and what is done to them is linear: a response to the drive, cut in
-the same way, can be compared with them (:mod:`fitting.records.channels.inflow_variability`).
+the same way, can be compared with them (:mod:`fitting.records.channels.variability`).
 """
 
 from __future__ import annotations

@@ -24,8 +24,8 @@ from solver.quantities.units import INFLOW
 
 from .. import limits
 from ..alignment.beats import Array, Beats
-from .inflow_variability import BeatVariation
 from .spectral import coefficients
+from .variability import BeatVariation
 
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
 _POOLED = 2.0 * limits.NEIGHBOURS + 1.0
