@@ -24,9 +24,9 @@ from fitting.first.doubts import lost_on_the_way
 from fitting.first.estimates import beats_in_period, delay, stroke
 from fitting.first.model import FirstModel, _rms, first_model
 from fitting.first.options import FirstOptions
-from fitting.first.sections import Section, forks, ratios, with_side_branch
 from fitting.first.species import NAMES, by_stroke, typical
 from fitting.first.spread import spread
+from fitting.first.tubes import Section, forks, ratios, with_side_branch
 from fitting.inference.hypothesis import candidates
 from fitting.records.alignment.beats import Beats
 from fitting.records.read.record import read_record, write_record

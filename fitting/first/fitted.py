@@ -26,9 +26,22 @@ from solver.quantities.units import INFLOW
 from ..records import limits
 from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients, resample
-from .sections import FARTHEST, SPREAD, Section, forks, ratios
-from .tubes import KEYS, TAPER, TAPER_ERROR, TAPERED, keyed, narrowed, on_the_way, rest_of
-from .waves import FEET, heard, late
+from .estimates import FEET, heard, late
+from .tubes import (
+    FARTHEST,
+    KEYS,
+    SPREAD,
+    TAPER,
+    TAPER_ERROR,
+    TAPERED,
+    Section,
+    forks,
+    keyed,
+    narrowed,
+    on_the_way,
+    ratios,
+    rest_of,
+)
 
 _HARMONICS = 16  # at most: they hold the pulse
 # Of the pulsation: the error of the model at each harmonic, in its fit and in a study. Judgement: above the 0.04 to

@@ -37,6 +37,7 @@ from .estimates import (
     FirstEstimate,
     compliances,
     delay,
+    heard,
     impedance,
     radius_at,
     reflection_time,
@@ -48,10 +49,8 @@ from .estimates import (
 )
 from .fitted import Data, Delay, Fitted, delayed, fitted, of_owner
 from .options import VENOUS
-from .sections import Section, layouts, parents, with_side_branch
 from .species import Typical, by_stroke, typical
-from .tubes import KEYS, Tube, made, mean_speed, windkessel
-from .waves import heard
+from .tubes import KEYS, Section, Tube, layouts, made, mean_speed, parents, windkessel, with_side_branch
 
 _MOST = 0.85  # of the compliance: upper limit of the tubes
 _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c

@@ -17,8 +17,7 @@ from .beats import Beats, require_phases
 from .equal_beats import Grid, check_steady, grid, strict_period, without_jitter
 from .period import PeriodFound, usual_period
 from .sensor_faults import limited_sensors, without_spikes
-from .upstrokes import find_upstrokes
-from .variable_beats import VariableBeats, cut_variable
+from .variable_beats import VariableBeats, cut_variable, find_upstrokes
 
 
 @single_threaded

@@ -19,8 +19,7 @@ from solver.errors import InputError
 
 from .. import limits
 from ..read.sensors import without_gaps
-from .upstrokes import Array
-from .variable_beats import mean
+from .variable_beats import Array, mean
 
 _EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are timed
 # The search for the period ends if the predicted next change is below _ENOUGH standard deviations, or if the last one
