@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.special import fdtrc
 
 from solver.errors import InputError
@@ -254,10 +254,8 @@ def _normal(there: Array, f: float) -> tuple[Array, bool]:
     """
     K = highest(f, len(there), int(there.sum()))
     s = sums(there, f, 2 * K + 1)
-    index = np.arange(2 * K + 1)
-    lag = index[:, None] - index[None, :]
-    matrix = np.where(lag >= 0, s[np.abs(lag)], s[np.abs(lag)].conj())
-    matrix[index, index] += 1e-13 * s[0].real  # gaps may leave a combination barely determined
+    matrix = toeplitz(s)
+    matrix[np.diag_indices_from(matrix)] += 1e-13 * s[0].real  # gaps may leave a combination barely determined
     return cho_factor(matrix)
 
 
