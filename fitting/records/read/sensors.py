@@ -132,11 +132,7 @@ def _runs(flags: Array) -> tuple[Array, Array]:
 
 def _extremes(values: Array) -> tuple[float, float]:
     """Lowest and highest value that is not a gap; NaN if there is none."""
-    low, high = float(values.min()), float(values.max())
-    if np.isnan(low):  # gaps are rare, so look for them only where they show
-        values = values[~np.isnan(values)]
-        low, high = (float(values.min()), float(values.max())) if len(values) else (np.nan, np.nan)
-    return low, high
+    return float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
 
 
 def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], place: Place) -> None:
