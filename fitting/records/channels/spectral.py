@@ -58,6 +58,12 @@ def interpolated(x: Array, M: int) -> Array:
     return resample(x, every * M)[..., ::every]
 
 
+def scaled(x: Array, h: Array) -> Array:
+    """Periodic samples x : (…, N) with their harmonics times h : (…, n), none beyond."""
+    n = min(h.shape[-1], x.shape[-1] // 2 + 1)
+    return np.fft.irfft(h[..., :n] * np.fft.rfft(x)[..., :n], x.shape[-1])
+
+
 def without_high(x: Array, most: int) -> Array:
     """Periodic samples x : (…, N) without the harmonics above ``most``."""
     return np.fft.irfft(np.fft.rfft(x)[..., : most + 1], x.shape[-1])
@@ -67,7 +73,7 @@ def shift(x: Array, fraction: float) -> Array:
     """Periodic samples x : (…, N) delayed by a fraction of the period: x(t - fraction · T)."""
     N = x.shape[-1]
     k = np.arange(N // 2 + 1) % (N - N // 2)  # the coefficient at N/2 stays, as it has no derivative
-    return np.fft.irfft(np.fft.rfft(x) * np.exp(-2j * np.pi * k * fraction), N)
+    return scaled(x, np.exp(-2j * np.pi * k * fraction))
 
 
 def gamma_loop(P: Array, R: Array, T: float, columns: Callable[[Array, Array], Array]) -> Filtered:

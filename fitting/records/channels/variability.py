@@ -19,7 +19,7 @@ import numpy as np
 
 from .. import limits
 from ..alignment.beats import Array, Beats
-from .spectral import coefficients
+from .spectral import coefficients, scaled
 
 Transfer = Callable[[float, int], Array]
 
@@ -57,7 +57,7 @@ def beat_variation(
     q = singly.channels[drive][first:last]
     before = limits.BEATS_BEFORE * N
     length = before + len(q)
-    H = transfer(length * singly.dt, int(harmonics * length / N))
+    H = transfer(length * singly.dt, int(harmonics * length / N)).T
     larger = np.zeros(length)
     if memory:
         unknown = np.tile(mean, limits.BEATS_UNKNOWN)
@@ -68,17 +68,10 @@ def beat_variation(
         """(m, n_beats, N) of (m, length)."""
         return np.stack([singly.of(np.concatenate([np.zeros(first), each[before:]])) for each in x])
 
-    followed = cut(_filtered(H, np.concatenate([np.tile(mean, limits.BEATS_BEFORE), q])))
+    followed = cut(scaled(np.concatenate([np.tile(mean, limits.BEATS_BEFORE), q]), H))
     mean_followed = followed.mean(axis=1)
-    seam = mean_followed - _filtered(transfer(beats.T, harmonics), mean)
-    return BeatVariation(followed - mean_followed[:, None], seam, cut(_filtered(H, larger)).mean(axis=1))
-
-
-def _filtered(H: Array, x: Array) -> Array:
-    """(m, n) of x : (n,) through H : (K + 1, m), nothing beyond K."""
-    X = np.fft.rfft(x)
-    n = min(len(H), len(X))
-    return np.fft.irfft(H[:n].T * X[:n], len(x))
+    seam = mean_followed - scaled(mean, transfer(beats.T, harmonics).T)
+    return BeatVariation(followed - mean_followed[:, None], seam, cut(scaled(larger, H)).mean(axis=1))
 
 
 _ALIKE = 1e-6  # beyond a correlation of 1 - this, channels are one to the precision of their samples
