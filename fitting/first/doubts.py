@@ -13,7 +13,7 @@ from ..records import limits
 from ..records.alignment.beats import Beats
 from .estimates import FirstEstimate, beats_in_period, foot, later, radius_at, smooth, speeds, stroke
 from .fitted import Delay
-from .species import HUMAN, by_stroke, mass_by_period
+from .options import HUMAN, by_stroke, mass_by_period
 
 _TOGETHER = 0.1  # of the period: pressure and flow of one place rise within less of each other
 _DIASTOLE = (0.7, 0.9)  # of the beat from the foot of the flow on, where a valve is closed

@@ -48,8 +48,7 @@ from .estimates import (
     stroke,
 )
 from .fitted import Data, Fitted, delayed, fitted
-from .options import VENOUS
-from .species import Typical, by_stroke, typical
+from .options import VENOUS, Typical, by_stroke, typical
 from .text import ModelFile
 from .tubes import Section, layouts, made, mean_speed, parents, windkessel, with_side_branch
 

@@ -1,25 +1,18 @@
-"""What a first model takes instead of the recording: the options of its user, and typical aortas for what pressure and flow
+"""What a first model takes beside the recording: the options of its user, and typical aortas for what pressure and flow
 do not determine (radius, thickness over radius, wave speed, viscosity over E).
 """
 
 from __future__ import annotations
 
-
-
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
-
-from solver.quantities.units import MMHG
-
-
-
-from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver.errors import InputError
 from solver.network.files import bundled, read_network
+from solver.quantities.units import MMHG
 
 VENOUS = 5.0 * MMHG  # as in the bundled network human
 

@@ -30,7 +30,7 @@ from solver.network.description import Fluid
 from solver.quantities.units import INFLOW, of_signal
 
 from ..records.alignment.beats import Array, Beats
-from .species import Typical
+from .options import Typical
 
 _SIDE = 0.05  # of the flow: a larger loss between two sites leaves through a side branch
 _ROOT = "root"  # name of the first tube of a record without a site at the root
