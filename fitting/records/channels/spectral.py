@@ -73,7 +73,7 @@ def shift(x: Array, fraction: float) -> Array:
     """Periodic samples x : (…, N) delayed by a fraction of the period: x(t - fraction · T)."""
     N = x.shape[-1]
     k = np.arange(N // 2 + 1) % (N - N // 2)  # the coefficient at N/2 stays, as it has no derivative
-    return scaled(x, np.exp(-2j * np.pi * k * fraction))
+    return np.fft.irfft(np.fft.rfft(x) * np.exp(-2j * np.pi * k * fraction), N)
 
 
 def gamma_loop(P: Array, R: Array, T: float, columns: Callable[[Array, Array], Array]) -> Filtered:
