@@ -4,21 +4,15 @@ channels, in the units that people read.
 
 from __future__ import annotations
 
-
-
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain, count
 from pathlib import Path
 
 from solver.errors import InputError
-
-
-
-from collections.abc import Mapping
-
 from solver.quantities.legible import number
 from solver.quantities.units import of_signal
+
 
 def check_readable(*paths: str | os.PathLike[str]) -> None:
     """Raise InputError if one of these files of a recording cannot be opened."""
