@@ -23,9 +23,9 @@ from fitting.records.read.record import write_record
 from fitting.records.virtual import VirtualWall, measured, table_wall
 from fitting.results.estimate import mixture
 from fitting.results.parameter_set import read_set
-from fitting.wall.elastic_law import DECIDED, LawEvidence, evidence
+from fitting.wall.elastic_law import DECIDED, LawEvidence
 from fitting.wall.indices import E_inc
-from fitting.wall.site_fit import fit
+from fitting.wall.site_fit import evidence, fit
 from fitting.wall.wall_model import model
 from solver.errors import InputError
 from solver.laws.wall_laws import ELASTIC_LAWS

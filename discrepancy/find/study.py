@@ -213,7 +213,7 @@ def bench_site(record: Record, network: Network) -> str:
 
 def other_law(beats: Beats, network: Network, site: str) -> tuple[str, ...]:
     """A warning if the evidence decides for another elastic law than the file's and a wall of that law explains P and R
-    of a site within their noise (:mod:`fitting.wall.elastic_law`); otherwise empty.
+    of a site within their noise (:func:`fitting.wall.site_fit.evidence`); otherwise empty.
 
     The wrong law is decided in 1 of 1600 recordings (measured: docs/fitting.md).
     """
