@@ -11,8 +11,8 @@ from scipy.special import chdtrc
 
 from fitting.first.doubts import lost_on_the_way, means_along
 from fitting.first.estimates import stroke
+from fitting.first.fitted import accuracy
 from fitting.first.options import by_stroke
-from fitting.first.spread import accuracy
 from fitting.first.tubes import TAPERED
 from fitting.inference.forward import Single
 from fitting.inference.hypothesis import PlacedEffect, candidates

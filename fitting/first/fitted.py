@@ -13,20 +13,25 @@ rise together, whatever lies behind it; a lag fitted to the whole beat alone wou
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from solver.laws.effects import ExternalPressure
 from solver.linear import amplitudes
 from solver.network.description import Network
+from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 from solver.quantities.units import INFLOW
 
+from ..inference.prior import Calibrated, along
 from ..records import limits
 from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients, resample
 from .estimates import FEET, heard, late
+from .options import is_first
 from .tubes import (
     FARTHEST,
     KEYS,
@@ -233,7 +238,8 @@ class _Problem:
         root, share = self.data.root, {tube: float(r) for tube, r in self.ratios(x).items()}
         price = self.price(float(np.sum(self.residual(x[None]) ** 2)))
         unknowns = dict(zip(self.unknowns, map(float, x[:-1]), strict=True))
-        return Fitted(self.factors(x), share, rms(self.model(x[None])[root][0] - self.data.X[root]), price, unknowns)
+        factors = {name: float(value / self.nominal[name]) for name, value in self.values(x).items()}
+        return Fitted(factors, share, rms(self.model(x[None])[root][0] - self.data.X[root]), price, unknowns)
 
     def price(self, cost: float) -> float:
         """-2 ln of the probability of the record, but for a constant, for a minimum: n ln(max(χ²/n, 1)) + min(χ², n) +
@@ -241,9 +247,6 @@ class _Problem:
         errors of the model, whose size is not known."""
         n, k = self.data.n, len(self.spread)
         return float(n * np.log(max(cost, n) / n) + min(cost, n) + k * np.log(n))
-
-    def factors(self, x: Array) -> dict[str, float]:
-        return {name: float(value / self.nominal[name]) for name, value in self.values(x).items()}
 
     def model(self, X: Array) -> dict[str, Array]:
         """Harmonics (B, K+1) of every channel for a batch of points X : (B, p)."""
@@ -265,20 +268,16 @@ class _Problem:
         unit = np.append(np.ones(len(self.spread)), T)  # of x: the lag in periods
         low, high = np.append(self.low, (late - error) / T), np.append(self.high, (late + error) / T)
 
-        # the last point with its neighbours: one batch takes little longer than the point
-        about = dict[bytes, Array]()
-
-        def near(x: Array) -> Array:
-            if x.tobytes() not in about:
-                about.clear()
-                about[x.tobytes()] = self.residual(np.concatenate([x[None], x + _STEP * np.eye(len(x))]) * unit)
-            return about[x.tobytes()]
+        @lru_cache(maxsize=1)  # the last point with its neighbours: one batch takes little longer than the point
+        def near(point: bytes) -> Array:
+            x = np.frombuffer(point)
+            return self.residual(np.concatenate([x[None], x + _STEP * np.eye(len(x))]) * unit)
 
         def at(x: Array) -> Array:
-            return np.asarray(near(x)[0])
+            return np.asarray(near(x.tobytes())[0])
 
         def slopes(x: Array) -> Array:
-            z = near(x)
+            z = near(x.tobytes())
             return np.asarray((z[1:] - z[0]).T / _STEP)
 
         starts = list[Array]()
@@ -302,3 +301,33 @@ class _Problem:
 def _kind(name: str) -> str:
     """ "L" of "Ao.L"."""
     return name.rpartition(".")[2]
+
+
+# --- how far the numbers of a first model may be off: the prior of a study that uses one ------------------------------
+
+# standard deviations of the logarithms, whatever fits the mean beat best: judgement. They are wider than those between
+# the walls of one species, since lengths and viscosities are not measured at all
+_SPREAD = keyed(L=0.5, R0=0.25, E=0.3, phi0=1.0, R1=0.3, C=0.3, R2=0.1)
+
+
+def accuracy(network: Network) -> float:
+    """The stated error of a network at each harmonic, as a fraction of a channel's pulsation; 0 unless it is a first
+    model."""
+    return ACCURACY if is_first(network) else 0.0
+
+
+def spread(network: Network) -> Calibrated:
+    """The unknowns of a first model: lengths, walls, tapers and Windkessels, independent of each other."""
+    known = network.parameters()
+    scales = {name: sd for name, x in known.items() if (sd := _SPREAD.get(_kind(name))) and x > 0.0}
+    tapered = {s.name: s.L for s in network.segments if TAPERED in s.terms}
+    shifts = {f"{name}.{TAPERED}": TAPER_ERROR * L / max(tapered.values()) for name, L in tapered.items()}
+    coordinates = [
+        Coordinate(name, kind, ((name, 1.0),), -np.inf, np.inf)
+        for kind, names in ((SCALE, scales), (SHIFT, shifts))
+        for name in names
+    ]
+    found = along(coordinates, np.diag(np.array([*scales.values(), *shifts.values()]) ** 2), network)
+    # R0 and E are those of the mean pressure, and how the walls stiffen about it is not known: nor is another pressure
+    outside = {f"{s.name}.{key}" for s in network.segments for key in ExternalPressure.terms}
+    return replace(found, free=found.single | outside)

@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from solver.errors import InputError
+from solver.network.description import Network
 from solver.network.files import bundled, read_network
 from solver.quantities.units import MMHG
 
+REFERENCE = "first model of "  # how the reference of the file of a first model begins
 VENOUS = 5.0 * MMHG  # as in the bundled network human
 
 
@@ -114,3 +116,8 @@ def mass_by_period(T: float) -> float:
     """The body mass [kg] of a heart period [s], within the masses of mammals: T ∝ mass^(1/4), as the source of the
     radius has it."""
     return min(max(HUMAN * (T / _BEAT) ** 4, _LIGHTEST), _HEAVIEST)
+
+
+def is_first(network: Network) -> bool:
+    """Whether a network is a first model, edited or not: its reference says so."""
+    return network.reference.startswith(REFERENCE)

@@ -17,9 +17,9 @@ from solver.quantities.units import INFLOW, display_factor, display_units, reada
 from .doubts import late_flow
 from .estimates import FirstEstimate
 from .fitted import Delay, Fitted, of_owner
+from .options import REFERENCE
 from .tubes import KEYS, TAPERED, Array, Tube
 
-REFERENCE = "first model of "  # how the reference of such a file begins
 _LARGE = 0.3  # larger relative standard deviations are given as factors
 
 
