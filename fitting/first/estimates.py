@@ -23,7 +23,7 @@ _HIGHEST = 40  # harmonic
 _NOISE, _SMALL = 3.0, 0.01  # standard deviations, and fraction of the largest harmonic: thresholds for a harmonic
 _BACK = 0.3  # of the period before the steepest rise: search range for the end of diastole
 FEET = 0.01  # of the period: by which a delay between feet may be off
-_LATEST = 0.1  # of the period: the largest delay of a meter; beyond it the clocks differ (doubts.py)
+_LATEST = 0.1  # of the period: the largest delay of a meter; beyond it the clocks differ (:mod:`fitting.first.doubts`)
 _BEGUN = (0.1, 0.3)  # of the rise: the part extrapolated to the foot
 
 

@@ -4,7 +4,7 @@ steps of a converter leaves.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -90,13 +90,12 @@ class Beats:
             )
         return (*found, *self._trends(), *self._odd_beats())
 
-    def _trends(self) -> list[str]:
+    def _trends(self) -> Iterator[str]:
         """A sentence for each channel whose level or pulse is not that of one state: an occlusion, a drug, a zero that
         drifts, a catheter that clots.
 
         The change is that of a line through the means of the beats, or their sizes along the mean beat.
         """
-        found = []
         for name, beats in self.values.items():
             usual = self.mean(name)
             there = np.flatnonzero(~np.isnan(beats).all(axis=1))
@@ -116,12 +115,11 @@ class Beats:
                 if abs(change) > least:
                     unit, factor = of_signal(name)
                     first, last = factor * line[1], factor * (line[1] + change)
-                    found.append(
+                    yield (
                         f"the {quantity} of {name} goes from {first:.3g} to {last:.3g} "
                         f"{unit} over the beats used: the mean beat is of no single state, or {cause}; give a steady "
                         "part with --part."
                     )
-        return found
 
     def _odd_beats(self) -> list[str]:
         """A sentence for each beat that is unlike the others: an artefact, an ectopic beat, a flushed catheter."""

@@ -9,7 +9,7 @@ the same way, can be compared with them (:mod:`fitting.records.channels.variabil
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -294,7 +294,7 @@ def _cut_singly(channels: Mapping[str, Array], dt: float, edges: Array, usual: f
     if len(alike) < 2:
         return None
     first, last = int(alike[0]), int(alike[-1]) + 1
-    notes = _exclusion_notes(edges, near, odd, alike, dt)
+    notes = tuple(_exclusion_notes(edges, near, odd, alike, dt))
     return VariableBeats(channels, dt, edges[first : last + 1], alike - first, alike - first, notes)
 
 
@@ -317,13 +317,13 @@ def _odd(channels: Mapping[str, Array], singly: VariableBeats) -> Array:
     return singly.serving[far]
 
 
-def _exclusion_notes(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tuple[str, ...]:
+def _exclusion_notes(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> Iterator[str]:
     """What was left out, in sentences."""
     times, lengths = edges * dt, np.diff(edges)
     first, last = int(alike[0]), int(alike[-1]) + 1
-    used, notes = lengths[alike], []
+    used = lengths[alike]
     if np.abs(used - used.mean()).max() > limits.UNSTEADY * used.mean():
-        notes.append(
+        yield (
             f"the heart rate was not steady: beats lasted {used.min() * dt:.3g} to {used.max() * dt:.3g} s; each "
             "was cut at the end of diastole."
         )
@@ -335,13 +335,12 @@ def _exclusion_notes(edges: Array, near: Array, odd: Array, alike: Array, dt: fl
         if len(which):
             begin = ", ".join(f"{times[i]:.4g}" for i in which[: limits.NAMED])
             begin += ", …" if len(which) > limits.NAMED else ""
-            notes.append(f"{_count(len(which))} left out, {why}; at {begin} s after the record's start.")
+            yield f"{_count(len(which))} left out, {why}; at {begin} s after the record's start."
     if outside := len(lengths) - (last - first):
-        notes.append(
+        yield (
             f"used from {times[first]:.4g} to {times[last]:.4g} s after the record's start, the longest stretch with a "
             f"steady heart rate; {_count(outside)} before and after it left out."
         )
-    return tuple(notes)
 
 
 def _count(n: int) -> str:
