@@ -16,9 +16,8 @@ from discrepancy.name.model_selection import name
 from discrepancy.name.scoring import Compared
 from discrepancy.name.verdict import Naming
 from fitting.calibrate.network_calibration import calibrate
-from fitting.first.data import ACCURACY
+from fitting.first.fitted import ACCURACY, accuracy, spread
 from fitting.first.model import first_model
-from fitting.first.spread import accuracy, spread
 from fitting.inference.fit import Member
 from fitting.inference.hypothesis import PlacedEffect, candidates
 from fitting.inference.joint.joint_record import Several

@@ -29,7 +29,7 @@ from fitting.inference.hypothesis import sensor_effects
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import absent
-from fitting.records.channels.noise import scaled
+from fitting.records.channels.spectral import scaled
 from fitting.results.estimate import Estimate
 
 E = "B.E"

@@ -20,7 +20,7 @@ from discrepancy import workflow
 from discrepancy.find.plausibility import check_beats, check_record, check_waves
 from discrepancy.find.study import Unusable, bench_site, channels, check_scatter, prepare
 from discrepancy.workflow import discover
-from fitting.first.text import REFERENCE
+from fitting.first.options import REFERENCE
 from fitting.records.read.record import Record, write_record
 from solver import load, simulate_periodic
 from solver.network.files import write_network

@@ -14,8 +14,8 @@ import numpy as np
 
 from fitting.inference.fit import Array
 from fitting.records.alignment.beats import Beats
-from fitting.records.channels.amounts import changes, sizes
 from fitting.records.channels.noise import pulses
+from fitting.records.recordings import changes, sizes
 from solver.quantities.legible import number
 
 from .. import thresholds as at

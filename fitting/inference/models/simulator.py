@@ -16,8 +16,8 @@ from solver.quantities.units import INFLOW
 
 from ...records.alignment.beats import Array, Beats
 from ...records.channels.inflow import Inflow, undoable
-from ...records.channels.inflow_variability import BeatVariation, beat_variation
 from ...records.channels.noise import response
+from ...records.channels.variability import BeatVariation, beat_variation
 from ...records.limits import NEIGHBOURS
 from ..runs import Runs
 

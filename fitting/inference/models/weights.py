@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ...records.alignment.beats import Beats
-from ...records.channels.inflow_variability import BeatVariation
 from ...records.channels.noise import Target, target
+from ...records.channels.variability import BeatVariation
 from ..fit import Array, Member
 from ..hypothesis import rewired
 from ..unknown import parameter_values
