@@ -1,4 +1,4 @@
-# make demo | loop | discover | test | test-slow | test-all | check | bench | docs | clean
+# make demo | loop | discover | test | test-slow | test-ci | test-all | check | bench | docs | clean
 #
 # Everything runs in .venv, which is made when it is missing and updated when pyproject.toml changes.
 # Another Python: make demo PYTHON=/path/to/python3
@@ -15,7 +15,7 @@ ifeq ($(origin PYTHON),undefined)
 PYTHON := $(shell for p in python3.11 python3 python; do $$p -c "" 2>/dev/null && { echo $$p; break; }; done)
 endif
 
-.PHONY: help demo loop discover test test-slow test-all check bench docs clean
+.PHONY: help demo loop discover test test-slow test-ci test-all check bench docs clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -24,8 +24,9 @@ help:
 	@echo "make loop      heart, human arteries and veins in a closed loop, two minutes; draw the figure"
 	@echo "make discover  find what is missing in a model: two synthetic records, one minute"
 	@echo "make test      run the tests: five to eight minutes on two cores"
-	@echo "make test-slow run the long ones that make test leaves out: examples, snippets, generators"
-	@echo "make test-all  both in one run, as .ci/run does"
+	@echo "make test-slow run the long ones that make test leaves out: examples, snippets, hosts, whole records, statistics"
+	@echo "make test-ci   both without whole records and statistics, as .ci/run does"
+	@echo "make test-all  both in one run"
 	@echo "make check     formatting, lint, types"
 	@echo "make bench     measure speed and memory, and the accuracy of the fits"
 	@echo "make docs      write the documentation and the API reference to build/docs"
@@ -45,10 +46,13 @@ discover: $(VENV)/installed-run $(ENGINE)
 PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 test: $(VENV)/installed-test $(ENGINE)
-	$(PYTEST) -m "not slow and not endurance"
+	$(PYTEST) -m "not slow and not deep and not endurance"
 
 test-slow: $(VENV)/installed-test $(ENGINE)
-	$(PYTEST) -m slow
+	$(PYTEST) -m "slow or deep"
+
+test-ci: $(VENV)/installed-test $(ENGINE)
+	$(PYTEST) -m "not deep and not endurance"
 
 test-all: $(VENV)/installed-test $(ENGINE)
 	$(PYTEST) -m "not endurance"

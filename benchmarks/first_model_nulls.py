@@ -23,8 +23,8 @@ from benchmarks.table import start
 from discrepancy.find.study import prepare
 from discrepancy.name.model_selection import name as named_by
 from discrepancy.options import TIME_LIMIT
+from fitting.first.fitted import spread
 from fitting.first.model import first_model
-from fitting.first.spread import spread
 from fitting.inference.runs import Runs
 from fitting.records.alignment.align import align
 from fitting.records.read.record import Record

@@ -134,7 +134,7 @@ def first_failure(tests: str, tree: Path) -> str:
     files = [f"tests/test_{name}" if "::" in name else f"tests/test_{name}.py" for name in tests.split()]
     line = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", *files]
     done = subprocess.run(
-        [*line, "-m", "not slow and not endurance"],
+        [*line, "-m", "not slow and not deep and not endurance"],
         cwd=tree, env={**os.environ, "PYTHONPATH": str(tree), **_ANEW}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     if done.returncode == 0:

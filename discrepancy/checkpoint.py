@@ -29,8 +29,8 @@ from fitting.inference.unknown import Unknown
 from fitting.records.alignment.beats import Beats
 from fitting.records.alignment.variable_beats import VariableBeats
 from fitting.records.channels.inflow import Inflow
-from fitting.records.channels.inflow_variability import BeatVariation
 from fitting.records.channels.noise import Target
+from fitting.records.channels.variability import BeatVariation
 from solver import Settings
 from solver.errors import InputError
 from solver.io.saved import Kind, dataclasses, from_bytes, to_bytes

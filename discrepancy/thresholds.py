@@ -11,9 +11,9 @@ import math
 
 from scipy.special import ndtri
 
-from fitting.first.data import ACCURACY as ACCURACY  # of a first model, as a fraction of the pulsation at each harmonic
 from fitting.first.doubts import LOST as LOST  # of the mean pressure, on the way to a site
 from fitting.first.doubts import SMALL as SMALL  # animals [kg], which lose more
+from fitting.first.fitted import ACCURACY as ACCURACY  # of a first model, a fraction of the pulsation at each harmonic
 from fitting.inference.model_discrepancy import PART as PART  # price of each nonzero part of a model error
 from fitting.inference.unknown import OUTLIER as OUTLIER  # stated spreads
 

@@ -20,8 +20,8 @@ from typing import Any
 from fitting.calibrate.calibration_prior import Prior
 from fitting.check.fmu_build import build_fmu
 from fitting.check.fmu_run import RunFailed, read_fmu
-from fitting.first.options import FirstOptions
-from fitting.first.spread import is_first, spread
+from fitting.first.fitted import spread
+from fitting.first.options import FirstOptions, is_first
 from fitting.inference.extended_network import extended
 from fitting.inference.fit import Array, Fit
 from fitting.inference.runs import Meter, OutOfTime, Runs

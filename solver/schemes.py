@@ -6,10 +6,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from .errors import InputError
-from .muscl import model as cells
-from .muscl import sampling
-from .muscl import start as cells_start
-from .muscl import step as cells_step
 from .muscl.settings import MusclSettings
 from .periodic import start
 from .scheme import model, outputs, step
@@ -32,20 +28,23 @@ class Scheme(NamedTuple):
     accelerates: bool = False  # whether its beats are extrapolated
 
 
-SCHEMES = {
-    "staggered": Scheme(
+def _staggered() -> Scheme:
+    """The default."""
+    return Scheme(
         Settings, model.build, outputs.reporter, step.initial_state, start.periodic_state, step.adopt, step.step, True
-    ),
-    "muscl": Scheme(
-        MusclSettings,
-        cells.build,
-        sampling.reporter,
-        cells_step.initial_state,
-        cells_start.periodic_state,
-        cells_step.adopt,
-        cells_step.step,
-    ),
-}
+    )
+
+
+def _muscl() -> Scheme:
+    """The paper's, imported when it is first used."""
+    from .muscl import model, sampling, start, step
+
+    return Scheme(
+        MusclSettings, model.build, sampling.reporter, step.initial_state, start.periodic_state, step.adopt, step.step
+    )
+
+
+SCHEMES = {"staggered": _staggered, "muscl": _muscl}
 
 
 def scheme_of(name: str, settings: AnySettings | None) -> tuple[Scheme, AnySettings]:
@@ -55,7 +54,7 @@ def scheme_of(name: str, settings: AnySettings | None) -> tuple[Scheme, AnySetti
     """
     if name not in SCHEMES:
         raise InputError(f"scheme = {name!r}: must be {' or '.join(map(repr, SCHEMES))}.")
-    scheme = SCHEMES[name]
+    scheme = SCHEMES[name]()
     settings = scheme.settings() if settings is None else settings
     if not isinstance(settings, scheme.settings):
         raise InputError(

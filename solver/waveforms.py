@@ -6,15 +6,17 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .displays import Shown
 from .errors import InputError
-from .muscl.step import State as CellState
 from .quantities.text import did_you_mean
 from .scheme.step import State
+
+if TYPE_CHECKING:
+    from .muscl.step import State as CellState
 
 Array = np.ndarray
 

@@ -15,9 +15,8 @@ from discrepancy.name.model_selection import name, name_together
 from discrepancy.name.scoring import Compared
 from discrepancy.name.verdict import Naming
 from fitting.calibrate.network_calibration import calibrate
-from fitting.first.data import ACCURACY
+from fitting.first.fitted import ACCURACY, accuracy, spread
 from fitting.first.model import first_model
-from fitting.first.spread import accuracy, spread
 from fitting.inference.fit import Member
 from fitting.inference.hypothesis import PlacedEffect, candidates
 from fitting.inference.joint.joint_record import Several
@@ -76,7 +75,7 @@ def test_the_accuracy_of_a_first_model_is_in_its_weights() -> None:
     assert accuracy(problem.network) == ACCURACY and accuracy(load("sheep")) == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("late", [0.02, -0.02])
 def test_a_late_flow_is_named(late: float) -> None:
     """One pressure cannot tell a late flow from an early pressure: the class holds both and nothing else. Size within 3
@@ -88,7 +87,7 @@ def test_a_late_flow_is_named(late: float) -> None:
     assert naming.confidence <= at.SUREST["partial"]
 
 
-@pytest.mark.parametrize("bump", [pytest.param(0.0, marks=pytest.mark.slow), 0.003])
+@pytest.mark.parametrize("bump", [pytest.param(0.0, marks=pytest.mark.deep), 0.003])
 def test_nothing_is_missing_within_the_accuracy(bump: float) -> None:
     """A true model, and one that lacks 0.3 % of the pulsation, several times the noise: nothing, with its accuracy."""
     naming = named(0.0, bump)
@@ -96,7 +95,7 @@ def test_nothing_is_missing_within_the_accuracy(bump: float) -> None:
     assert naming.confidence == at.SUREST["partial"]
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_recordings_with_a_late_flow() -> None:
     """Two heart rates: a late flow delays each pressure by the same time, as an early pressure does. The lag within 0.5
     ms of the truth (0.2; alone 2.4 and 1.1 ms); each recording alone and both together have the same class."""
@@ -109,7 +108,7 @@ def test_recordings_with_a_late_flow() -> None:
     assert delay(naming) == pytest.approx(0.02, abs=5e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_recordings_in_which_nothing_is_missing() -> None:
     """Two heart rates of the tube that the first model is."""
     each = [tube(0.0), tube(0.0, T=0.6)]
@@ -118,14 +117,14 @@ def test_recordings_in_which_nothing_is_missing() -> None:
     assert (naming.verdict, naming.accuracy, naming.members) == ("none", ACCURACY, ())
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_what_no_law_has_is_unknown() -> None:
     """A tenth of the pulsation at one harmonic alone."""
     naming = named(0.0, 0.1)
     assert naming.verdict == "unknown" and not naming.base.explains and not naming.members
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_the_model_without_effect_is_that_of_a_calibration() -> None:
     """A real record that one tube does not explain, from bent walls: rms of both pressures within 0.3 mmHg of those of
     a calibration, whose priors differ; and the error that the residual shows, which the noise does not."""
@@ -139,7 +138,7 @@ def test_the_model_without_effect_is_that_of_a_calibration() -> None:
     assert none.fit.chi2 == pytest.approx(len(none.fit.z), rel=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_hypotheses_with_their_errors() -> None:
     """From one with an effect that leaves more than noise: each once, best first in ranks as in evidence, and the one
     with the least error of them all explains most."""

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from fitting.records.alignment.align import align
-from fitting.records.read.artefacts import without_codes, without_hum, without_still
 from fitting.records.read.record import read_record, write_record
-from fitting.records.read.sensors import UnusableRecord
+from fitting.records.read.sensors import UnusableRecord, without_codes, without_hum, without_still
 from fitting.records.read.table import Place
 from solver.quantities.units import MMHG
 

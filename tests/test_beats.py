@@ -71,7 +71,7 @@ def test_the_channel_that_repeats_best_gives_the_period() -> None:
     assert found.T == pytest.approx(1.0, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_ten_thousand_beats_do_not_lose_count() -> None:
     """20 dB: the period to 1e-8, a ten-thousandth of a beat over the record."""
     T, n, dt = 0.4724, 236_200, 0.02

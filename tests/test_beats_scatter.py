@@ -39,7 +39,7 @@ def test_jitter_is_measured_and_taken_out(jitter: float, error: float, scatter: 
 
 @pytest.mark.parametrize(
     ("records", "most"),
-    [pytest.param(100, 1, marks=pytest.mark.slow), pytest.param(300, 3, marks=pytest.mark.endurance)],
+    [pytest.param(100, 1, marks=pytest.mark.deep), pytest.param(300, 3, marks=pytest.mark.endurance)],
 )
 def test_without_jitter_nothing_moves(records: int, most: int) -> None:
     """Also where the baseline wanders by twice the noise of a beat's mean: at most 1 %, of probability 1e-3 each."""

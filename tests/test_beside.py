@@ -63,7 +63,7 @@ def test_nothing_acts_beside_the_law() -> None:
     assert law is not None and found_beside(narrow, law) is None
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_law_beside_which_nothing_acts_competes_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the residual of the right law counts as too large by chance: partial, as no free source is worth its price.
     It was "unknown, the sensor of …, which no law explains", of whose two hypotheses the law was not one."""

@@ -302,7 +302,7 @@ def test_one_animal_and_the_linear_model(fitted: Cohort) -> None:
     assert len(cohort_tables(one)) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_eleven_virtual_animals(tmp_path: Path) -> None:
     """The paper's eleven by seven: claims as the truth has them; means of Table 1 within their intervals, mostly. With
     exact means: test_examples.py. Without the nonlinear model, which no claim and no mean is of."""

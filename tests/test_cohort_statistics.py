@@ -124,7 +124,7 @@ def test_unbalanced_data_against_the_likelihood_written_out() -> None:
     assert contrast.df == pytest.approx(2 * variance**2 / (gradient @ np.linalg.solve(information, gradient)), rel=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_intervals_of_unbalanced_data_cover() -> None:
     """90 % intervals of the deviations of all sites, a third of the cells lost: 90 ± 1.5 % of 300 × 7."""
     rng = np.random.default_rng(4)
@@ -168,7 +168,7 @@ def _share(verdict: str, mu: np.ndarray, runs: int, seed: int, own: float | np.n
     return float(np.mean([claim.verdict == verdict for claim in claims]))
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("own", [1.0, 2.0])
 def test_error_of_the_first_kind_at_the_margin(own: float) -> None:
     """One site off by exactly 25 %: called constant in at most 5 % of cohorts, varying in fewer; 300 runs, 2 sd.
@@ -182,7 +182,7 @@ def test_error_of_the_first_kind_at_the_margin(own: float) -> None:
     assert _share("refuted", mu, 100, 7, scatter) < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_power() -> None:
     """Truly constant: always supported. One site at twice the ratio: always refuted. On the margin: 97 % neither."""
     assert _share("supported", np.zeros(7), 100, 8) == 1.0

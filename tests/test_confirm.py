@@ -28,7 +28,7 @@ from fitting.inference.hypothesis import sensor_effects
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import absent
-from fitting.records.channels.noise import scaled
+from fitting.records.channels.spectral import scaled
 from fitting.results.estimate import Estimate
 
 E = "B.E"
@@ -122,7 +122,7 @@ def test_a_model_that_does_not_run_before_any_effect_was_compared() -> None:
     assert agreement(s, NOTHING, wave, run) is not None
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("strokes", [0.0, 0.05])
 def test_how_often_a_fall_is_chance(strokes: float) -> None:
     """Two models as far from the truth on either side: χ² falls by nothing on average.

@@ -206,14 +206,14 @@ def judged(
     return judge(Record("made", "", made.time, made.channels, {}), made.base, among=among)[1]
 
 
-@pytest.mark.parametrize(("base", "seed"), [("sheep", 3), pytest.param("elastic", 4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("base", "seed"), [("sheep", 3), pytest.param("elastic", 4, marks=pytest.mark.deep)])
 def test_nothing_hidden(base: str, seed: int) -> None:
     """A healthy record: none, whose residual is noise, and no class."""
     naming = judged((), base, seed=seed)
     assert naming.verdict == "none" and naming.base.explains and not naming.members
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("size", [2.0, 5.0])
 def test_a_bent_wall_of_any_size_is_in_the_class(size: float) -> None:
     """E_NL = 2 E and 5 E at 40 dB: on top of the class, which a springpot may share."""
@@ -248,8 +248,8 @@ def test_nonlinear_elasticity_is_named() -> None:
 @pytest.mark.parametrize(
     "effect",
     [
-        pytest.param(Effect("wall_viscosity", (SITE,), 2e-3), id="wall_viscosity", marks=pytest.mark.slow),
-        pytest.param(Effect("channel_lag", ("CA.R",), 2e-3), id="channel_lag", marks=pytest.mark.slow),
+        pytest.param(Effect("wall_viscosity", (SITE,), 2e-3), id="wall_viscosity", marks=pytest.mark.deep),
+        pytest.param(Effect("channel_lag", ("CA.R",), 2e-3), id="channel_lag", marks=pytest.mark.deep),
         pytest.param(Effect("catheter_resonance", ("CA.R",), 1 / 80, 1.5), id="catheter_resonance"),
     ],
 )
@@ -262,7 +262,7 @@ def test_viscosity_or_a_slow_sensor(effect: Effect) -> None:
     assert f"{effect.name} at {effect.where[0]}" in labels
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_two_effects_are_several() -> None:
     """A bent wall seen through a catheter that rings: both named, and what is left is noise."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", ("CA.P",), 1 / 15, 0.1))
@@ -294,7 +294,7 @@ def test_two_clear_faults_of_the_sensors_of_one_site_are_ambiguous() -> None:
             (Effect("wall_viscosity", (SITE,), 0.02), Effect("catheter_resonance", ("CA.R",), 1 / 16, 1.2)),
             "elastic",
             id="viscosity and a slow sensor",
-            marks=pytest.mark.slow,
+            marks=pytest.mark.deep,
         ),
     ],
 )
@@ -324,7 +324,7 @@ def test_a_cubic_rate_is_not_all_of_it() -> None:
     assert naming.reason is not None and naming.reason.startswith("whitened RMS 4.")
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_springpot_is_named() -> None:
     """Share 0.3 of order 0.3: the order to 0.05 (0.02 measured), the share to 0.03 (0.01) of what it is at 10 rad/s."""
     naming = judged((Effect("fractional_viscosity", (SITE,), 0.3, 0.3),), "sheep")
@@ -351,7 +351,7 @@ def test_a_search_that_begins_where_no_wall_carries_the_loop() -> None:
     assert told["MD.P.f_n"].value == pytest.approx(15.736, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize(
     ("seed", "index", "verdict"),
     [(20310109, 241, "effect"), (20310109, 278, "ambiguous"), (20310111, 38, "ambiguous")],

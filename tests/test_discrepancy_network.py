@@ -93,7 +93,7 @@ def test_place_and_size_of_a_stiff_segment(stiff: Naming) -> None:
     assert np.all(np.abs(fit.x[:-1]) <= 4.0 * np.sqrt(np.diag(fit.covariance))[:-1])  # nuisances stay where they were
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("walls", ["common", None])
 def test_viscosity_everywhere_that_is_not_the_same_everywhere(walls: str | None) -> None:
     """Elastic model; φ0/E = 10, 16 and 25 ms in the three walls: one effect, everywhere, with a size for each wall."""

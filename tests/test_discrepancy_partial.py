@@ -39,7 +39,7 @@ def named(K: float) -> Naming:
     return name(problem(K), terms(*KNOWN), walls="common")
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_stiff_wall_beside_what_is_in_no_catalogue() -> None:
     """K = 3: the stiff wall is named, and that more remains, most of it at the stenosis, which the free terms beside it
     find. The interval is thirteen times as wide as by noise alone, and holds the truth: 1.250 ± 0.020 for 1.25. With
@@ -62,7 +62,7 @@ def scale_of(fit: Fit) -> tuple[float, float]:
     return estimates(NETWORK, fit, fit.terms[0], 1.96)["B.E_scale"].ci95
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_where_more_than_half_remains_nothing_is_named() -> None:
     """K = 30, ten times as much: what comes nearest closes less than half of the gap."""
     naming = named(30.0)

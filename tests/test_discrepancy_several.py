@@ -147,7 +147,7 @@ def whole_of(studies: Sequence[Study]) -> Several:
     return Several(parts, tuple("ABC"[: len(parts)]), (), beats)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_two_recordings_leave_one_name() -> None:
     """Relaxation at 27 dB: at rest alone a class of three, a lag of the pressure among it; with another rate and
     pressure it is named, and tau is in its interval of 4 sd, which is narrower than that of one recording."""
@@ -170,12 +170,12 @@ def _tau(naming: Naming) -> tuple[float, float]:
     return value.value, 0.5 * (value.ci95[1] - value.ci95[0])
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_no_name_where_nothing_is_hidden() -> None:
     assert named(Case("bench", SITE, 40.0), 1)[2].verdict == "none"
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_what_pressure_tells() -> None:
     """A bent elasticity, one recording: none or a class; two at other pressures: its name."""
     _, alone, found = named(BENT, 2)
@@ -183,7 +183,7 @@ def test_what_pressure_tells() -> None:
     assert _all(found)[0].effect == "nonlinear_elasticity"
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_time_that_is_over_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     """After the model without effect is refitted to all: not complete, and no surer than not; before: no verdict."""
     studies, alone, _ = named(RELAXATION, 1)
@@ -204,7 +204,7 @@ def test_time_that_is_over_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- the second state -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_the_state_that_separates() -> None:
     """Of a bent wall and a springpot another pressure makes more than another rate, and recorded it does."""
     _, (one, _), found = named(BENT, 2)
@@ -215,7 +215,7 @@ def test_the_state_that_separates() -> None:
     assert second_state(found) == ""
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_no_state_separates() -> None:
     """Relaxation and a catheter that is as slow: the least d' counts, and the sentence says that none is enough."""
     said = second_state(named(RELAXATION, 1)[1][0])
@@ -460,7 +460,7 @@ OF_NO_USE: Sequence[tuple[str, str, Callable[[float], float], str]] = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.usefixtures("among_few")
 def test_what_cannot_be_judged_is_said(folder: Path) -> None:
     """Recordings held out that are of no use leave the verdict of the others: one sentence for each says why."""
@@ -479,7 +479,7 @@ def test_what_cannot_be_judged_is_said(folder: Path) -> None:
         assert said.startswith(f"{folder / name}.csv: it was held out and cannot be compared: {words}")
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.usefixtures("among_few")
 def test_waves_of_another_animal_are_not_judged(folder: Path) -> None:
     """A recording held out whose radius is nine times the model's is refused as one that is fitted is; a law is still
@@ -497,7 +497,7 @@ def test_a_search_without_time_loses_no_other() -> None:
     assert found.base.fit.terms == () and np.isfinite(found.base.fit.cost)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.usefixtures("among_few")
 def test_command(folder: Path) -> None:
     """Alone: a class, and which second state would separate it. With B, and C held out: the name, what is left of each

@@ -36,7 +36,7 @@ def residual(z: np.ndarray, signals: int) -> Fit:
 
 @pytest.mark.parametrize(
     ("signals", "K"),
-    [(1, 5), (2, 15), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((1, 20), (1, 40), (9, 20)))],
+    [(1, 5), (2, 15), *(pytest.param(*each, marks=pytest.mark.deep) for each in ((1, 20), (1, 40), (9, 20)))],
 )
 def test_misfit_of_white_noise(signals: int, K: int) -> None:
     """P(misfit > x) = 1 - Φ(x), whatever the number of channels and harmonics: z² ~ χ² of one degree of freedom, known

@@ -20,7 +20,7 @@ from discrepancy import workflow
 from discrepancy.find.plausibility import check_beats, check_record, check_waves
 from discrepancy.find.study import Unusable, bench_site, channels, check_scatter, prepare
 from discrepancy.workflow import discover
-from fitting.first.text import REFERENCE
+from fitting.first.options import REFERENCE
 from fitting.records.read.record import Record, write_record
 from solver import load, simulate_periodic
 from solver.network.files import write_network
@@ -256,7 +256,7 @@ def bench_record(gap: float) -> tuple[Made, Made]:
     return made, replace(made, channels=dict(made.channels) | {"CA.R": R})
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize(("gap", "whole"), [(0.3, 14)])
 def test_a_channel_that_ends_early(tmp_path: Path, gap: float, whole: int) -> None:
     """CA.R lacks the last 15 or 30 %: beats without it are left out, and said so; no number of the verdict is missing,

@@ -120,7 +120,7 @@ def test_a_naming_with_deviations_read_back(stiff: Naming, tmp_path: Path) -> No
 # --- where along a segment --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_narrowing_upstream_of_its_site() -> None:
     """K = 200 at x/L = 0.3 of A, where walls differ, which the site in A's middle sees whole: from the walls of the
     file, one in the middle is nothing like it, and the answer was `unknown`. K = 185 ± 20, x/L = 0.33 ± 0.04 measured.
@@ -161,7 +161,7 @@ def partial(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, dict[str
     return outcome, json.loads((folder / "out" / "verdict.json").read_text(encoding="utf-8")), folder / "out"
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.usefixtures("one_process")
 def test_a_partial_answer_is_added(partial: tuple[Outcome, dict[str, Any], Path]) -> None:
     """The effect in the network file and in the FMU; a part of the gap is closed, and what remains is said."""
@@ -276,7 +276,7 @@ def test_a_stenosis_where_every_wall_differs(tmp_path: Path) -> None:
     assert phi0.beyond and phi0.now.value / phi0.file == pytest.approx(true["phi0"] * true["own"]["AA.phi0"], rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.usefixtures("one_process")
 def test_a_calibration_as_prior(network_record: Path) -> None:
     """The network file has E of B 40 % off, which a calibration mended: its values are where the study starts."""

@@ -213,7 +213,7 @@ def coarse(case: Case, seed: int) -> Naming:
 @pytest.mark.parametrize(
     "seed",
     [
-        *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 5, 200, 203)),
+        *(pytest.param(seed, marks=pytest.mark.deep) for seed in (0, 5, 200, 203)),
         *(pytest.param(seed, marks=pytest.mark.endurance) for seed in (1, 2, 3, 4, 201, 202, 204, 205)),
     ],
 )
@@ -222,7 +222,7 @@ def test_healthy_benches_of_few_steps(seed: int) -> None:
     assert coarse(Case("bench", SITE, 40.0), seed).verdict == "none"
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("seed", [0, 5])
 def test_a_missing_viscosity_of_few_steps(seed: int) -> None:
     """A viscous wall, 24 ms, of an elastic model, 6 and 8 steps in the pulse: it tops the class."""
@@ -269,7 +269,7 @@ def test_report_and_figures_are_there(study: Study) -> None:
     assert "nonlinear elasticity" in (study.folder / "out" / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("stage", ["report", "moving"])
 def test_an_interrupt_while_files_are_written(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
@@ -461,7 +461,7 @@ def _never() -> Any:
     raise AssertionError("it is there")
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_naming_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
     """Two effects, one of a sensor: written and read back: every number and every term is the same."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", (f"{SITE}.P",), 1 / 15, 0.1))

@@ -25,8 +25,7 @@ from fitting.results.estimate import mixture
 from fitting.results.parameter_set import read_set
 from fitting.wall.elastic_law import DECIDED, LawEvidence
 from fitting.wall.indices import E_inc
-from fitting.wall.law_selection import evidence
-from fitting.wall.site_fit import fit
+from fitting.wall.site_fit import evidence, fit
 from fitting.wall.wall_model import model
 from solver.errors import InputError
 from solver.laws.wall_laws import ELASTIC_LAWS

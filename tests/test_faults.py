@@ -44,7 +44,7 @@ OTHERS = {
     "solver.network.importers.openbf", "solver.io.host_died",
     "solver.network.validation",
     "fitting.records.read.numbers",  # NumPy's reader, of a file that may be anything
-    "fitting.records.read.binary", "fitting.parallel.cluster", "fitting.results.parameter_set",
+    "fitting.records.read.kinds", "fitting.parallel.cluster", "fitting.results.parameter_set",
     "fitting.calibrate.calibration_prior",
     "fitting.inference.unknown_text", "arterial_fmu.study.store",
     "fmu_src.wrapper", "fmu_src.slaves.saving", "fmu_src.slaves.base", "fmu_src.importer.interpreter",

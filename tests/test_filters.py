@@ -203,7 +203,7 @@ def test_a_bench_knows_the_filters() -> None:
     assert found[1][0] == pytest.approx(found[0][0], rel=0.4) and found[2][0] > 10.0 * found[1][0]
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_nothing_is_missing_behind_the_filters() -> None:
     """The verdict of the true network's record is `none`."""
     channels = {name: beats.ravel() for name, beats in recorded(NETWORK, 3).values.items()}
@@ -212,7 +212,7 @@ def test_nothing_is_missing_behind_the_filters() -> None:
     assert naming.verdict == "none" and naming.base.explains
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.usefixtures("one_process")
 def test_discovery_knows_the_filters(tmp_path: Path) -> None:
     """A stenosis of K = 20 in A is named, with K in its interval; the new network has filters and stenosis, and its

@@ -22,12 +22,10 @@ from discrepancy.find.model_source import first_of
 from discrepancy.find.study import _means_along
 from fitting.first.doubts import lost_on_the_way
 from fitting.first.estimates import beats_in_period, delay, stroke
+from fitting.first.fitted import spread
 from fitting.first.model import FirstModel, _rms, first_model
-from fitting.first.options import FirstOptions
-from fitting.first.sections import Section, with_side_branch
-from fitting.first.shares import forks, ratios
-from fitting.first.species import NAMES, by_stroke, typical
-from fitting.first.spread import spread
+from fitting.first.options import NAMES, FirstOptions, by_stroke, typical
+from fitting.first.tubes import Section, forks, ratios, with_side_branch
 from fitting.inference.hypothesis import candidates
 from fitting.records.alignment.beats import Beats
 from fitting.records.read.record import read_record, write_record

@@ -49,14 +49,14 @@ def test_the_truth_tells_each_wall() -> None:
     assert not np.allclose(alike.clean["CA.P"], apart.clean["CA.P"], rtol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_walls_absorb_a_stiffness() -> None:
     """Beside walls of their own a stiffness of 20 % is at most ln 1.2/0.08 standard deviations, once and for all."""
     made = make(replace(NULL, walls=1.0, effects=(Effect("wall_stiffness", ("CA",), 0.2),)), 7)
     assert d_prime(NetworkProblem(made), []) <= np.log(1.2) / 0.08 + 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_number_that_is_far_off_is_no_farther_than_it_is() -> None:
     """The number of one wall or end, in standard deviations of this animal; that of a part, or of walls alike, is none.
     A softening of 56 % is at most 6.9 of these, where the refit alone ends at 15."""
@@ -74,7 +74,7 @@ def test_a_number_that_is_far_off_is_no_farther_than_it_is() -> None:
     assert detect(make(case, (20331106, 1, 15)), 1e9).d_prime == (pytest.approx(6.92, abs=0.01),)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_walls_do_not_absorb_a_stenosis() -> None:
     """It shows less than with walls alike, and is told apart less; the derivatives at the truth serve all steps: the
     marginalised norm to 15 % (10 % measured, what bends with a wall of two standard deviations)."""
@@ -90,7 +90,7 @@ def test_walls_do_not_absorb_a_stenosis() -> None:
     assert seen.d_prime[0] == pytest.approx(exact, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 def test_a_windkessel_that_walls_had_absorbed() -> None:
     """A slow catheter and a Windkessel, individual walls, 30 dB: both are named, C to 1 %. The catheter alone explains
     the record with a radius 11 spreads off, and from there the Windkessel is not found."""

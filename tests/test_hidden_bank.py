@@ -54,7 +54,7 @@ def one_and_more(indices: Sequence[int]) -> list[Any]:
     """The first; the second is slow, the others are further cases."""
     first, second, *others = indices
     further = (pytest.param(i, marks=pytest.mark.endurance) for i in others)
-    return [first, pytest.param(second, marks=pytest.mark.slow), *further]
+    return [first, pytest.param(second, marks=pytest.mark.deep), *further]
 
 
 @pytest.mark.parametrize("index", one_and_more(NULLS))
@@ -85,7 +85,7 @@ def test_bench_gives_no_wrong_single_name(index: int) -> None:
 @pytest.mark.parametrize(
     ("index", "hidden"),
     [
-        pytest.param(11, (), marks=pytest.mark.slow),
+        pytest.param(11, (), marks=pytest.mark.deep),
         pytest.param(13, ("nonlinear_elasticity",), marks=pytest.mark.endurance),
     ],
 )

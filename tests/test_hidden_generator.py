@@ -95,7 +95,7 @@ EFFECTS = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize(("effect", "tolerance"), EFFECTS, ids=lambda x: getattr(x, "name", ""))
 def test_every_effect_agrees_with_the_solver(sheep: Network, effect: Effect, tolerance: float) -> None:
     """The solver's own term with the truth's parameters, at ten sites, relative to the pulse (dt 1 ms)."""
@@ -333,7 +333,7 @@ def test_d_prime_of_a_null_and_of_a_gain() -> None:
     assert detect(made).d_prime[0] == pytest.approx(expected, rel=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_d_prime_counts_noise_and_samples() -> None:
     """Twenty dB less noise is ten times d'; a flow sensor's gain is g √(N Σ x²)/σ where nothing else can move it."""
     effect = Effect("channel_lag", ("AA.R",), 2e-3)

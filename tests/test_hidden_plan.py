@@ -77,7 +77,7 @@ def test_groups(name: str, kind: str) -> None:
 LONG = pytest.param("varying", "network", marks=pytest.mark.endurance)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize(("name", "kind"), [LONG if each == ("varying", "network") else each for each in REAL])
 def test_records_of_groups_can_be_made(name: str, kind: str) -> None:
     """The first two of the tuning plan."""

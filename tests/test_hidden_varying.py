@@ -56,7 +56,7 @@ def test_alike_beats_are_the_beat(sheep: Network) -> None:
         assert np.abs(long[name][::4] - c).max() <= 1e-6 * pulsatile(c), name
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_varying_network_agrees_with_the_solver(sheep: Network) -> None:
     """Unlike beats as one period of the solver's time steps (1 ms): every site within 1e-5 of the pulse."""
     q, whole = ejection(np.random.default_rng(4), BEAT, sheep.inlet.Q_max), runs(2, 0.03, 0.05)
@@ -93,7 +93,7 @@ def test_a_varying_bench_against_an_ode_solver(sheep: Network) -> None:
     assert np.abs(run.y[0] * v.R0 - R).max() <= 1e-6 * np.ptp(R)
 
 
-@pytest.mark.parametrize("kind", ["bench", pytest.param("network", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["bench", pytest.param("network", marks=pytest.mark.deep)])
 def test_a_record_of_unlike_beats(kind: str) -> None:
     """As long as its beats, with the noise of the steady beat, and a faulty sensor's offset in the truth's unit."""
     site = "AA" if kind == "bench" else "three pressures"
@@ -115,7 +115,7 @@ def test_noise_in_units() -> None:
     assert made.noise["CA.Q"] == pytest.approx(0.02 * peak, rel=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_an_effect_does_not_make_noise_of_beats_that_differ() -> None:
     """14 strokes that differ by 8 %, and a hypothesis with an effect and a resistance e² times the animal's: the mean
     pressure is then off by hundreds of mmHg. It remains known to 0.11 mmHg (0.07 without effect). By the hypothesis'
@@ -135,7 +135,7 @@ def test_an_effect_does_not_make_noise_of_beats_that_differ() -> None:
     assert np.all(after < 2.0 * before)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_held_out_beats_are_compared_under_the_fitted_flow() -> None:
     """15 beats and 5 others whose strokes differ by 5 %, walls not yet fitted: the mean of the 5, as it would be under
     the mean flow of the 15, differs from theirs by 1.14 times the noise (rms over harmonics and channels), as recorded
@@ -156,7 +156,7 @@ def test_held_out_beats_are_compared_under_the_fitted_flow() -> None:
     ("varying", "seed"),
     [
         ((0.0, 0.0), 0),
-        pytest.param((0.03, 0.05), 0, marks=pytest.mark.slow),
+        pytest.param((0.03, 0.05), 0, marks=pytest.mark.deep),
         pytest.param((0.03, 0.05), 3, marks=pytest.mark.endurance),
     ],
 )
@@ -196,7 +196,7 @@ def test_other_beats_of_a_bench_are_no_gap(seed: int, left: float) -> None:
     assert gap(study, X).total[1] == pytest.approx(left, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_nothing_is_missing_in_elastic_walls_whose_beats_differ() -> None:
     """Waves that nothing damps remember the beats before; with walls a fifth off the file's, the mean beat is corrected
     with those of the fit. With those of the file, the map had a source in all walls (odds 500 : 1)."""

@@ -187,7 +187,7 @@ def test_errors_of_the_model_are_found() -> None:
     assert score(wide) < score(fit) - 100.0
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_noise_has_no_errors_of_the_model() -> None:
     """Where the residual is noise, an error of the model is worth its price in less than one record of a hundred.
 

@@ -110,7 +110,7 @@ def test_delta_method_against_sampling(model: str) -> None:
         assert (high - low) / 2.0 == pytest.approx(1.97 * sd, rel=0.03), name
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_intervals_cover_the_truth() -> None:
     """40 dB, 100 seeds, AA: each 95 % interval holds the noise-free index in at least 88 of them.
 

@@ -276,7 +276,7 @@ def studied(folder: Path, same: bool) -> Outcome:
     return discover(folder / "aa.csv", folder / "aa.toml", folder / "out", hold_out=[folder / "other.csv"])
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.usefixtures("one_process")
 def test_a_study_offers_the_law(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the record on disk: beside the partial name, a law in its place, its network and FMU, and its numbers; and
@@ -302,7 +302,7 @@ def test_a_law_that_another_recording_contradicts(tmp_path: Path) -> None:
     assert studied(tmp_path, same=False).learned is None
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.usefixtures("one_process")
 def test_a_study_offers_tables_where_there_is_no_law(tmp_path: Path) -> None:
     """A flow of harmonics 3 to 6 that leaves at the outlet of C: unknown, there; the table's FMU leaves noise of the

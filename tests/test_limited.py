@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fitting.records.alignment.align import align
-from fitting.records.alignment.limited import limited_sensors
+from fitting.records.alignment.sensor_faults import limited_sensors
 from fitting.records.read.record import Record
 from solver import load, simulate_periodic
 from solver.network.description import Site

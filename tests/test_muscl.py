@@ -83,9 +83,9 @@ def _volume(model: MusclModel, state: State) -> float:
 @pytest.mark.parametrize(
     ("wall", "slopes", "finest", "low", "high"),
     [
-        pytest.param("viscous", "van Albada", 2.5e-3, 1.7, 2.3, marks=pytest.mark.slow),
-        pytest.param("elastic", "van Albada", 2.5e-3, 1.1, 2.1, marks=pytest.mark.slow),
-        pytest.param("elastic", "central", 5e-3, 1.7, 2.3, marks=pytest.mark.slow),
+        pytest.param("viscous", "van Albada", 2.5e-3, 1.7, 2.3, marks=pytest.mark.deep),
+        pytest.param("elastic", "van Albada", 2.5e-3, 1.1, 2.1, marks=pytest.mark.deep),
+        pytest.param("elastic", "central", 5e-3, 1.7, 2.3, marks=pytest.mark.deep),
     ],
 )
 def test_order(sheep: Network, wall: str, slopes: str, finest: float, low: float, high: float) -> None:
@@ -124,7 +124,7 @@ def _errors(
     return [errors_against(result.member(i), each) for i, each in enumerate(expected)]
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_reference(sheep: Network) -> None:
     """Cells of 2 cm, P and Q at MD and CA <= 2e-4 (1e-4 measured), all ten sites <= 1e-3; elastic <= 7e-3 (4.8e-3)."""
     viscous, elastic = _errors(sheep, 0.02, walls=(1.0, 0.0))
@@ -153,7 +153,7 @@ def test_reference_at_the_finest_cells(sheep: Network, ends: str, slopes: str, m
     assert max(errors[name] for name in FOUR) <= most
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_neumann_ends_cost_accuracy(sheep: Network) -> None:
     """Viscous pressure dropped at the ends, cells of 1 cm, 0.2 s: off by 6 to 8 % (7.2 % measured); elastic walls: the
     same bits."""
@@ -166,7 +166,7 @@ def test_neumann_ends_cost_accuracy(sheep: Network) -> None:
 @pytest.mark.parametrize(
     ("slopes", "most"),
     [
-        pytest.param("van Albada", 0.028, marks=pytest.mark.slow),
+        pytest.param("van Albada", 0.028, marks=pytest.mark.deep),
         pytest.param("central", 0.022, marks=pytest.mark.endurance),
     ],
 )

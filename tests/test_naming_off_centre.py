@@ -62,7 +62,7 @@ def of_fork(effect: str, numbers: dict[str, float], *beside: str) -> dict[str, E
     return stated(NETWORK, naming, naming.best, naming.best.fit.terms[0])
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_stiffer_part_of_a_fork() -> None:
     """E of B is half as large again as far as x/L = 0.6: where it ends to 0.01 (0.603 measured), E to 0.1 %."""
     found = of_fork("wall_stiffness", {"E_scale": 1.5, "E_position": 0.3, "E_length": 0.6})
@@ -72,7 +72,7 @@ def test_a_stiffer_part_of_a_fork() -> None:
     assert low < 0.6 < high
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_leaking_part_of_a_fork() -> None:
     """Its whole conductance to 1 % (0.2 measured); the record does not tell its length, and the interval holds it.
 

@@ -175,9 +175,9 @@ HELD = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HELD)
 def test_networks_and_effects(stored: Store, tmp_path: Path, name: str) -> None:
-    """Two beats of the human network, a part of one of what sheep may hold beside."""
+    """The human network from one beat into the next, a part of a beat of what sheep may hold beside."""
     network = HELD[name]()
-    steps = 1800 if name == "human" else 150
+    steps = 950 if name == "human" else 150
     same(*pair(stored, network, tmp_path), {"inlet.drive": "network"}, steps)
 
 

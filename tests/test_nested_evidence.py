@@ -157,7 +157,7 @@ SLOW = ("catheter", "tube, leak")
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else pytest.mark.endurance) for n in RECORDS]
+    "name", [pytest.param(n, marks=pytest.mark.deep if n in SLOW else pytest.mark.endurance) for n in RECORDS]
 )
 def test_evidence_by_laplace_is_that_by_nested_sampling(name: str) -> None:
     """ln Z of nothing, of what acts and of something else: to 0.4 (0.36 measured), of which 0.16 is Student's t of

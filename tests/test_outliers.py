@@ -65,7 +65,7 @@ def test_how_often_a_healthy_animal_has_one() -> None:
     ("variable", "factor", "label"),
     [
         pytest.param("B.E", 2.5, "wall_stiffness at B", id="stiffer"),
-        pytest.param("B.E", 0.4, "wall_stiffness at B", id="softer", marks=pytest.mark.slow),
+        pytest.param("B.E", 0.4, "wall_stiffness at B", id="softer", marks=pytest.mark.deep),
     ],
 )
 def test_a_number_that_stands_out_is_named(variable: str, factor: float, label: str) -> None:
@@ -83,7 +83,7 @@ def test_a_number_that_stands_out_is_named(variable: str, factor: float, label: 
     assert X is not None and np.mean(found.problem.residual(X) ** 2) > 100.0
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_which_of_two_outlets() -> None:
     """R_t of B is 0.3 above the file's, ten spreads, or what both have in common is and C below it: never `none`, and
     the class has B."""

@@ -225,7 +225,7 @@ def test_a_windkessel_in_a_network() -> None:
 # --- how often it holds the truth -------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_coverage_of_a_springpot() -> None:
     """20 records of the generator, 40 dB, share 0.3 of order 0.3: both intervals hold the truth in 19 at least.
 

@@ -13,9 +13,9 @@ from arterial_fmu.cli.tables.fits import calibration_table
 from fitting.calibrate.network_calibration import calibrate
 from fitting.first.model import first_model
 from fitting.records.alignment.align import align
-from fitting.records.channels.amounts import changes, sizes
 from fitting.records.read.columns import Reading
 from fitting.records.read.record import read_record
+from fitting.records.recordings import changes, sizes
 from solver.quantities.legible import NOT_DETERMINED, endless
 from solver.quantities.units import MMHG
 

@@ -181,7 +181,7 @@ def test_R0_given() -> None:
 @pytest.mark.parametrize(
     ("site", "targets"),
     [
-        pytest.param("AA", {"E": 1e-3, "phi0": 5e-3, "R0": 2e-4, "phiNL": 0.03}, marks=pytest.mark.slow),
+        pytest.param("AA", {"E": 1e-3, "phi0": 5e-3, "R0": 2e-4, "phiNL": 0.03}, marks=pytest.mark.deep),
         pytest.param("BT", {"E": 1e-3, "phi0": 5e-3, "R0": 2e-4, "phiNL": 0.03}, marks=pytest.mark.endurance),
     ],
 )
@@ -206,7 +206,7 @@ def test_accuracy_and_coverage_at_40_dB(site: str, targets: dict[str, float]) ->
     ("drift", "bits", "most"),
     [
         pytest.param(0.0, None, 0.98, marks=pytest.mark.endurance),
-        pytest.param(0.02, 12, 1.0, marks=pytest.mark.slow),
+        pytest.param(0.02, 12, 1.0, marks=pytest.mark.deep),
         pytest.param(0.05, None, 1.0, marks=pytest.mark.endurance),
     ],
 )
@@ -236,7 +236,7 @@ def test_errors_of_whole_records() -> None:
         assert name in ("E", "R0") or np.sqrt((z**2).mean()) > 0.7, name
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_no_bias_at_30_dB_where_ordinary_least_squares_has_one() -> None:
     """AA, 30 dB, 150 seeds: the mean error is within 3 standard errors; that of least squares on R as measured is not.
 

@@ -161,8 +161,8 @@ def test_nothing_where_nothing_acts(network: Callable[[], Network]) -> None:
 @pytest.mark.parametrize(
     ("source", "kind", "name", "size"),
     [
-        pytest.param(Drop("B", 0.2, 0.3), DROP, "B", 400.0, id="drop", marks=pytest.mark.slow),
-        pytest.param(WallPressure("C"), WALL, "C", 300.0, id="wall", marks=pytest.mark.slow),
+        pytest.param(Drop("B", 0.2, 0.3), DROP, "B", 400.0, id="drop", marks=pytest.mark.deep),
+        pytest.param(WallPressure("C"), WALL, "C", 300.0, id="wall", marks=pytest.mark.deep),
         pytest.param(OutletFlow("B"), OUTLET, "B", 8e-7, id="outlet"),
     ],
 )
@@ -225,7 +225,7 @@ def test_labels_are_words() -> None:
 
 
 @pytest.mark.parametrize(
-    "seed", [pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.endurance)]
+    "seed", [pytest.param(2, marks=pytest.mark.deep), pytest.param(3, marks=pytest.mark.endurance)]
 )
 def test_the_map_is_weighted_for_the_animal(seed: int) -> None:
     """Nothing hidden in elastic walls, each off by 1.5 times the usual: waves are little damped, and what the noise of
@@ -239,7 +239,7 @@ def test_the_map_is_weighted_for_the_animal(seed: int) -> None:
     assert found.explains and not found.signals
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_an_outlet_that_swings_seen_by_three_pressures() -> None:
     """Its own numbers are hardly determined there, and derivatives at another point led past the minimum: chi2 of 135
     data stayed at 600 to 1700. What is left is noise, and something of VA2 acts."""

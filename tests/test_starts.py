@@ -61,7 +61,7 @@ def same(one: Starts, other: Starts) -> None:
     assert one.best.parameter_set() == other.best.parameter_set()
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_truth_and_mirror_image() -> None:
     """Noise-free, 4 starts: the truth to 2e-4 (1e-5 measured), from two of them; from two the mirror image, whose cost
     is 300 times as high. The first start, the network's own values, leads to the truth: its numbers are those of one
@@ -148,7 +148,7 @@ def test_refused() -> None:
         )
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_command(tmp_path: Path) -> None:
     """--starts in the command line: the set says what was tried, and the notes how many starts agree."""
     write_network(twins(0.06), tmp_path / "twins.toml")

@@ -77,7 +77,7 @@ def test_a_pair_is_compared_with_each_of_its_laws_alone(monkeypatch: pytest.Monk
     assert {narrow.label, late.label} <= {n.label for n in better.ranked} and better.best.label == narrow.label
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_law_of_another_place_is_compared_with_the_best() -> None:
     """A stenosis in C, 40 dB, of which only the reflection at the end of C was asked: the stenosis, of all laws of the
     catalogue, takes its place, K to 10 %, and the reflection is ruled out beside it. The same moves simulate no
@@ -139,7 +139,7 @@ def test_walls_that_may_have_absorbed_a_second_law(laws: int, explains: bool, sp
     assert _has_absorbed(found) == absorbed
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_moves_end_where_the_catalogue_lacks_the_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stenosis in C that no law of those asked is, beside a sensor of wrong gain, 40 dB: the map needs a source in C
     and leaves noise, and no law leaves noise in its place. One round of moves is tried, and no other once the best

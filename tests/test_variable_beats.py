@@ -15,10 +15,9 @@ from discrepancy.find.plausibility import check_record
 from discrepancy.find.study import parts
 from fitting.inference.models.loop import mean_loop
 from fitting.records.alignment.align import align
-from fitting.records.alignment.beats import Beats
-from fitting.records.alignment.rounding import rounded_harmonics, rounding
-from fitting.records.channels.inflow_variability import BeatVariation
+from fitting.records.alignment.beats import Beats, rounded_harmonics, rounding
 from fitting.records.channels.noise import seam_note
+from fitting.records.channels.variability import BeatVariation
 from fitting.records.read.record import Record
 from fitting.records.read.sensors import converter_step
 from solver import InputError

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from fitting.records.alignment.beats import Beats
-from fitting.records.channels.wander import _correlation_of_means, _mean_wander
+from fitting.records.channels.variability import _correlation_of_means, _mean_wander
 
 Array = np.ndarray
 P, Q = "A.P", "B.P"

@@ -11,8 +11,8 @@ from scipy.special import chdtrc
 
 from fitting.first.doubts import lost_on_the_way, means_along
 from fitting.first.estimates import stroke
-from fitting.first.species import by_stroke
-from fitting.first.spread import accuracy
+from fitting.first.fitted import accuracy
+from fitting.first.options import by_stroke
 from fitting.first.tubes import TAPERED
 from fitting.inference.forward import Single
 from fitting.inference.hypothesis import Calibrated, PlacedEffect, candidates
@@ -213,7 +213,7 @@ def bench_site(record: Record, network: Network) -> str:
 
 def other_law(beats: Beats, network: Network, site: str) -> tuple[str, ...]:
     """A warning if the evidence decides for another elastic law than the file's and a wall of that law explains P and R
-    of a site within their noise (:mod:`fitting.wall.law_selection`); otherwise empty.
+    of a site within their noise (:func:`fitting.wall.site_fit.evidence`); otherwise empty.
 
     The wrong law is decided in 1 of 1600 recordings (measured: docs/fitting.md).
     """

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from fitting.records.channels.amounts import sizes
+from fitting.records.recordings import sizes
 from fitting.results.parameter_set import quantity_of, unit_of
 from solver.quantities.legible import DASH, number, shown_in
 from solver.quantities.units import SIGNAL_UNITS

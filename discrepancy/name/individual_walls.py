@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.first.spread import is_first
+from fitting.first.options import is_first
 from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Trial

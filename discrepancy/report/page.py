@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fitting.pages.page import environment, words
-from fitting.records.channels.amounts import size_text
+from fitting.records.recordings import size_text
 from fitting.results.result_files import check_unmixed, json_text
 from solver.errors import InputError
 from solver.io.writing import check_destinations, make_folder, write_folder

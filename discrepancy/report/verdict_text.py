@@ -10,7 +10,7 @@ import numpy as np
 
 from fitting.inference.fit import Array
 from fitting.inference.places import Place
-from fitting.records.channels.amounts import size_text
+from fitting.records.recordings import size_text
 from fitting.results.estimate import Estimate
 from solver.laws.effect import CHANNEL, JUNCTION, OUTLET, WALL, Effect
 from solver.laws.sensors import Sensor

@@ -22,9 +22,9 @@ from fitting.inference.models.bench_observation import sense
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.simulator import as_shown
 from fitting.records.alignment.beats import Beats
-from fitting.records.channels.amounts import changes, sizes
 from fitting.records.channels.noise import check_flow_driven, pulses
 from fitting.records.channels.spectral import interpolated
+from fitting.records.recordings import changes, sizes
 from solver import Settings, simulate
 from solver.network.description import Network
 from solver.quantities.legible import number

@@ -21,7 +21,7 @@ from solver.quantities.legible import number
 from solver.quantities.units import INFLOW, MMHG
 from solver.simulate import BROKEN
 
-from ..first.waves import late
+from ..first.estimates import late
 from ..inference.gauss_newton import Rules
 from ..inference.joint.calibration import Problem
 from ..inference.joint.model_error import Ended, minimum

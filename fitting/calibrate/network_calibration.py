@@ -39,10 +39,9 @@ from ..inference.unknown import Unknown, bounds, parameter_intervals, parameter_
 from ..inference.unknown_text import parse_unknowns, varied
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
-from ..records.channels.amounts import size_text, sizes
 from ..records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
 from ..records.limits import MAX_HARMONICS
-from ..records.recordings import labels_of
+from ..records.recordings import labels_of, size_text, sizes
 from .calibrated import ALL_PRIOR, Calibration, Recording, noise_known
 from .first_search import ROUGH, first_search, late_flow
 

@@ -31,12 +31,12 @@ from solver.quantities.units import INFLOW
 from ..inference.models.bench_network import own_values
 from ..records.alignment.align import align
 from ..records.alignment.beats import Beats
-from ..records.channels.amounts import sizes
 from ..records.channels.filters import with_filters
 from ..records.channels.inflow import flowed, undoable
 from ..records.channels.spectral import coefficients, interpolated
 from ..records.plausible import Artery, check_plausible
 from ..records.read.record import Array, Record
+from ..records.recordings import sizes
 from ..results.parameter_set import ParameterSet
 from ..results.result_files import json_text
 from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy

@@ -24,8 +24,7 @@ from ..results.parameter_set import ParameterSet, Value
 from ..results.provenance import software
 from ..wall.elastic_law import LawEvidence
 from ..wall.indices import E_inc
-from ..wall.law_selection import evidence, weighing_model
-from ..wall.site_fit import fit
+from ..wall.site_fit import evidence, fit, weighing_model
 from ..wall.wall_fit import WallFit
 from ..wall.wall_model import PARAMETERS, UNITS, fitted_laws, model
 from . import claims as cohort_claims

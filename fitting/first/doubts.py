@@ -11,10 +11,9 @@ from solver.quantities.units import INFLOW, MMHG, of_signal
 
 from ..records import limits
 from ..records.alignment.beats import Beats
-from .estimates import FirstEstimate, beats_in_period, radius_at, speeds, stroke
+from .estimates import FirstEstimate, beats_in_period, foot, later, radius_at, smooth, speeds, stroke
 from .fitted import Delay
-from .species import HUMAN, by_stroke, mass_by_period
-from .waves import foot, later, smooth
+from .options import HUMAN, by_stroke, mass_by_period
 
 _TOGETHER = 0.1  # of the period: pressure and flow of one place rise within less of each other
 _DIASTOLE = (0.7, 0.9)  # of the beat from the foot of the flow on, where a valve is closed

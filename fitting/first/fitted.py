@@ -13,22 +13,79 @@ rise together, whatever lies behind it; a lag fitted to the whole beat alone wou
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from solver.laws.effects import ExternalPressure
 from solver.linear import amplitudes
 from solver.network.description import Network
+from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
+from solver.quantities.units import INFLOW
 
+from ..inference.hypothesis import Calibrated, along
 from ..records import limits
-from . import shares
-from .data import Data, rms
-from .sections import Array, Section
-from .shares import forks
-from .tubes import KEYS, TAPER, TAPER_ERROR, TAPERED, keyed, narrowed, on_the_way, rest_of
-from .waves import FEET, late
+from ..records.alignment.beats import Array, Beats
+from ..records.channels.spectral import coefficients, resample
+from .estimates import FEET, heard, late
+from .options import is_first
+from .tubes import (
+    FARTHEST,
+    KEYS,
+    SPREAD,
+    TAPER,
+    TAPER_ERROR,
+    TAPERED,
+    Section,
+    forks,
+    keyed,
+    narrowed,
+    on_the_way,
+    ratios,
+    rest_of,
+)
+
+_HARMONICS = 16  # at most: they hold the pulse
+# Of the pulsation: the error of the model at each harmonic, in its fit and in a study. Judgement: above the 0.04 to
+# 0.46 % (rms over harmonics) that first models leave of 15 virtual animals in which nothing is hidden
+ACCURACY = 0.005
+
+
+class Data:
+    """root : the channel of the pressure at the root, the one whose mean counts. k : (K+1,) of the harmonics. Q :
+    (K+1,) of the inflow [m³/s]. names : the pressures and flows. X, sigma : (K+1,) of each, with the standard deviation
+    √(noise² + (error of the model)²). n : how many real numbers count."""
+
+    def __init__(self, beats: Beats, root: str) -> None:
+        self.beats, self.root = beats, root
+        most = min(_HARMONICS, max(int(heard(beats, name).max(initial=1)) for name in beats.values))
+        self.k = np.arange(most + 1)
+        self.Q = coefficients(resample(beats.mean(INFLOW), 2 * most + 2))[: most + 1]
+        self.names = [name for name in beats.values if name[-2:] in (".P", ".Q") and name != INFLOW]
+        self.X = {name: coefficients(beats.mean(name))[: most + 1] for name in self.names}
+        self.sigma = {name: self._sigma(name) for name in self.names}
+        self.n = sum(2 * int(np.sum(np.isfinite(each))) for each in self.sigma.values())
+
+    def _sigma(self, name: str) -> Array:
+        noise = np.zeros(len(self.k))
+        if self.beats.n_beats > 1:
+            noise = np.sqrt(self.beats.covariance((name,))[: len(self.k), 0, 0].real)
+        noise[0] = 0.0 if name == self.root else np.inf  # breathing moves single beats; zeros elsewhere may be off
+        size = self.size(name)
+        return np.asarray(np.hypot(noise, ACCURACY * size) + 1e-12 * size)
+
+    def size(self, name: str) -> float:
+        """rms of the pulsation of a channel."""
+        return rms(self.X[name])
+
+
+def rms(X: Array) -> float:
+    """Of the pulsation with harmonics X."""
+    return float(np.sqrt(2.0 * np.sum(np.abs(X[1:]) ** 2)))
+
 
 # standard deviation of the logarithm, and the range of the factor: judgement. The length stands for a reflection time
 # that is known by its order only
@@ -116,8 +173,8 @@ def _prior(kind: str, value: float) -> tuple[float, float, float]:
 class _Problem:
     """groups : the parameters that have a factor or a shift in common: E, φ0 and the narrowing of all tubes, R2 of ends
     with measured flows; lengths and Windkessels have their own. x : (p,) logarithms of the factors, the shift,
-    u of each fork (:mod:`~fitting.first.shares`), and the lag [s]; unknowns : their names but for the lag. found : some
-    of them, by a fit before, where a second search starts. known : whether lengths stay."""
+    u of each fork (:func:`ratios`), and the lag [s]; unknowns : their names but for the lag. found : some of them, by a
+    fit before, where a second search starts. known : whether lengths stay."""
 
     def __init__(
         self, data: Data, network: Network, known: bool, tubes: Sequence[Section], found: Mapping[str, float]
@@ -140,7 +197,7 @@ class _Problem:
         ends = [tube.name for tube in tubes if tube.end]
         self.whole = {end: way[end] + sum(nominal[f"{end}.outlet.{key}"] for key in (KEYS[0], KEYS[2])) for end in ends}
         priors = [_prior(kinds[group[0]], nominal[group[0]]) for group in self.groups]
-        priors += [(shares.SPREAD, -shares.FARTHEST, shares.FARTHEST)] * self.forks
+        priors += [(SPREAD, -FARTHEST, FARTHEST)] * self.forks
         self.spread, self.low, self.high = np.array(priors).T
 
     def values(self, X: Array) -> dict[str, Array]:
@@ -174,14 +231,15 @@ class _Problem:
     def ratios(self, X: Array) -> Mapping[str, Array]:
         """Of the shares of the flow to the estimates, by tube."""
         first = len(self.groups)
-        return shares.ratios(self.tubes, X[..., first : first + self.forks])
+        return ratios(self.tubes, X[..., first : first + self.forks])
 
     def fitted(self, x: Array) -> Fitted:
         """The result at a point."""
         root, share = self.data.root, {tube: float(r) for tube, r in self.ratios(x).items()}
         price = self.price(float(np.sum(self.residual(x[None]) ** 2)))
         unknowns = dict(zip(self.unknowns, map(float, x[:-1]), strict=True))
-        return Fitted(self.factors(x), share, rms(self.model(x[None])[root][0] - self.data.X[root]), price, unknowns)
+        factors = {name: float(value / self.nominal[name]) for name, value in self.values(x).items()}
+        return Fitted(factors, share, rms(self.model(x[None])[root][0] - self.data.X[root]), price, unknowns)
 
     def price(self, cost: float) -> float:
         """-2 ln of the probability of the record, but for a constant, for a minimum: n ln(max(χ²/n, 1)) + min(χ², n) +
@@ -189,9 +247,6 @@ class _Problem:
         errors of the model, whose size is not known."""
         n, k = self.data.n, len(self.spread)
         return float(n * np.log(max(cost, n) / n) + min(cost, n) + k * np.log(n))
-
-    def factors(self, x: Array) -> dict[str, float]:
-        return {name: float(value / self.nominal[name]) for name, value in self.values(x).items()}
 
     def model(self, X: Array) -> dict[str, Array]:
         """Harmonics (B, K+1) of every channel for a batch of points X : (B, p)."""
@@ -213,20 +268,16 @@ class _Problem:
         unit = np.append(np.ones(len(self.spread)), T)  # of x: the lag in periods
         low, high = np.append(self.low, (late - error) / T), np.append(self.high, (late + error) / T)
 
-        # the last point with its neighbours: one batch takes little longer than the point
-        about = dict[bytes, Array]()
-
-        def near(x: Array) -> Array:
-            if x.tobytes() not in about:
-                about.clear()
-                about[x.tobytes()] = self.residual(np.concatenate([x[None], x + _STEP * np.eye(len(x))]) * unit)
-            return about[x.tobytes()]
+        @lru_cache(maxsize=1)  # the last point with its neighbours: one batch takes little longer than the point
+        def near(point: bytes) -> Array:
+            x = np.frombuffer(point)
+            return self.residual(np.concatenate([x[None], x + _STEP * np.eye(len(x))]) * unit)
 
         def at(x: Array) -> Array:
-            return np.asarray(near(x)[0])
+            return np.asarray(near(x.tobytes())[0])
 
         def slopes(x: Array) -> Array:
-            z = near(x)
+            z = near(x.tobytes())
             return np.asarray((z[1:] - z[0]).T / _STEP)
 
         starts = list[Array]()
@@ -250,3 +301,33 @@ class _Problem:
 def _kind(name: str) -> str:
     """ "L" of "Ao.L"."""
     return name.rpartition(".")[2]
+
+
+# --- how far the numbers of a first model may be off: the prior of a study that uses one ------------------------------
+
+# standard deviations of the logarithms, whatever fits the mean beat best: judgement. They are wider than those between
+# the walls of one species, since lengths and viscosities are not measured at all
+_SPREAD = keyed(L=0.5, R0=0.25, E=0.3, phi0=1.0, R1=0.3, C=0.3, R2=0.1)
+
+
+def accuracy(network: Network) -> float:
+    """The stated error of a network at each harmonic, as a fraction of a channel's pulsation; 0 unless it is a first
+    model."""
+    return ACCURACY if is_first(network) else 0.0
+
+
+def spread(network: Network) -> Calibrated:
+    """The unknowns of a first model: lengths, walls, tapers and Windkessels, independent of each other."""
+    known = network.parameters()
+    scales = {name: sd for name, x in known.items() if (sd := _SPREAD.get(_kind(name))) and x > 0.0}
+    tapered = {s.name: s.L for s in network.segments if TAPERED in s.terms}
+    shifts = {f"{name}.{TAPERED}": TAPER_ERROR * L / max(tapered.values()) for name, L in tapered.items()}
+    coordinates = [
+        Coordinate(name, kind, ((name, 1.0),), -np.inf, np.inf)
+        for kind, names in ((SCALE, scales), (SHIFT, shifts))
+        for name in names
+    ]
+    found = along(coordinates, np.diag(np.array([*scales.values(), *shifts.values()]) ** 2), network)
+    # R0 and E are those of the mean pressure, and how the walls stiffen about it is not known: nor is another pressure
+    outside = {f"{s.name}.{key}" for s in network.segments for key in ExternalPressure.terms}
+    return replace(found, free=found.single | outside)

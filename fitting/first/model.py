@@ -16,7 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,13 +32,12 @@ from solver.quantities.units import INFLOW
 
 from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients, resample
-from . import text
-from .data import Data
-from .doubts import ChannelComparison, doubts, late_flow, means_apart
+from .doubts import ChannelComparison, doubts, means_apart
 from .estimates import (
     FirstEstimate,
     compliances,
     delay,
+    heard,
     impedance,
     radius_at,
     reflection_time,
@@ -47,12 +47,10 @@ from .estimates import (
     speeds,
     stroke,
 )
-from .fitted import Delay, Fitted, delayed, fitted, of_owner
-from .options import VENOUS
-from .sections import Section, layouts, parents, with_side_branch
-from .species import Typical, by_stroke, typical
-from .tubes import KEYS, Tube, made, mean_speed, windkessel
-from .waves import heard
+from .fitted import Data, Fitted, delayed, fitted
+from .options import VENOUS, Typical, by_stroke, typical
+from .text import ModelFile
+from .tubes import Section, layouts, made, mean_speed, parents, windkessel, with_side_branch
 
 _MOST = 0.85  # of the compliance: upper limit of the tubes
 _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c
@@ -111,11 +109,12 @@ def first_model(
             f"a wave speed of {c.value:.3g} m/s is not an artery's; check the unit of {INFLOW}, or give a distance "
             "(--distance), another species (--like) or the body mass (--mass)."
         )
-    source = text.ModelSource(
-        Path(beats.source).name, beats.sha256, like or "", usual.source, beats.T, P, P_venous, root, _inflow(beats)
-    )
+    file_of = partial(
+        ModelFile, Path(beats.source).name, beats.sha256, like or "", usual.source, beats.T, P, P_venous, root,
+        _inflow(beats),
+    )  # fmt: skip
 
-    def with_compliance(C: FirstEstimate, tubes: Sequence[Section]) -> _Parts:
+    def with_compliance(C: FirstEstimate, tubes: Sequence[Section]) -> ModelFile:
         walls = made(tubes, c.value, area, usual)
         stored, most, notes_here = sum(wall.section.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
         if stored > most:
@@ -127,14 +126,14 @@ def first_model(
             walls = made(shorter, c.value, area, usual)
         peripheral = C.value - min(stored, most)
         ends = {wall.section.name: windkessel(wall, walls, R.value, peripheral) for wall in walls if wall.section.end}
-        return _Parts(source, (R, C, Z, *delays.values(), echo, c, radius), walls, ends, notes_here)
+        return file_of((R, C, Z, *delays.values(), echo, c, radius), walls, ends, notes_here)
 
     def of_layout(tubes: Sequence[Section], before: Fitted | None = None) -> _Layout | None:
         made_with = [with_compliance(C, tubes) for C in compliances(beats, channel, P_venous, R.value)]
-        models = [(parts, parts.read(beats)[1]) for parts in made_with]
-        parts, network = min(models, key=lambda each: _rms(beats, each[1], channel))
+        models = [(file, _read(file, beats)) for file in made_with]
+        file, network = min(models, key=lambda each: _rms(beats, each[1], channel))
         fit = fitted(data, network, bool(distances), tubes, before)
-        return None if fit is None else _Layout(tubes, network, parts, fit)
+        return None if fit is None else _Layout(tubes, network, file, fit)
 
     data, upstream = Data(beats, channel), parents(paths, root, times)
     plain = layouts(beats, root, upstream, times, echo.value / 2.0, area, bool(paths))
@@ -146,7 +145,7 @@ def first_model(
             break
         best = other
     fit, lag = delayed(data, best.network, bool(distances), best.tubes, best.fit)
-    return best.parts.adjusted(fit, lag, channel).model(beats)
+    return _model(best.file.adjusted(fit, lag, channel), beats)
 
 
 @dataclass(frozen=True)
@@ -155,55 +154,22 @@ class _Layout:
 
     tubes: Sequence[Section]
     network: Network
-    parts: _Parts
+    file: ModelFile
     fit: Fitted
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """The contents of the file of a first model. factor : of the fit, by parameter."""
+def _read(file: ModelFile, beats: Beats) -> Network:
+    return loads(str(file), f"first model of {beats.source}")
 
-    source: text.ModelSource
-    found: tuple[FirstEstimate, ...]
-    tubes: Sequence[Tube]
-    windkessels: Mapping[str, tuple[float, ...]]
-    notes: Sequence[str]
-    factor: Mapping[str, float] = field(default_factory=dict)
-    late: float = 0.0
 
-    def adjusted(self, fit: Fitted, delay: Delay | None, root: str) -> _Parts:
-        """The same with the fitted values, and a note if inlet.Q is late."""
-        f = fit.factor
-        tubes = [
-            replace(
-                t,
-                section=replace(t.section, share=t.section.share * fit.share[t.section.name]),
-                **{key: getattr(t, key) * x for key, x in of_owner(f, t.section.name).items()},
-            )
-            for t in self.tubes
-        ]
-        ends = {
-            name: tuple(x * of_owner(f, f"{name}.outlet").get(key, 1.0) for key, x in zip(KEYS, values, strict=True))
-            for name, values in self.windkessels.items()
-        }
-        notes = [*self.notes, *([late_flow(delay, root)] if delay else [])]
-        return replace(self, tubes=tubes, windkessels=ends, notes=notes, factor=f, late=delay.late if delay else 0.0)
-
-    def read(self, beats: Beats) -> tuple[str, Network]:
-        """The file and its network."""
-        file = text.network_file(
-            self.source, self.found, self.tubes, self.windkessels, self.notes, self.factor, self.late
-        )
-        return file, loads(file, f"first model of {beats.source}")
-
-    def model(self, beats: Beats) -> FirstModel:
-        """The model of the file."""
-        file, network = self.read(beats)
-        beat = _solved(beats, network)
-        found, notes = (beat, self.notes) if beat else (_small_waves(beats, network), (*self.notes, _NO_BEAT))
-        comparison = tuple(_compared(beats, name, found[name]) for name in beats.values if name in found)
-        notes = *notes, *filter(None, map(means_apart, comparison)), *network_doubts(network)
-        return FirstModel(network, file, self.found, comparison, notes)
+def _model(file: ModelFile, beats: Beats) -> FirstModel:
+    """The model of a file."""
+    network = _read(file, beats)
+    beat = _solved(beats, network)
+    found, notes = (beat, file.notes) if beat else (_small_waves(beats, network), (*file.notes, _NO_BEAT))
+    comparison = tuple(_compared(beats, name, found[name]) for name in beats.values if name in found)
+    notes = *notes, *filter(None, map(means_apart, comparison)), *network_doubts(network)
+    return FirstModel(network, str(file), file.found, comparison, notes)
 
 
 def _speed_and_area(

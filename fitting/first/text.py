@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,29 +14,13 @@ from solver.quantities.quantity import quantities
 from solver.quantities.text import quoted, typed_unit
 from solver.quantities.units import INFLOW, display_factor, display_units, readable
 
+from .doubts import late_flow
 from .estimates import FirstEstimate
-from .fitted import of_owner
-from .tubes import TAPERED, Array, Tube
+from .fitted import Delay, Fitted, of_owner
+from .options import REFERENCE
+from .tubes import KEYS, TAPERED, Array, Tube
 
-REFERENCE = "first model of "  # how the reference of such a file begins
 _LARGE = 0.3  # larger relative standard deviations are given as factors
-
-
-@dataclass(frozen=True)
-class ModelSource:
-    """The source of a first model: file name and hash of the record, species ("": not stated) and source of its typical
-    aorta, period [s], mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics
-    of the inflow Q : (K+1,) [m³/s]."""
-
-    record: str
-    sha256: str
-    like: str
-    typical: str
-    T: float
-    P: float
-    P_venous: float
-    root: str
-    Q: Array
 
 
 def value(found: FirstEstimate) -> str:
@@ -50,59 +34,94 @@ def error(found: FirstEstimate) -> str:
     return f"± {100.0 * found.error:.2g} %" if found.error < _LARGE else f"×/÷ {np.exp(found.error):.2g}"
 
 
-def network_file(
-    source: ModelSource,
-    found: Iterable[FirstEstimate],
-    tubes: Sequence[Tube],
-    windkessels: Mapping[str, tuple[float, ...]],
-    notes: Iterable[str],
-    factor: Mapping[str, float],
-    late: float,
-) -> str:
-    """TOML with all of it. windkessels : R1, C, R2 by section [SI]. factor : of the fit, by parameter. late : of the
-    inflow [s], as a comment."""
-    lines = [*_head(source, found, notes), *_inlet(source, tubes[0].section.name)]
-    for tube in tubes:
-        lines += _segment(tube, factor)
-    lines += _junctions(tubes)
-    for name, numbers in windkessels.items():
-        lines += _outlet(name, numbers, source.P_venous, factor)
-    lines += _sites(source.root, tubes)
-    if late:
-        lines += ["", f'# [channels."{INFLOW}"]  # remove the signs # in front to keep the delay in the model']
-        lines += [f'# delay = "{1e3 * late:.3g} ms"']
-    return "\n".join(lines) + "\n"
+@dataclass(frozen=True)
+class ModelFile:
+    """The contents of the file of a first model.
+
+    record, sha256 : name and hash of the recording. like : species, "" if it is not stated; typical : source of its
+    aorta. T : period [s]. P, P_venous : mean pressure at the root and venous pressure [Pa]. root : site there, "" for
+    the inlet. Q : (K+1,) harmonics of the inflow [m³/s]. windkessels : R1, C, R2 by section [SI]. factor : of the fit,
+    by parameter. late : of the inflow [s], as a comment.
+    """
+
+    record: str
+    sha256: str
+    like: str
+    typical: str
+    T: float
+    P: float
+    P_venous: float
+    root: str
+    Q: Array
+    found: tuple[FirstEstimate, ...]
+    tubes: Sequence[Tube]
+    windkessels: Mapping[str, tuple[float, ...]]
+    notes: Sequence[str]
+    factor: Mapping[str, float] = field(default_factory=dict)
+    late: float = 0.0
+
+    def __str__(self) -> str:
+        """TOML with all of it."""
+        lines = [*_head(self), *_inlet(self)]
+        for tube in self.tubes:
+            lines += _segment(tube, self.factor)
+        lines += _junctions(self.tubes)
+        for name, numbers in self.windkessels.items():
+            lines += _outlet(name, numbers, self.P_venous, self.factor)
+        lines += _sites(self.root, self.tubes)
+        if self.late:
+            lines += ["", f'# [channels."{INFLOW}"]  # remove the signs # in front to keep the delay in the model']
+            lines += [f'# delay = "{1e3 * self.late:.3g} ms"']
+        return "\n".join(lines) + "\n"
+
+    def adjusted(self, fit: Fitted, delay: Delay | None, root: str) -> ModelFile:
+        """The same with the fitted values, and a note if inlet.Q is late."""
+        f = fit.factor
+        tubes = [
+            replace(
+                t,
+                section=replace(t.section, share=t.section.share * fit.share[t.section.name]),
+                **{key: getattr(t, key) * x for key, x in of_owner(f, t.section.name).items()},
+            )
+            for t in self.tubes
+        ]
+        ends = {
+            name: tuple(x * of_owner(f, f"{name}.outlet").get(key, 1.0) for key, x in zip(KEYS, values, strict=True))
+            for name, values in self.windkessels.items()
+        }
+        notes = [*self.notes, *([late_flow(delay, root)] if delay else [])]
+        return replace(self, tubes=tubes, windkessels=ends, notes=notes, factor=f, late=delay.late if delay else 0.0)
 
 
-def _head(source: ModelSource, found: Iterable[FirstEstimate], notes: Iterable[str]) -> list[str]:
+def _head(file: ModelFile) -> list[str]:
     """Comments, texts and numbers of the whole network."""
-    P_ref = (source.P, "mean pressure at the root: R0 and E are those of that pressure")
+    P_ref = (file.P, "mean pressure at the root: R0 and E are those of that pressure")
     return [
-        f"# A first model of {source.record}, for editing: the start of a calibration, not its result.",
+        f"# A first model of {file.record}, for editing: the start of a calibration, not its result.",
         "# Estimates from the recording, with one standard deviation and the method:",
-        *(f"#   {each.name} = {value(each)} {error(each)}: {each.how}" for each in found),
-        f"# Not from the recording: thickness of the walls, from {source.typical}.",
+        *(f"#   {each.name} = {value(each)} {error(each)}: {each.how}" for each in file.found),
+        f"# Not from the recording: thickness of the walls, from {file.typical}.",
         "# Lengths, walls and Windkessels were then fitted to the mean beat, as small waves, from these estimates.",
-        *(f"# Doubtful: {note}" for note in notes),
+        *(f"# Doubtful: {note}" for note in file.notes),
         "",
         'name = "first"',
-        *([f'species = "{source.like}"'] if source.like else []),
-        f'reference = "{REFERENCE}{source.record}, sha256 {source.sha256[:16]}"',
+        *([f'species = "{file.like}"'] if file.like else []),
+        f'reference = "{REFERENCE}{file.record}, sha256 {file.sha256[:16]}"',
         "",
         "[network]",
-        *_lines(Network, {}, P_ref=P_ref, P_0=(source.P, "start there")),
+        *_lines(Network, {}, P_ref=P_ref, P_0=(file.P, "start there")),
     ]
 
 
-def _inlet(source: ModelSource, segment: str) -> list[str]:
+def _inlet(file: ModelFile) -> list[str]:
     return [
         "",
         "[inlet]  # the mean beat of inlet.Q, by its harmonics [m^3/s]",
-        f'segment = "{segment}"',
-        f'T = "{source.T:.15g} s"',
-        f"Q_mean = {source.Q[0].real:.5g}",
-        f"Q_cos = [{', '.join(f'{x:.4g}' for x in 2.0 * source.Q[1:].real)}]",
-        f"Q_sin = [{', '.join(f'{x:.4g}' for x in -2.0 * source.Q[1:].imag)}]",
+        f'segment = "{file.tubes[0].section.name}"',
+        f'T = "{file.T:.15g} s"',
+        f"Q_mean = {file.Q[0].real:.5g}",
+        f"Q_cos = [{', '.join(f'{x:.4g}' for x in 2.0 * file.Q[1:].real)}]",
+        f"Q_sin = [{', '.join(f'{x:.4g}' for x in -2.0 * file.Q[1:].imag)}]",
     ]
 
 

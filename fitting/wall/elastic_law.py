@@ -1,5 +1,4 @@
-"""The evidence of a record for the elastic laws, in numbers and in words; :mod:`fitting.wall.law_selection` computes
-it."""
+"""The evidence of a record for the elastic laws, in numbers and in words; :mod:`fitting.wall.site_fit` computes it."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ not depend on the strain rate.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -68,22 +68,20 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
     """
     P_mean = float(beats.mean(f"{fit.site}.P").mean())
     weighted = [(p, *_with_sd(law, P_mean, rho), law.dof) for p, law in fit.laws]
-    of_law = {
-        name: Estimate(
-            float(weighted[0][1][i]), unit, mixture([(p, float(x[i]), float(sd[i]), n) for p, x, sd, n in weighted])
-        )
-        for i, (name, unit) in enumerate(OF_LAW)
-    }
+    of_law = {name: _averaged(weighted, i) for i, (name, _) in enumerate(OF_LAW)}
     return of_law | {"loss_measured": measured_loss(without_lag(beats, fit), fit.site)}
 
 
 def E_inc(fit: WallFit) -> Estimate:
     """The incremental elastic modulus of :func:`indices`, at the mean pressure of the loop that was fitted."""
     P_mean = float(fit.loop.P.mean())
-    weighted = [(p, *_with_sd(law, P_mean, 1.0), law.dof) for p, law in fit.laws]
-    return Estimate(
-        float(weighted[0][1][0]), "Pa", mixture([(p, float(x[0]), float(sd[0]), n) for p, x, sd, n in weighted])
-    )
+    return _averaged([(p, *_with_sd(law, P_mean, 1.0), law.dof) for p, law in fit.laws], 0)
+
+
+def _averaged(weighted: Sequence[tuple[float, Array, Array, int]], i: int) -> Estimate:
+    """One of ``OF_LAW`` by the first law, with the interval by all: probability, values, deviations, their freedom."""
+    interval = mixture([(p, float(x[i]), float(sd[i]), n) for p, x, sd, n in weighted])
+    return Estimate(float(weighted[0][1][i]), OF_LAW[i][1], interval)
 
 
 def _with_sd(fit: WallFit, P_mean: float, rho: float) -> tuple[Array, Array]:

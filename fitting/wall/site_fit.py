@@ -10,13 +10,14 @@ between beats gives the variance of each
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtri
 
 from solver.errors import InputError
 from solver.network.description import Network, Segment
@@ -27,14 +28,14 @@ from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.alignment.variable_beats import mean
 from ..records.channels import spectral
-from .errors_in_variables import Solution, plain, solve
+from .elastic_law import MISFIT, LawEvidence
+from .errors_in_variables import Solution, plain, solve, widening, with_model_error
 from .fit_diagnostics import doubts
-from .law_selection import evidence, weighing_model
-from .model_error import widening, with_model_error
 from .wall_fit import WallFit
 from .wall_model import WallModel, columns, evaluate, fitted_laws, model, parameters_of
 
 _LAG_HARMONICS = 12  # of the radius, to find a lag: enough for its shape, few enough to limit its noise
+_ABOVE_NOISE = 4.0  # standard deviations: threshold for harmonics of P and R, in the selection of the law
 _THIN = (2.0, 300.0)  # wide range of R0/h of arteries: outside, a unit or a channel is wrong
 
 
@@ -52,8 +53,7 @@ def fit(
     """The wall at ``site`` from its channels P and R.
 
     wall : a model, or the name of one (:func:`~fitting.wall.wall_model.model`), which is fitted with every elastic law:
-    the result is the fit by the most probable law, with the others and the evidence
-    (:mod:`fitting.wall.law_selection`).
+    the result is the fit by the most probable law, with the others and the evidence (:func:`evidence`).
     h : measured wall thickness [m]. R0 : measured unstressed radius [m]; fitted if not given. eta : Poisson's ratio.
     lag_free : also fit a delay of P against R, which the loop hardly distinguishes from φ0.
     Raises ValueError if the channels are missing or do not pulsate, or no wall describes the loop (NoFit).
@@ -68,6 +68,9 @@ def fit(
     kept = _by_evidence(by, wall) if isinstance(wall, str) else by(wall)
     kept = _with_model_error(beats, loop, kept)
     return replace(kept, warnings=(*(f"{site}: {text}" for text in beats.warnings), *doubts(kept)))
+
+
+# --- the selection of the elastic law --------------------------------------------------------------------------------
 
 
 def _by_evidence(by: Callable[[WallModel], WallFit], name: str) -> WallFit:
@@ -94,6 +97,63 @@ def _by_laws(by: Callable[[WallModel], WallFit], name: str) -> tuple[list[WallFi
         except NoFit as error:
             refused[law] = error
     return fits, refused
+
+
+def weighing_model(name: str) -> str:
+    """The model for the comparison of laws, with φ_NL free, because missing nonlinear viscosity resembles a nonlinear
+    elastic law."""
+    return "extended monotone" if name.startswith("extended") else "monotone"
+
+
+def evidence(fits: Sequence[WallFit], refused: Sequence[str] = ()) -> LawEvidence:
+    """The evidence from fits of one loop, one per law. refused : laws without a fit.
+
+    By Laplace's approximation the evidence of a law is
+
+        -2 ln p(loop | law) = Σ z²/c - ln det S,
+
+    with the whitened residual z of the harmonics above their noise, and the covariance S of ln E, ln R0, ln φ0, φ_NL/φ0
+    and E_NL/E, whose priors are flat and the same for all laws. The true radius has Jeffreys' prior, uniform along the
+    loop in units of the noise of both channels, so ln det V does not enter. With a flat prior of the radius it would
+    enter, and with one of the pressure its negative; either would favour a law for its effect on harmonics that contain
+    only noise.
+
+    c is 1 if a law describes the loop, otherwise the mean of z² of the best one (quasi-likelihood; R. W. M. Wedderburn,
+    Biometrika 61 (1974) 439). The misfit of the best law beyond noise is added to c: it is a single error, however many
+    harmonics it affects, and a law may have absorbed only a part of it.
+    """
+    missed, dof = min(map(_missed, fits)), 2 * _harmonics(fits[0]) + 1 - len(fits[0].model.free)
+    c = max(1.0, missed / dof) + max(0.0, missed - float(chdtri(dof, MISFIT)))
+    ln = {f.model.elastic: -0.5 * (_missed(f) / c - _log_volume(f)) for f in fits}
+    best = max(ln.values())
+    return LawEvidence({law: x - best for law, x in ln.items()}, tuple(refused))
+
+
+def _harmonics(fitted: WallFit) -> int:
+    """K, the last harmonic with both P and R above their noise; at least enough to fit the wall."""
+    loop = fitted.loop
+    sizes = (np.abs(spectral.coefficients(x)) for x in (loop.P, loop.R))
+    noise = (np.sqrt(loop.noise[:, i, i].real) for i in (0, 1))
+    above = (np.flatnonzero(x > _ABOVE_NOISE * sd) for x, sd in zip(sizes, noise, strict=True))
+    return max(len(fitted.model.free), min(int(k.max(initial=0)) for k in above))
+
+
+def _missed(fitted: WallFit) -> float:
+    """Σ z² up to harmonic K."""
+    k, size, expected = fitted.residual_spectrum()
+    z2 = np.where(k, 2.0, 1.0) * (size / expected) ** 2
+    return float(z2[: _harmonics(fitted) + 1].sum())
+
+
+def _log_volume(fitted: WallFit) -> float:
+    """ln det S."""
+    free, values = fitted.model.free, fitted.values
+    scale = np.ones(len(fitted.solution.covariance))  # a lag, which is last, has one unit for all laws
+    scale[: len(free)] = [values[quantities(Segment)[name].ratio_to or name] for name in free]
+    return float(np.linalg.slogdet(fitted.solution.covariance / np.outer(scale, scale))[1])
+
+
+# --- the fit by one law -----------------------------------------------------------------------------------------------
 
 
 def _fitted(

@@ -16,7 +16,7 @@ from discrepancy.plan.sensor_plan import Gain, SensorPlan
 from discrepancy.report.tables import class_texts, estimate_text, gap_unit, percent, spread_text
 from discrepancy.report.tables import gap_text as gap_pair
 from discrepancy.report.verdict_text import of_fit, of_nothing, why_walls
-from fitting.records.channels.amounts import changes, sizes
+from fitting.records.recordings import changes, sizes
 from solver.quantities.legible import DASH, number
 
 _RMS = ("rms_before", "rms_after")

@@ -10,8 +10,7 @@ import typer
 
 from arterial_fmu.cli.terminal.console import put, say, sentences, show
 from fitting.cohort.file import read_cohort
-from fitting.first.options import VENOUS, FirstOptions
-from fitting.first.species import NAMES, typical
+from fitting.first.options import NAMES, VENOUS, FirstOptions, typical
 from fitting.records.read.columns import Reading
 from fitting.records.recordings import check_readable
 from solver.errors import InputError

@@ -24,7 +24,7 @@ from ...records.alignment.beats import Beats
 from ...records.channels import spectral
 from ...records.channels.inflow import undoable
 from ...records.channels.noise import degrees_of_freedom
-from ...records.channels.wander import of_other_beats
+from ...records.channels.variability import of_other_beats
 from ...records.limits import SAFE
 from ..extended_network import allowed
 from ..fit import Array, Fit, Member, begun, taken_over

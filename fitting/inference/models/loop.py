@@ -26,9 +26,9 @@ from solver.loop import circulant
 from ...records import limits
 from ...records.alignment.beats import Array, Beats
 from ...records.channels import spectral
-from ...records.channels.inflow_variability import beat_variation
 from ...records.channels.noise import following, steady_beats
 from ...records.channels.spectral import coefficients
+from ...records.channels.variability import beat_variation
 
 _MOST_SAMPLES = 127  # of a fitted beat: 63 harmonics; odd, so that both parts of each are known
 _FLOOR = 1e-10  # least noise relative to the pulse: keeps V regular for noise-free data

@@ -19,7 +19,6 @@ from solver.quantities.units import INFLOW
 
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow import flowed, inflow, undone
-from ...records.channels.inflow_variability import BeatVariation
 from ...records.channels.noise import (
     Target,
     degrees_of_freedom,
@@ -30,7 +29,7 @@ from ...records.channels.noise import (
     steady_beats,
     under_drive_of,
 )
-from ...records.channels.wander import of_other_beats
+from ...records.channels.variability import BeatVariation, of_other_beats
 from ..extended_network import allowed
 from ..fit import Array, Fit, Member, begun, sizes_of, taken_over
 from ..forward import Drive, Single

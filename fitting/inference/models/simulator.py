@@ -17,8 +17,8 @@ from solver.quantities.units import INFLOW
 
 from ...records.alignment.beats import Beats
 from ...records.channels.inflow import Inflow, undoable
-from ...records.channels.inflow_variability import BeatVariation, beat_variation
 from ...records.channels.noise import Target, response, target
+from ...records.channels.variability import BeatVariation, beat_variation
 from ...records.limits import NEIGHBOURS
 from ..fit import Array, Member
 from ..hypothesis import rewired

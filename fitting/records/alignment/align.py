@@ -12,14 +12,12 @@ from solver.errors import InputError
 from ...parallel.threads import single_threaded
 from .. import limits
 from ..read.record import Array, Record
-from ..read.sensors import converter_step
+from ..read.sensors import converter_step, without_gaps
 from .beats import Beats, require_phases
 from .equal_beats import Grid, check_steady, grid, strict_period, without_jitter
-from .limited import limited_sensors
 from .period import PeriodFound, usual_period
-from .spikes import without_spikes
-from .upstrokes import find_upstrokes, without_gaps
-from .variable_beats import VariableBeats, cut_variable
+from .sensor_faults import limited_sensors, without_spikes
+from .variable_beats import VariableBeats, cut_variable, find_upstrokes
 
 
 @single_threaded

@@ -16,7 +16,8 @@ import numpy as np
 from solver.errors import InputError
 
 from .. import limits
-from .upstrokes import Array, find_upstrokes, usual_range, vertex, without_gaps
+from ..read.sensors import without_gaps
+from .variable_beats import Array, find_upstrokes, usual_range, vertex
 
 _FINE = 5e-3  # [s], the time step of the search
 _EXACT, _FINEST = 1e-12, 1e-3  # of the power: of no stretch, and of a difference that a shift by half a sample makes

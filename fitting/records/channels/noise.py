@@ -24,8 +24,8 @@ from solver.quantities.units import INFLOW
 
 from .. import limits
 from ..alignment.beats import Array, Beats
-from .inflow_variability import BeatVariation
-from .spectral import coefficients
+from .spectral import coefficients, scaled
+from .variability import BeatVariation
 
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
 _POOLED = 2.0 * limits.NEIGHBOURS + 1.0
@@ -254,12 +254,6 @@ def solver_error(X: Array, X_finer: Array, pulse: Array) -> Array:
     change = np.abs(X - X_finer) * (4.0 / 3.0)
     padded = np.pad(change, ((1, 1), (0, 0)), mode="edge")
     return np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:]) + _ROUND_OFF * pulse
-
-
-def scaled(x: Array, h: Array) -> Array:
-    """The harmonics of beats (n_beats, N) times h : (n,), none beyond."""
-    n = min(len(h), x.shape[1] // 2 + 1)
-    return np.fft.irfft(h[:n] * np.fft.rfft(x, axis=1)[:, :n], x.shape[1], axis=1)
 
 
 def noise_share(beats: Beats, names: Sequence[str], following: Array, n: int) -> Array:

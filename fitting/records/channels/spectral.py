@@ -58,6 +58,12 @@ def interpolated(x: Array, M: int) -> Array:
     return resample(x, every * M)[..., ::every]
 
 
+def scaled(x: Array, h: Array) -> Array:
+    """Periodic samples x : (…, N) with their harmonics times h : (…, n), none beyond."""
+    n = min(h.shape[-1], x.shape[-1] // 2 + 1)
+    return np.fft.irfft(h[..., :n] * np.fft.rfft(x)[..., :n], x.shape[-1])
+
+
 def without_high(x: Array, most: int) -> Array:
     """Periodic samples x : (…, N) without the harmonics above ``most``."""
     return np.fft.irfft(np.fft.rfft(x)[..., : most + 1], x.shape[-1])

@@ -30,6 +30,7 @@ from .titles import (
     of_velocity,
     of_voltage,
     proposed,
+    unit_of,
 )
 
 _EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]", "FA.P [mmHg]")
@@ -264,8 +265,7 @@ def _columns(columns: Sequence[Column], title: str) -> list[int]:
 
 
 def _target(column: Column, given: str | None, stated: set[str], named: bool) -> tuple[str, str] | None:
-    name, unit = name_and_unit(column.title)
-    unit = "s" if column.clock else unit or column.unit
+    name, unit = name_and_unit(column.title)[0], "s" if column.clock else unit_of(column)
     if given is not None:
         variable, own = name_and_unit(given)
         return (("time" if is_time(variable) else variable), own or unit) if given else None
@@ -324,10 +324,9 @@ def _check_names(unknown: Sequence[Column], columns: Sequence[Column], place: Pl
         f'--map "{_option_name(c, columns)}={target}"' for c, target in zip(unknown, proposed(unknown), strict=True)
     ]
     titles = ", ".join(repr(column.title) for column in unknown)
-    speeds = [(c.title, unit) for c in unknown if is_velocity(unit := name_and_unit(c.title)[1] or c.unit)]
+    speeds = [(c.title, unit) for c in unknown if is_velocity(unit := unit_of(c))]
     hints = f"; {of_velocity(speeds[0][0], INFLOW, speeds[0][1])}" if speeds else ""
-    volts = [unit for c, m in zip(unknown, maps, strict=True)
-             if is_voltage(unit := name_and_unit(c.title)[1] or c.unit) and not m.endswith('="')]  # fmt: skip
+    volts = [u for c, m in zip(unknown, maps, strict=True) if is_voltage(u := unit_of(c)) and not m.endswith('="')]
     hints += f"; where the unit is {volts[0]}, {of_voltage(volts[0], KINDS['P'])}" if volts else ""
     raise InputError(
         f"{place}: {titles} are no channels; allowed are {CHANNELS}, with any name of a site, and inlet.Q, the flow "
@@ -375,7 +374,7 @@ def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
     likely = next((column for column in columns if may_be_time(column)), None)
     if likely is None:
         raise InputError(f"{place}: {NO_TIME}")
-    title, unit = likely.title, name_and_unit(likely.title)[1] or likely.unit
+    title, unit = likely.title, unit_of(likely)
     if not unit and counts(likely):
         why = "no column is named time; if this one counts the samples, give the time between them"
         refuse(place, None, title, f'{why}: --map "{title}=time [1 ms]"')
@@ -385,8 +384,7 @@ def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
 
 def may_be_time(column: Column) -> bool:
     """Whether a column rises throughout, and neither its name nor its unit is that of something else."""
-    name, unit = name_and_unit(column.title)
-    unit = unit or column.unit
+    name, unit = name_and_unit(column.title)[0], unit_of(column)
     other = _kind(name) is not None or (bool(unit) and factor(unit, TIME) is None)
     return not other and len(column.values) > 1 and bool((np.diff(column.values) > 0.0).all())
 

@@ -10,7 +10,6 @@ import warnings
 from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -63,16 +62,11 @@ def _of_plain_cells(data: Path | bytes, skip: int, width: int, separator: str) -
         return None
     text = data if isinstance(data, bytes) else data.read_bytes()
     n = text.count(b"\n") + (text[-1:] != b"\n") - skip
-    how: dict[str, Any] = {
-        "delimiter": separator,
-        "comments": None,
-        "skiprows": skip,
-        "ndmin": 2,
-        "encoding": "latin-1",
-    }
     with warnings.catch_warnings(action="error"):  # of a file without samples
         try:
-            rows = np.loadtxt(io.BytesIO(text), **how)
+            rows = np.loadtxt(
+                io.BytesIO(text), delimiter=separator, comments=None, skiprows=skip, ndmin=2, encoding="latin-1"
+            )
         except (ValueError, UserWarning):
             return None
     return list(np.ascontiguousarray(rows.T)) if rows.shape == (n, width) else None  # it passes over empty lines

@@ -9,7 +9,7 @@ import numpy as np
 
 from .columns import NO_TIME, ROW, Reading, explained, may_be_time, which_is_which
 from .kinds import read_table
-from .titles import name_and_unit
+from .titles import unit_of
 
 _FIRST = 3  # values
 
@@ -26,7 +26,7 @@ def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
         columns.append(
             {
                 "title": column.title,
-                "unit": "s" if column.clock else name_and_unit(column.title)[1] or column.unit,
+                "unit": "s" if column.clock else unit_of(column),
                 "first": [float(v) if np.isfinite(v) else None for v in column.values[:_FIRST]],
                 "min": float(values.min()) if len(values) else None,
                 "max": float(values.max()) if len(values) else None,

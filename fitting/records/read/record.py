@@ -11,7 +11,6 @@ import hashlib
 import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,7 +23,6 @@ from solver.network.files import write_whole
 from solver.quantities.units import INFLOW, of_signal
 
 from .. import limits
-from .artefacts import without_codes, without_hum, without_still
 from .columns import Chosen, Reading, choose
 from .kinds import read_table
 from .sensors import (
@@ -34,7 +32,10 @@ from .sensors import (
     check_numbers,
     check_ranges,
     constant_value,
+    without_codes,
+    without_hum,
     without_plateaus,
+    without_still,
 )
 from .table import Array, Column, Place, Table
 from .time_axis import between, longest_block, rows_of, time_axis
@@ -106,16 +107,10 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
     one, if it can be and no fit can use what it holds.
     """
     reading = reading or Reading()
-    files = (path, *reading.beside)
-    with ThreadPoolExecutor(1) as pool:
-        digests = [
-            pool.submit(_digest, file) for file in files
-        ]  # of half a gigabyte as long as the numbers: beside them
-        tables = [read_table(file, reading.decimal) for file in files]
-        each = reading.each(tables) if reading.beside else [reading]
-        records: list[Record] = []
-        for own, digest in zip(each, digests, strict=True):
-            records += _of_one_file(tables.pop(0), own, digest.result(), records[0] if records else None)
+    tables = [read_table(file, reading.decimal) for file in (path, *reading.beside)]
+    records: list[Record] = []
+    for own in reading.each(tables) if reading.beside else [reading]:
+        records += _of_one_file(tables.pop(0), own, records[0] if records else None)
     if len(records) == 1:
         return records[0]
     records = [records[0], *(_shifted(each, records[0], reading) for each in records[1:])]
@@ -146,11 +141,13 @@ def _shifted(part: Record, first: Record, reading: Reading) -> Record:
     )
 
 
-def _of_one_file(table: Table, reading: Reading, sha256: str, first_file: Record | None) -> list[Record]:
+def _of_one_file(table: Table, reading: Reading, first_file: Record | None) -> list[Record]:
     """The records in one file, one for each of the rates that its channels were sampled at. first_file : the record in
     the file that this one is beside, and whose part is read."""
     clock, chosen = choose(table, reading)
     place = table.place
+    with open(place.source, "rb") as stream:
+        sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
     stamps, factor, origin = clock.column.values, clock.factor, None
     asked, notes = slice(0, len(stamps)), tuple[str, ...]()
     span = reading.part(first_file.path if first_file else place.source)
@@ -344,11 +341,3 @@ def record_content(
     stream = io.BytesIO()
     pl.DataFrame(table).fill_nan(None).write_csv(stream)
     return stream.getvalue()
-
-
-def _digest(path: str | os.PathLike[str]) -> str:
-    try:
-        with open(path, "rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError:  # which the reading says
-        return ""

@@ -61,6 +61,11 @@ def name_and_unit(title: str) -> tuple[str, str]:
     return title, ""
 
 
+def unit_of(column: Column) -> str:
+    """The unit of a column, by its title or where the file says it elsewhere."""
+    return name_and_unit(column.title)[1] or column.unit
+
+
 def is_time(name: str) -> bool:
     """Whether this is the name of a time."""
     return name.strip().lower() in _TIMES
@@ -106,8 +111,7 @@ def proposed(unknown: Sequence[Column]) -> list[str]:
     """A variable for each column, by unit and title; "" if it is none. Each of a kind has a site of its own."""
     targets, taken, pressures = list[str](), set[str](), 0
     for column in unknown:
-        name, unit = name_and_unit(column.title)
-        unit = unit or column.unit
+        name, unit = name_and_unit(column.title)[0], unit_of(column)
         letter = "" if counts(column) else _letter(name, unit)
         pressures += letter == "P"
         sites = ("Ao" if i < 2 else f"site{i}" for i in count(max(pressures, 1)))
