@@ -22,20 +22,18 @@ from solver.quantities.legible import number
 from solver.quantities.units import INFLOW
 
 from . import thresholds
-from .find.balances import mass_balances, momentum_balances, wall_balances
-from .find.disagreement import Disagreement, find
+from .find.disagreement import Disagreement, find, mass_balances, momentum_balances, wall_balances
 from .find.study import Study, Unusable
 from .findings.isolability import isolability, smallest
 from .findings.map_marks import of_sensor, plain
 from .findings.outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
-from .findings.recorded import pair_json
+from .findings.recorded import Recorded, pair_json
 from .findings.shown_map import SourceMapShown, gap_shares, shown_map
 from .name.individual_walls import odd_ones, walls_of
 from .name.intervals import stated
 from .name.verdict import Naming
 from .report.verdict_text import acts_as, joined, late_drive, low_passed, separating_measurement, stands_for
-from .show.fmu_validation import Run
-from .show.gap import Gap, changed, left
+from .show.fmu_validation import Gap, Run, changed, left
 
 _SHOWN = 12  # candidates listed in the report
 _ONE_SITE = "Two sensor faults at one site explain the record, but such a pair can imitate many other effects:"
@@ -47,11 +45,12 @@ _BENT = (
 
 @dataclass(frozen=True)
 class ValidationRuns:
-    """Free runs of the FMUs: the file ``given``, with refitted nuisances (``before``), and with the added effects
-    (``after``). If effects were added, also the extended ``network``, its FMU (``archive``), the FMU's difference from
-    the direct solver (``parity``) or the reason why it is unknown (``failure``), and the effects. agreement : of the
-    last of these FMUs with the inferred model. gaps : before and after, over all fitted recordings. second : the second
-    state that would separate the class."""
+    """Free runs of the first recording by the FMUs: the file ``given``, with refitted nuisances (``before``), and with
+    the added effects (``after``), if the runs of all recordings support them. If effects were added, also the extended
+    ``network``, its FMU (``archive``), the FMU's difference from the direct solver (``parity``) or the reason why it is
+    unknown (``failure``), and the effects. agreement : of the last of these FMUs with the inferred model. gaps : before
+    and after, over all fitted recordings. second : the second state that would separate the class. recordings : results
+    of each of several. warnings : on recordings."""
 
     given: Run
     before: Run
@@ -64,6 +63,8 @@ class ValidationRuns:
     agreement: Agreement | None = None
     gaps: tuple[Gap, Gap | None] | None = None
     second: str = ""
+    recordings: tuple[Recorded, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def unusable(
@@ -126,6 +127,7 @@ def summary(model: str | os.PathLike[str], study: Study, naming: Naming, shown: 
         isolability=table,
         smallest=smallest(base, columns, terms) if none else {},
         sites=naming.problem.left_out(final),
+        recordings=shown.recordings,
         gap_before=gaps[0].total,
         gap_after=gaps[1].total if gaps[1] else None,
         parity=shown.parity,
@@ -133,7 +135,7 @@ def summary(model: str | os.PathLike[str], study: Study, naming: Naming, shown: 
         network_before=study.network,
         network_after=shown.network,
         p_value=global_p(study, naming, located.p_value),
-        warnings=(*study.warnings, *fmu_warnings(shown), *([_BENT] if bent else [])),
+        warnings=(*study.warnings, *fmu_warnings(shown), *([_BENT] if bent else []), *shown.warnings),
         notes=(*([f"{naming.reason}."] if none and naming.reason else []),
                *(() if bent else odd_ones(walls, study.network))),
         provenance={

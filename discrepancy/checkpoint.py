@@ -41,12 +41,11 @@ from solver.network.files import write_whole
 from .add.learning import Learnt
 from .name.scoring import Named
 from .name.verdict import Naming
-from .show.fmu_validation import Run
-from .show.gap import Gap
+from .show.fmu_validation import Gap, Run
 
 Result = TypeVar("Result")
 
-_FORMAT = 4  # of the stages: another one makes those of an earlier program invalid
+_FORMAT = 5  # of the stages: another one makes those of an earlier program invalid
 
 # classes that stages contain
 _KINDS = dataclasses(

@@ -11,15 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Array, Fit, Member
-from fitting.inference.hypothesis import PlacedEffect, rewired
+from fitting.inference.hypothesis import Calibrated, PlacedEffect, rewired
 from fitting.inference.joint.joint_record import Several
-from fitting.inference.prior import Calibrated
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import parameter_values
 from fitting.records.read.record import Record
@@ -28,38 +27,24 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
+from .add.learning import Learnt, in_range
+from .assemble import ValidationRuns
 from .checkpoint import Journal
 from .find.plausibility import check_beats, check_record, check_waves
 from .find.study import Study, prepare
 from .findings.recorded import Recorded
 from .name.confirmation import confirmed
-from .name.joint_selection import name_together
+from .name.model_selection import name_together
 from .name.scoring import weighed, whitened_response
 from .name.verdict import Naming
 from .options import COMMON, Asked
-from .show.fmu_validation import Run, of_coefficients
-from .show.gap import Gap, fall, held_out
+from .show.fmu_validation import Gap, Run, fall, held_out, of_coefficients
 
 _FILE = "the file as it is"
 _VENOUS = "*.outlet.P_venous"  # venous pressures are no property of the arteries
-Key = TypeVar("Key")
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of stage, fit, wave, start values and study
 Ran = tuple[Recorded, Run, Run | None]  # a recording, and its runs without and with the added effects
 Namer = Callable[..., Naming]  # :func:`discrepancy.name.model_selection.name`
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A naming that the FMUs support. before, after : runs of the first recording without and with the added effects,
-    the latter None if none is added. gaps : of these, over all fitted recordings. recordings : results of each of
-    several. warnings : on recordings."""
-
-    naming: Naming
-    before: Run
-    after: Run | None
-    gaps: tuple[Gap, Gap | None]
-    recordings: tuple[Recorded, ...]
-    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -128,7 +113,7 @@ class Recordings:
 
     # --- through the FMUs ---------------------------------------------------------------------------------------------
 
-    def judged(self, naming: Naming, base: Fit, runs: FreeRuns) -> Judged:
+    def judged(self, naming: Naming, base: Fit, runs: FreeRuns) -> tuple[Naming, ValidationRuns]:
         """The naming if the free runs of all recordings support it, with these runs.
 
         base : fit without the added effects. Its walls may have absorbed so much that the FMU does not run with them,
@@ -150,7 +135,8 @@ class Recordings:
         if not naming.adds:
             last, gaps = None, (gaps[0], None)
             each = tuple(replace(r, gap_after=None, rms_after={}, own=r.own_before) for r in each)
-        return Judged(naming, first, last, gaps, () if self.alone else each, (*self.warnings, *unjudged))
+        warnings, each = (*self.warnings, *unjudged), () if self.alone else each
+        return naming, ValidationRuns(runs.given[0], first, last, gaps=gaps, recordings=each, warnings=warnings)
 
     def each(self, naming: Naming, base: Fit, runs: FreeRuns) -> tuple[list[Ran], list[str]]:
         """The free runs of each recording, and sentences on held-out ones that could not be judged."""
@@ -184,17 +170,15 @@ class Recordings:
         response = whitened_response(naming.best.fit, best.terms)[whole.rows[i]]
         return replace(found[0], d=float(np.linalg.norm(response))), *found[1:]
 
-    def unseen_by(self, base: Fit, law: Fit, there: Callable[[Study], Study], runs: FreeRuns) -> list[Recorded]:
+    def unseen_by(self, base: Fit, law: Learnt, runs: FreeRuns) -> list[Recorded]:
         """The free runs of the recordings that are held out whole, without and with a learned law. Recordings that
-        cannot be simulated are omitted: a warning of the verdict already reports them.
-
-        base : fit without the law. there : the study of a recording with the ranges of the law in its network.
+        cannot be simulated are omitted: a warning of the verdict already reports them. base : fit without the law.
         """
         found = list[Recorded]()
         for i, (_, study) in enumerate(self.unseen, len(self.records)):
-            ranged = there(study)
+            ranged = replace(study, problem=in_range(study.problem, law.ranges))
             with suppress(InputError, RunFailed):
-                fits = _refitted(self.whole, study, base), _refitted(self.whole, ranged, law)
+                fits = _refitted(self.whole, study, base), _refitted(self.whole, ranged, law.fit)
                 found.append(self._through(i, ranged, *fits, runs)[0])
         return found
 
@@ -308,21 +292,13 @@ def joined(gaps: Sequence[Gap]) -> Gap:
         fitted, held_out = np.sqrt(np.mean(np.square(pairs), axis=0))
         return float(fitted), float(held_out)
 
-    def by_key(each: Sequence[Mapping[Key, tuple[float, float]]]) -> dict[Key, tuple[float, float]]:
+    def by_key(part: str) -> dict[Any, tuple[float, float]]:
+        each = [getattr(gap, part) for gap in gaps]
         return {n: mean([own[n] for own in each if n in own]) for n in dict.fromkeys(n for own in each for n in own)}
 
-    by_channel = (
-        by_key([g.channels for g in gaps]),
-        by_key([g.rms for g in gaps]),
-        by_key([g.pulsation for g in gaps]),
-    )
     in_error = [g.in_error for g in gaps if g.in_error is not None]  # of all, or none: they have one network
-    return Gap(
-        mean([g.total for g in gaps]),
-        *by_channel,
-        by_key([g.above for g in gaps]),
-        mean(in_error) if in_error else None,
-    )
+    parts = {part: by_key(part) for part in ("channels", "rms", "pulsation", "above")}
+    return Gap(mean([g.total for g in gaps]), in_error=mean(in_error) if in_error else None, **parts)
 
 
 def _own(whole: Several, study: Study, fit: Fit) -> dict[str, float]:

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import Any
 
@@ -43,8 +42,7 @@ from solver.network.doubts import network_doubts
 from solver.network.files import write_network
 from solver.simulate import Progress
 
-from .add.described import NOTHING
-from .add.learning import Learnt, in_range, law_of, learns
+from .add.learning import NOTHING, Learnt, law_of, learns
 from .assemble import ValidationRuns, deciding_numbers, summary, unusable, weighted
 from .checkpoint import Journal
 from .find.model_source import OF_FIRST, first_of, read_model
@@ -218,14 +216,12 @@ class _Work:
         runs = Runs(Meter(lambda simulations: progress(0.08, f"{simulations} simulations")))
         self.recordings = recordings_of(records, self.network, asked, calibrated, runs)
         self.study = self.recordings.studies[0]
-        self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
     def run(self) -> tuple[Outcome, bytes | None]:
         """All stages: the outcome, and the FMU to deliver of the extended network if an effect was added."""
-        try:
+        with TemporaryDirectory(prefix="discrepancy_", ignore_cleanup_errors=True) as place:
+            self.place = Path(place)
             return self._run()
-        finally:
-            shutil.rmtree(self.place, ignore_errors=True)
 
     def _run(self) -> tuple[Outcome, bytes | None]:
         given = self._fmu(self.network, "given")
@@ -245,23 +241,19 @@ class _Work:
         self.progress(0.82, f"running the {'extended FMU' if naming.adds else 'model with this subject’s walls'}")
         base = subject_without(naming)
         runs = FreeRuns(partial(self._kept, given), partial(self._kept, fmu), as_given)
-        judged = self.recordings.judged(naming, base, runs)
         found = naming.best.fit if naming.adds else None
-        naming, before, after = judged.naming, judged.before, judged.after
-        study, best = weighted(self.study, naming), found if after else None
-        wave = drives(study, base, found)[after is not None]  # of the runs, also if they do not bear the name out
-        agree = agreement(study, best or base, wave, after or before)
-        shown = ValidationRuns(as_given[0], before, agreement=agree, gaps=judged.gaps)
-        if after is not None:
-            shown = self._with_model(replace(shown, after=after, network=network), naming, fmu)
-        law = self._law(naming, after or before, best or base, network_fmu=fmu if after else given)
+        naming, shown = self.recordings.judged(naming, base, runs)
+        last, study, best = shown.after or shown.before, weighted(self.study, naming), found if shown.after else None
+        wave = drives(study, base, found)[shown.after is not None]  # also if they do not bear the name out
+        shown = replace(shown, agreement=agreement(study, best or base, wave, last))
+        if shown.after is not None:
+            shown = self._with_model(replace(shown, network=network), naming, fmu)
+        law = self._law(naming, last, best or base, network_fmu=fmu if shown.after else given)
         self.progress(0.92, "comparing the candidates with the held-out beats")
         shown = replace(shown, second=self.journal.stage("second_state", lambda: second_state(naming)))
         outcome = with_law(summary(self.model, self.study, naming, shown), law)
-        warnings = (*outcome.warnings, *judged.warnings)
         ran = {"FMUs run": " and ".join(dict.fromkeys(read_fmu(each).tool for each in (given, fmu)))}
-        origin = {**outcome.provenance, **ran}
-        return replace(outcome, recordings=judged.recordings, warnings=warnings, provenance=origin), shown.archive
+        return replace(outcome, provenance={**outcome.provenance, **ran}), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
@@ -321,8 +313,7 @@ class _Work:
                 return self._kept(fmu, f"law_{stage}", *rest)
 
             runs = FreeRuns(partial(ran, network_fmu), partial(ran, built["learned"]))
-            there = lambda own: replace(own, problem=in_range(own.problem, law.ranges))  # noqa: E731
-            return self.recordings.unseen_by(without, law.fit, there, runs)
+            return self.recordings.unseen_by(without, law, runs)
 
         until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
         return law_of(self.study, naming, before, run, unseen, self.asked.jobs, until, self.journal.stage)

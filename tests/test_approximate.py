@@ -11,8 +11,7 @@ from test_nearest import FREE, bent, loop
 
 from discrepancy import thresholds as at
 from discrepancy.name.approximate import compared_first_model, compared_with_errors
-from discrepancy.name.joint_selection import name_together
-from discrepancy.name.model_selection import name
+from discrepancy.name.model_selection import name, name_together
 from discrepancy.name.scoring import Compared
 from discrepancy.name.verdict import Naming
 from fitting.calibrate.network_calibration import calibrate
@@ -131,7 +130,7 @@ def test_the_model_without_effect_is_that_of_a_calibration() -> None:
     a calibration, whose priors differ; and the error that the residual shows, which the noise does not."""
     measured, network, problem = loop()
     last = compared_with_errors(Compared.of(problem, [bent()], {}, ()), Runs())
-    found, (none,) = last.found, last.named
+    found, (none,) = last, last.approximate
     calibrated = calibrate(align(measured), network, FREE)
     best = np.array([calibrated.rms[each] for each in problem.signals])
     assert problem.rms(found.none.fit.z) == pytest.approx(best, abs=0.3 * MMHG)
@@ -150,12 +149,12 @@ def test_hypotheses_with_their_errors() -> None:
     (fit,) = problem.individual().refit([(lag,)], none)
     assert fit is not None
     last = compared_with_errors(Compared.of(problem.individual(), [none, fit], {}, terms), Runs())
-    keys = [n.key for n in last.named]
+    keys = [n.key for n in last.approximate]
     assert len(set(keys)) == len(keys) and {"", lag.label} <= set(keys)
-    assert [n.score for n in last.named] == sorted(n.score for n in last.named)
-    assert [n.key for n in last.found.ranked] == [key for key in keys if key]
-    scores = [n.score for n in last.named if n.key]
-    assert [n.above_best for n in last.found.ranked] == pytest.approx([x - scores[0] for x in scores], abs=1e-9)
+    assert [n.score for n in last.approximate] == sorted(n.score for n in last.approximate)
+    assert [n.key for n in last.ranked] == [key for key in keys if key]
+    scores = [n.score for n in last.approximate if n.key]
+    assert [n.above_best for n in last.ranked] == pytest.approx([x - scores[0] for x in scores], abs=1e-9)
     assert last.complete
 
 
@@ -165,16 +164,16 @@ def test_time_is_over() -> None:
     (none,) = problem.individual().refit([()])
     assert none is not None
     last = compared_with_errors(Compared.of(problem.individual(), [none], {}, terms), Runs(deadline=-1.0))
-    assert [n.key for n in last.named] == [""] and not last.complete
+    assert [n.key for n in last.approximate] == [""] and not last.complete
 
 
 def test_one_that_leaves_a_little_more_than_noise_competes() -> None:
     """χ² within four standard deviations needs no error; what its low harmonics leave may be no noise all the same. It
-    has no exact score then, but one as something else, of the price ELSE."""
+    has no exact score then, but one as something else, of its price."""
     problem, terms = tube(0.0, 0.05)
     last = compared_first_model(problem.individual(), terms, Runs())
-    none = last.found.none
+    none = last.none
     assert not none.explains and at.MISFIT < none.misfit < 4.0
-    (own,) = (n for n in last.named if not n.key)
+    (own,) = (n for n in last.approximate if not n.key)
     assert own.errors is not None and not own.errors.any()
-    assert own.score == pytest.approx(none.score + at.ELSE)
+    assert own.score == pytest.approx(none.score + (at.SECOND - at.PART))

@@ -16,9 +16,8 @@ from fitting.inference import hierarchy
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import Runs
-from fitting.inference.source_maps.beside import found_beside, map_beside
 from fitting.inference.source_maps.place_model import PlaceModel
-from fitting.inference.source_maps.source_map import source_map
+from fitting.inference.source_maps.source_map import found_beside, map_beside, source_map
 from solver import Settings, simulate_periodic
 from solver.errors import InputError
 from solver.laws.effects import BY_NAME

@@ -18,7 +18,7 @@ from discrepancy.name.approximate import Approximate
 from discrepancy.name.intervals import _lower
 from discrepancy.name.scoring import Compared, Named, choice, ranked, shares
 from discrepancy.name.verdict import Naming, _discrepancy_candidates, _exact_verdict, _partial, decided
-from discrepancy.show.gap import Gap
+from discrepancy.show.fmu_validation import Gap
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import EVERY, PlacedEffect
 from fitting.results.estimate import Estimate
@@ -132,7 +132,7 @@ def test_nothing_explains_the_record_and_no_error_can_be_estimated() -> None:
     assert shares(()) == []
     problem: Any = Lawless()
     none, best = (replace(pair(*e), misfit=99.0) for e in ((), (WALL,)))
-    naming = decided(Compared(problem, none, (best,), {}, ()), (), lambda n: None)
+    naming = decided(Compared(problem, none, (best,), {}, ()), lambda n: None)
     assert (naming.verdict, naming.confidence, naming.best) == ("unknown", 0.5, best)
     assert naming.reason is not None and "whitened RMS" in naming.reason
 
@@ -144,7 +144,7 @@ def test_names_that_look_alike_share_their_probability(effects: tuple[tuple[str,
     problem: Any = Lawless()
     none = replace(pair(), misfit=1.0, score=100.0)
     named = tuple(replace(pair(each), misfit=1.0, score=100.5) for each in effects)
-    naming = decided(Compared(problem, none, named, {}, ()), (), lambda n: None)
+    naming = decided(Compared(problem, none, named, {}, ()), lambda n: None)
     assert naming.verdict == expected
     mine = (1.0 if expected == "none" else math.exp(-0.25)) / (1.0 + len(effects) * math.exp(-0.25))
     assert naming.confidence == pytest.approx(mine, rel=1e-12)
@@ -161,7 +161,7 @@ def test_a_name_is_one_whatever_its_sizes() -> None:
         )
     )
     none = replace(pair(), misfit=1.0, score=95.0)
-    naming = decided(Compared(problem, none, ranked([each, one]), {}, ()), (), lambda n: None)
+    naming = decided(Compared(problem, none, ranked([each, one]), {}, ()), lambda n: None)
     weights = [math.exp(-0.5 * score) for score in (90.0, 91.0, 95.0)]
     assert naming.verdict == "effect" and naming.best.key == one.key and len(naming.members) == 1
     assert naming.confidence == pytest.approx(sum(weights[:2]) / sum(weights), rel=1e-12)
@@ -214,10 +214,10 @@ def test_a_name_that_explains_is_not_lost_to_one_that_closes_nothing() -> None:
     zero = replace(zero, misfit=1.0, score=100.0)
     wall = replace(wall, fit=replace(wall.fit, z=0.6 * none.fit.z), misfit=99.0, score=800.0)
     loose = (replace(wall, errors=np.ones(1), score=95.0), replace(none, errors=np.ones(1), score=110.0))
-    found = Compared(problem, none, (zero, wall), {}, ())
-    naming = decided(found, (), lambda n: None, approximate=loose)
+    found = Compared(problem, none, (zero, wall), {}, (), loose)
+    naming = decided(found, lambda n: None)
     assert (naming.verdict, [n.label for n in naming.members]) == ("effect", [zero.label])
-    naming = decided(replace(found, ranked=(wall,)), (), lambda n: None, approximate=loose)
+    naming = decided(replace(found, ranked=(wall,)), lambda n: None)
     assert naming.verdict == "unknown" and "comes nearest" in (naming.reason or "")
 
 
@@ -265,7 +265,7 @@ def test_a_sensor_beyond_half_the_sampling_rate_is_of_a_class_at_most(
     late = replace(pair(("channel_lag", channel)), misfit=misfit, score=100.0)
     rings = replace(pair(("catheter_resonance", "A.P")), misfit=1.0, score=95.0, shown=False)
     found = Compared(problem, none, ranked([rings, late]), {}, ())
-    naming = decided(found, (), lambda n: None)
+    naming = decided(found, lambda n: None)
     assert [n.fit.terms[0].effect for n in naming.members] == expected
     assert naming.best is not rings and (naming.verdict == "ambiguous") == (len(expected) > 1)
     if len(expected) > 1:
@@ -282,7 +282,7 @@ def test_what_a_record_cannot_show_is_an_alias_where_nothing_is_missing(none: fl
     late = replace(pair(("channel_lag", "A.P")), misfit=1.0, score=lag)
     rings = replace(pair(("catheter_resonance", "A.P")), misfit=1.0, score=97.0, shown=False)
     found = Compared(problem, replace(pair(), misfit=1.0, score=none), ranked([rings, late]), {}, ())
-    naming = decided(found, (), lambda n: None)
+    naming = decided(found, lambda n: None)
     weight = {name: math.exp(-0.5 * score) for name, score in (("none", none), ("lag", lag), ("rings", 97.0))}
     nothing = (weight["none"] + weight["rings"]) / sum(weight.values())
     assert naming.verdict == verdict

@@ -22,8 +22,7 @@ from discrepancy.name.confirmation import _closed_above
 from discrepancy.name.model_selection import name
 from discrepancy.name.verdict import Naming
 from discrepancy.report.verdict_text import late_drive, low_passed
-from discrepancy.show.fmu_validation import Run, agreement, compared
-from discrepancy.show.gap import Gap, change, changed, fall, left
+from discrepancy.show.fmu_validation import Gap, Run, agreement, change, changed, compared, fall, left
 from fitting.inference.fit import Fit
 from fitting.inference.hypothesis import sensor_effects
 from fitting.inference.models.network import NetworkProblem

@@ -20,7 +20,7 @@ from small_network import NAMES, term, terms
 from discrepancy.checkpoint import Journal
 from discrepancy.name.model_selection import name
 from discrepancy.name.verdict import Naming
-from fitting.inference.extended_network import estimates, extended, sensor_parameters
+from fitting.inference.extended_network import estimates, extended
 from fitting.inference.fit import Fit, Member
 from fitting.inference.hypothesis import PlacedEffect, candidates, joins, sensor_effects
 from fitting.inference.models.bench_observation import sense
@@ -293,7 +293,8 @@ def test_sense_is_the_catalogue() -> None:
         x = np.full(len(t.unknowns), 0.7)
         found = sense(Member((t,), t.unknowns, x), NAMES, X, T)
         fit = Fit((t,), t.unknowns, x, x, x, x, x)
-        expected = catalogue.observe(sensor_parameters(fit, t), X[:, -1], omega)
+        (channel,) = extended(NETWORK, fit).channels
+        expected = catalogue.observe(channel.terms, X[:, -1], omega)
         np.testing.assert_allclose(found[:, -1], expected, rtol=1e-12, err_msg=t.effect)
         assert np.array_equal(found[:, :-1], X[:, :-1])
         assert not np.allclose(found[:, -1], X[:, -1])

@@ -28,19 +28,18 @@ from typer.testing import CliRunner
 
 import arterial_fmu.__main__
 from arterial_fmu.cli.tables.study import gap_text, recordings_table
-from discrepancy.assemble import _absorbed, sentence
+from discrepancy.assemble import ValidationRuns, _absorbed, sentence
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.recorded import Recorded
 from discrepancy.findings.recorded import rows as rows_of
-from discrepancy.name import joint_selection
+from discrepancy.name import model_selection
 from discrepancy.name.confirmation import confirmed
-from discrepancy.name.joint_selection import name_together
 from discrepancy.name.model_selection import name as name_one
+from discrepancy.name.model_selection import name_together
 from discrepancy.name.verdict import Naming
 from discrepancy.plan.second_state import second_state, separations
-from discrepancy.recordings import FreeRuns, Judged, Recordings, _named
-from discrepancy.show.fmu_validation import Run
-from discrepancy.show.gap import Gap, gap
+from discrepancy.recordings import FreeRuns, Recordings, _named
+from discrepancy.show.fmu_validation import Gap, Run, gap
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.fit import Fit, Member
 from fitting.inference.gauss_newton import Trial
@@ -192,7 +191,7 @@ def test_time_that_is_over_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     def over(*_: Any) -> Any:
         raise OutOfTime("over")
 
-    monkeypatch.setattr(joint_selection, "_refitted", over)
+    monkeypatch.setattr(model_selection, "_refitted", over)
     found = name_together(whole_of(studies), alone, studies[0].terms, Runs())
     assert not found.complete and found.confidence <= 0.5
     with pytest.raises(OutOfTime):
@@ -209,7 +208,7 @@ def test_time_that_is_over_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_state_that_separates() -> None:
     """Of a bent wall and a springpot another pressure makes more than another rate, and recorded it does."""
     _, (one, _), found = named(BENT, 2)
-    d = separations(one, Runs())
+    d = separations(one)
     assert min(d["mean pressure + 30 %"], d["mean pressure − 30 %"]) > 10.0 > d["heart rate × 1.5"]
     said = second_state(one)
     assert said.startswith("A second recording at mean pressure") and "nonlinear elasticity at CA from" in said
@@ -237,7 +236,7 @@ def test_states_of_a_network() -> None:
         effect = replace(effect, x=np.where(np.arange(len(effect.x)) == i, 1.0, effect.x))
         naming: Any = type("N", (), {})()
         naming.problem, naming.members = whole, [type("M", (), {"fit": f, "label": "x at C"})() for f in (effect, none)]
-        d = separations(naming, Runs())
+        d = separations(naming)
         assert set(d) == {"heart rate × 1.5", "mean pressure + 30 %", "mean pressure − 30 %", "inflow × 1.5"}
         assert all(np.isfinite(each) and each > 0.0 for each in d.values())
         sizes.append(d)
@@ -300,9 +299,9 @@ def test_own_numbers_are_of_the_model_that_stands() -> None:
     runs = [Run(np.zeros((1, 1)), {}, gap) for gap in (BEFORE, AFTER)]
     several: Any = SimpleNamespace(each=lambda *_: ([(each, *runs)], []), warnings=(), alone=False, studies=())
     base: Any = object()
-    judged = Recordings.judged(several, named(RELAXATION, 1)[2], base, base)
-    (found,) = judged.recordings
-    assert judged.naming.verdict == "unknown" and judged.after is None and judged.gaps[1] is None
+    naming, shown = Recordings.judged(several, named(RELAXATION, 1)[2], base, FreeRuns(base, base, runs))
+    (found,) = shown.recordings
+    assert naming.verdict == "unknown" and shown.after is None and shown.gaps is not None and shown.gaps[1] is None
     assert found.own == {"CA.E": 1e6} and found.gap_after is None
 
 
@@ -326,18 +325,18 @@ def test_an_fmu_that_does_not_run_bears_no_name_out() -> None:
     runs = [Run(np.zeros((1, 1)), {}, gap) for gap in (BEFORE, AFTER)]
     base: Any = object()
 
-    def judged(each: list[tuple[Recorded, Run, Run | None]]) -> Judged:
+    def judged(each: list[tuple[Recorded, Run, Run | None]]) -> tuple[Naming, ValidationRuns]:
         several: Any = SimpleNamespace(each=lambda *_: (each, []), warnings=(), alone=False, studies=())
-        return Recordings.judged(several, named(RELAXATION, 1)[2], base, base)
+        return Recordings.judged(several, named(RELAXATION, 1)[2], base, FreeRuns(base, base, runs))
 
     for each in ([(failed, runs[0], None)], [(ran, *runs), (failed, runs[0], None)]):
-        found = judged(each)
-        assert found.naming.verdict == "unknown" and found.naming.confidence <= 0.5
-        assert found.before is runs[0] and found.after is None and found.gaps[1] is None and not found.warnings
-        assert "cannot be judged: its FMU does not run: supercritical." in (found.naming.reason or "")
-    (said,) = judged(
-        [(failed, replace(runs[0], stands_in="the file as it is"), None)]
-    ).warnings  # it stands in for that without effect
+        naming, found = judged(each)
+        assert naming.verdict == "unknown" and naming.confidence <= 0.5
+        assert found.before is runs[0] and found.after is None and found.gaps == (found.before.gap, None)
+        assert not found.warnings
+        assert "cannot be judged: its FMU does not run: supercritical." in (naming.reason or "")
+    stands_in = [(failed, replace(runs[0], stands_in="the file as it is"), None)]  # for that without effect
+    (said,) = judged(stands_in)[1].warnings
     assert "supercritical. The gap is that of the file as it is" in said
 
 

@@ -13,8 +13,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import kstest, norm
 
 from discrepancy import thresholds
-from discrepancy.find.balances import mass_balances, wall_balances
-from discrepancy.find.disagreement import find
+from discrepancy.find.disagreement import find, mass_balances, wall_balances
 from discrepancy.findings.isolability import DETECTABLE, isolability, smallest
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.gauss_newton import bounded_step

@@ -26,9 +26,9 @@ from discrepancy.name.model_selection import name
 from discrepancy.name.verdict import Naming
 from fitting.calibrate.network_calibration import calibrate
 from fitting.inference.extended_network import estimates
+from fitting.inference.hypothesis import along
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.models.network_record import network_problem
-from fitting.inference.prior import along
 from fitting.inference.runs import OutOfTime, Runs
 from fitting.inference.unknown import quantile
 from fitting.inference.unknown_text import parse_unknowns

@@ -36,8 +36,7 @@ from discrepancy.name.verdict import Naming
 from discrepancy.options import Asked
 from discrepancy.recordings import Recordings
 from discrepancy.report import page as report
-from discrepancy.show.fmu_validation import Run, compared, parity
-from discrepancy.show.gap import Gap
+from discrepancy.show.fmu_validation import Gap, Run, compared, parity
 from discrepancy.workflow import discover
 from fitting.check.fmu_run import RunFailed
 from fitting.inference.hypothesis import PlacedEffect

@@ -16,7 +16,7 @@ from test_house import MODULES
 from truth.records import Case, make, write
 
 import arterial_fmu.__main__
-import discrepancy.find.balances
+import discrepancy.find.disagreement
 import fitting.calibrate.multistart
 import fitting.cohort.fits
 from arterial_fmu.study.models import NetworkModel
@@ -119,9 +119,9 @@ def test_in_a_study(fault: type[Exception], breaks: Breaks, tmp_path: Path) -> N
 def test_in_a_balance_of_a_study(fault: type[Exception], breaks: Breaks) -> None:
     """A wall that no law carries has no balance; a fault is none of these."""
     beats = record({f"B.{kind}": clean()[f"B.{kind}"] for kind in "PR"}, 15, 0.01)
-    breaks("discrepancy.find.balances.bench")
+    breaks("discrepancy.find.disagreement.bench")
     with pytest.raises(fault, match="broadcast"):
-        discrepancy.find.balances.wall_balances(beats, NETWORK)
+        discrepancy.find.disagreement.wall_balances(beats, NETWORK)
 
 
 def test_in_a_batch(fault: type[Exception], breaks: Breaks) -> None:
@@ -147,10 +147,10 @@ def test_in_a_search(fault: type[Exception], monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(Simulator, "coefficients", broken)
     if fault is np.linalg.LinAlgError:
-        assert simulated([(problem.simulator, [member])], Runs()) == [[None]]
+        assert simulated(problem.simulator, [member], Runs()) == [None]
         return
     with pytest.raises(fault, match="broadcast"):
-        simulated([(problem.simulator, [member])], Runs())
+        simulated(problem.simulator, [member], Runs())
 
 
 @pytest.mark.parametrize("where", ["align", "fit"])

@@ -22,7 +22,7 @@ def acting(kind: str, name: str, size: float, turn: float) -> Signal:
     place: Place = next(p for p in places(NETWORK, CHANNELS, ()) if p.key == (kind, name, None))
     g = np.zeros((K + 1, 1), complex)
     g[1] = 0.5 * size * np.exp(1j * turn)
-    return Signal(place, g, np.zeros((K + 1, 1)), (1.0,))
+    return Signal(place, g, np.zeros((K + 1, 1)))
 
 
 LEAK, OUTLET = acting("outflow", "B", 2.0 * ML, 0.3), acting("outlet", "C", 1.0 * ML, 2.0)
@@ -39,7 +39,7 @@ def shares_of(*signals: Signal) -> tuple[float, ...]:
     )
     unknowns = problem.hypothesis(())
     x, J = np.zeros(len(unknowns)), np.zeros((K + 1, 1, len(unknowns)))
-    return gap_shares(problem, SourceMap(signals, unknowns, x, {}, 0.0, 0.0, 1, (), J))
+    return gap_shares(problem, SourceMap(signals, unknowns, x, 0.0, 0.0, 1, (), J))
 
 
 def test_shares_add_up() -> None:

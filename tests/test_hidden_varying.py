@@ -19,7 +19,7 @@ from truth.sensors import pulsatile
 from truth.shapes import MMHG, arteries, ejection
 
 from discrepancy.find.study import prepare
-from discrepancy.show.gap import gap
+from discrepancy.show.fmu_validation import gap
 from fitting.inference.models.bench import Bench
 from fitting.inference.models.network import NetworkProblem
 from fitting.records.channels.spectral import coefficients

@@ -194,7 +194,7 @@ def test_noise_has_no_errors_of_the_model() -> None:
     Of a part of an error that is not there, half the gains are 0 and half χ² of one degree of freedom: above the price
     of one, 10, in 0.1 % of all; 40 draws have none or one.
     """
-    from discrepancy.thresholds import ELSE, PART
+    from discrepancy.thresholds import PART, SECOND
 
     rng = np.random.default_rng(5)
     gains = []
@@ -202,7 +202,7 @@ def test_noise_has_no_errors_of_the_model() -> None:
         found = blocks(rng, 50)
         fit = fitted(rng.normal(size=(300, 1)), rng.normal(size=300), (unknown("a"),))
         parts = estimated(fit, found, 2)
-        gains.append(score(fit) - score(widened(fit, found, parts)) - ELSE - PART * np.count_nonzero(parts))
+        gains.append(score(fit) - score(widened(fit, found, parts)) - (SECOND - PART) - PART * np.count_nonzero(parts))
     assert sum(gain > 0.0 for gain in gains) <= 1
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.inference.intervals.identify import determined, sentences
+from fitting.inference.intervals import determined, sentences
 
 
 def test_covariance_is_that_of_data_and_prior() -> None:

@@ -24,8 +24,7 @@ from truth.sensors import clock, measured, pulsatile
 from truth.shapes import arteries, ejection
 
 from discrepancy import discover
-from discrepancy.add.described import described, tables_of
-from discrepancy.add.learning import Learnt, in_range, learns, learnt, stands
+from discrepancy.add.learning import Learnt, described, in_range, learns, learnt, stands, tables_of
 from discrepancy.checkpoint import Journal
 from discrepancy.find.study import Study, prepare
 from discrepancy.findings.outcome import LearnedLaw, Outcome, law_json, verdict_json

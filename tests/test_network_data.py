@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, N, T, clean, inflow, record
 
-from fitting.inference.intervals.identify import determined
+from fitting.inference.intervals import determined
 from fitting.inference.unknown import parameter_values
 from fitting.inference.unknown_text import parse_unknowns
 from fitting.records.alignment.beats import Beats

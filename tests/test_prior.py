@@ -19,9 +19,8 @@ from fitting.calibrate.calibration_prior import read_prior
 from fitting.first.options import FirstOptions
 from fitting.inference.fit import Member
 from fitting.inference.hierarchy import with_widths
-from fitting.inference.hypothesis import candidates, deviations
+from fitting.inference.hypothesis import CALIBRATION, Calibrated, along, candidates, deviations, possible
 from fitting.inference.models.network_record import network_problem
-from fitting.inference.prior import CALIBRATION, Calibrated, along, possible
 from fitting.inference.unknown import values
 from fitting.inference.unknown_text import parse_unknowns
 from fitting.records.read.record import Record, read_record, write_record

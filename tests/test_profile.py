@@ -25,7 +25,7 @@ from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Point, Rules, Search, Trial, search
 from fitting.inference.hierarchy import score
 from fitting.inference.hypothesis import PlacedEffect
-from fitting.inference.intervals.profile import reaches
+from fitting.inference.intervals import reaches
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.runs import Meter, OutOfTime, Runs
 from fitting.inference.unknown import Unknown, quantile
@@ -127,8 +127,8 @@ def test_what_one_profile_meets_lies_in_the_intervals_of_the_others(monkeypatch:
     problem = Ratio(0.1, 0.2)
     best = problem.best()
     sd = math.sqrt(best.covariance[1, 1])
-    monkeypatch.setattr("fitting.inference.intervals.profile._TRIES", 1)
-    monkeypatch.setattr("fitting.inference.intervals.profile._End._farther", lambda end: end.inside[0])
+    monkeypatch.setattr("fitting.inference.intervals._TRIES", 1)
+    monkeypatch.setattr("fitting.inference.intervals._End._farther", lambda end: end.inside[0])
     alone = reaches(problem._forward, best, best.unknowns[1:], Q)["b"]
     both = reaches(problem._forward, best, best.unknowns, Q)["b"]
     assert 1.0 + alone[1] * sd == pytest.approx(1.438, abs=1e-3)

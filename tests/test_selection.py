@@ -14,13 +14,12 @@ from scipy.special import ndtr, ndtri
 from small_network import term
 
 from discrepancy import thresholds
-from discrepancy.name.intervals import stated
+from discrepancy.name.intervals import conditioned, reach, stated
 from discrepancy.name.scoring import Named, found_from, price
 from discrepancy.name.verdict import Naming, both_show
 from fitting.inference.extended_network import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import LOG_RANGE
-from fitting.inference.intervals.selection import conditioned, reach
 from fitting.inference.jackknife import without_groups
 from fitting.inference.models.network_record import network_problem
 from fitting.inference.unknown import quantile

@@ -54,7 +54,7 @@ def signal(where: Place, *amplitudes: float, sd: float = 0.0) -> Signal:
     """a cos(2πt/T) of every source of a place [SI]."""
     g = np.zeros((K + 1, where.columns), complex)
     g[1] = np.array(amplitudes) / 2.0 if amplitudes else 0.0
-    return Signal(where, g, np.full(g.shape, sd), (1.0,) * where.columns)
+    return Signal(where, g, np.full(g.shape, sd))
 
 
 def found(
@@ -64,8 +64,7 @@ def found(
     apart = {s.place.unknown.name for s in signals if s.place.unknown is not None}
     unknowns = tuple(u.set_apart() if u.name in apart else u for u in UNKNOWNS)
     at = np.array([(x or {}).get(u.variables[0], 0.0) if u.group else 0.0 for u in unknowns])
-    widths = {"E": 0.08}
-    return SourceMap(signals, unknowns, at, widths, 321.0, chi2, 100, tuple(rivals), np.zeros((K + 1, 3, len(at))))
+    return SourceMap(signals, unknowns, at, 321.0, chi2, 100, tuple(rivals), np.zeros((K + 1, 3, len(at))))
 
 
 def shown(*signals: Signal, shares: Sequence[float] = (), **more: object) -> SourceMapShown:
@@ -360,9 +359,9 @@ def test_a_map_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
     again = Journal(tmp_path, []).stage("naming", pytest.fail).map
     assert again is not None
     assert (again.places, again.unknowns, again.rivals) == (made.places, made.unknowns, made.rivals)
-    assert (again.widths, again.score, again.chi2, again.n) == (made.widths, made.score, made.chi2, made.n)
+    assert (again.score, again.chi2, again.n) == (made.score, made.chi2, made.n)
     assert np.array_equal(again.x, made.x) and np.array_equal(again.J, made.J)
     for a, b in zip(again.signals, made.signals, strict=True):
-        assert np.array_equal(a.g, b.g) and np.array_equal(a.sd, b.sd) and a.units == b.units
+        assert np.array_equal(a.g, b.g) and np.array_equal(a.sd, b.sd)
     assert any(isinstance(s.place.unknown, Unknown) for s in again.signals)
     assert isinstance(shown_map(again, NETWORK, record(clean())).acting[0], Acting)

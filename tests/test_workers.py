@@ -116,7 +116,7 @@ def test_the_same_coefficients(problem: NetworkProblem, lasting: Counting) -> No
     """Batches of other members end with other residuals of the periodic state, below 1e-5: 7e-12 here."""
     members, told = asked(problem), list[int]()
     alone, shared = Runs(), Runs(Meter(told.append), workers=lasting)
-    expected, found = (simulated([(problem.simulator, members)], runs)[0] for runs in (alone, shared))
+    expected, found = (simulated(problem.simulator, members, runs) for runs in (alone, shared))
     assert lasting.away > 0
     assert [x is None for x in found] == [x is None for x in expected]
     for x, y in zip(expected, found, strict=True):
@@ -143,7 +143,7 @@ def test_time_is_over_everywhere(problem: NetworkProblem, lasting: Counting) -> 
     for workers in (Workers(1), lasting):
         runs = Runs(deadline=late, workers=workers)
         with pytest.raises(OutOfTime, match="allow more time"):
-            simulated([(problem.simulator, members)], runs)
+            simulated(problem.simulator, members, runs)
         assert runs.meter.simulations == 0
     assert _elsewhere((problem.simulator, members, list(range(len(members))), late)) == (None, 0)
     assert lasting.jobs == 2

@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from discrepancy import thresholds
-from discrepancy.add.described import NOTHING
+from discrepancy.add.learning import NOTHING
 from discrepancy.find.study import Study, Unusable
 from discrepancy.name.individual_walls import subject_without
 from discrepancy.name.intervals import stated
@@ -94,7 +94,7 @@ def borne_out(record: Record, study: Study, naming: Naming) -> Naming:
     except RunFailed as error:
         raise Unusable(f"{record.path}: the model does not run with this record: {error}") from None
     runs = FreeRuns(run, run, [given])
-    return Recordings((record,), (study,)).judged(naming, subject_without(naming), runs).naming
+    return Recordings((record,), (study,)).judged(naming, subject_without(naming), runs)[0]
 
 
 def verdict_of(study: Study, naming: Naming) -> Line:

@@ -15,10 +15,9 @@ from fitting.first.fitted import accuracy
 from fitting.first.options import by_stroke
 from fitting.first.tubes import TAPERED
 from fitting.inference.forward import Single
-from fitting.inference.hypothesis import PlacedEffect, candidates
+from fitting.inference.hypothesis import Calibrated, PlacedEffect, candidates
 from fitting.inference.models.bench import bench
 from fitting.inference.models.network_record import network_problem
-from fitting.inference.prior import Calibrated
 from fitting.inference.runs import Runs
 from fitting.records.alignment.align import align
 from fitting.records.alignment.beats import Beats
@@ -35,6 +34,7 @@ from solver.quantities.units import INFLOW
 
 from .. import thresholds
 
+FEWEST_BEATS = round(2 / thresholds.HELD_OUT)  # so that two beats are held out, the fewest with a scatter
 _SERVES = 0.5  # of the samples of the channel's best beat: with fewer, a beat is dropped
 _SCATTER = 1e-7  # standard deviation over pulse: the rounding of a 24 bit converter, below the noise of any sensor
 
@@ -126,7 +126,7 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
     Beats with hardly a sample of some channel are dropped. Raises Unusable if too few remain, if a channel has no
     sample at some phase in a part, or if all its beats are the same.
     """
-    least = thresholds.FEWEST_BEATS
+    least = FEWEST_BEATS
     if beats.n_beats < least:
         left_out = "".join(f" Note: {text}" for text in beats.variable.said[-1:]) if beats.variable else ""
         raise Unusable(

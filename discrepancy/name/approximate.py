@@ -47,19 +47,9 @@ class Approximate:
         return -np.inf if self.named is None else self.named.score
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """found : with hypotheses at the points that they have with their model errors. named : these hypotheses, scored
-    with their errors; without those that leave only noise. complete : False if the time limit ended it."""
-
-    found: Compared
-    named: tuple[Named, ...] = ()
-    complete: bool = True
-
-
 def compared_first_model(
     problem: Networks, terms: tuple[PlacedEffect, ...], runs: Runs, likely: Sequence[tuple[PlacedEffect, ...]] = ()
-) -> Comparison:
+) -> Compared:
     """The comparison for a first model, which is approximate by its construction: no law is sought at single places,
     unlike for a network whose arteries are those of the subject. If the model fits within its stated accuracy, no law
     is compared with it: the accuracy is a bound that recordings of one subject share, not a random error which evidence
@@ -76,11 +66,11 @@ def compared_first_model(
     (base,) = there([_with_derivatives(sharp, none, unlimited)]) or whole.restated([none], problem)
     found = Compared.of(sharp, [base], {}, terms)
     if found.none.explains:
-        return Comparison(replace(found, columns=sharp.columns(base, found.sought, unlimited)))
+        return replace(found, columns=sharp.columns(base, found.sought, unlimited))
     return _with_errors(sharp, found, [base], [], runs, likely)
 
 
-def compared_with_errors(found: Compared, runs: Runs) -> Comparison:
+def compared_with_errors(found: Compared, runs: Runs) -> Compared:
     """The comparison of the model without effect, the effects that promise most beside it, and the best hypothesis so
     far, each fitted with its own model error."""
     problem, unlimited = found.problem, replace(runs, deadline=None)
@@ -88,7 +78,7 @@ def compared_with_errors(found: Compared, runs: Runs) -> Comparison:
     none = _with_derivatives(problem, found.none.fit, unlimited)
     starts = there([none, from_afar(problem, found.none.fit.unknowns, unlimited)])
     best = [_with_derivatives(problem, found.best.fit, unlimited)] if found.best.fit.terms else []
-    return _with_errors(problem, found, starts, there(best), runs) if starts else Comparison(found)
+    return _with_errors(problem, found, starts, there(best), runs) if starts else found
 
 
 def _with_errors(
@@ -98,13 +88,16 @@ def _with_errors(
     others: Sequence[Fit],
     runs: Runs,
     likely: Sequence[tuple[PlacedEffect, ...]] = (),
-) -> Comparison:
-    """starts : of the model without effect, which is fitted whatever the time limit. others : fits with effects. The
+) -> Compared:
+    """The comparison with hypotheses at the points that they have with their model errors; ``approximate`` are these,
+    without those that leave only noise.
+
+    starts : of the model without effect, which is fitted whatever the time limit. others : fits with effects. The
     derivatives at the model without effect, weighted with its model error, promise the evidence of every candidate."""
-    unlimited, complete = replace(runs, deadline=None), True
+    unlimited, complete = replace(runs, deadline=None), found.complete
     bases = there([_fitted(problem, fit, found.terms, unlimited) for fit in starts])
     if not bases:
-        return Comparison(found)
+        return found
     each = [min(bases, key=lambda a: a.score)]
     try:
         found = replace(found, columns=problem.columns(each[0].fit, found.sought, runs))
@@ -117,7 +110,7 @@ def _with_errors(
     for n in sorted((a.named for a in each if a.named is not None), key=lambda n: n.score):
         own.setdefault(n.key, n)
     found = _at_these_points(found.joined_by(noise), [*map(Approximate, noise), *(a for a in each if a.named)])
-    return Comparison(found, tuple(own.values()), complete)
+    return replace(found, approximate=tuple(own.values()), complete=complete)
 
 
 def from_afar(problem: Networks, unknowns: tuple[Unknown, ...], runs: Runs) -> Fit | None:

@@ -20,9 +20,8 @@ from fitting.inference.hypothesis import PlacedEffect, effect_of, joins, placed
 from fitting.inference.models.network import NetworkProblem
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.runs import Runs
-from fitting.inference.source_maps.beside import found_beside
 from fitting.inference.source_maps.place_model import with_signals
-from fitting.inference.source_maps.source_map import SourceMap, is_noise
+from fitting.inference.source_maps.source_map import SourceMap, found_beside, is_noise
 from solver.errors import InputError
 from solver.laws.effect import ALL_PLACES, CHANNEL
 
@@ -81,15 +80,6 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Pl
     return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
-def alone(
-    problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[PlacedEffect]], runs: Runs
-) -> list[list[Fit]]:
-    """For every place, the laws that may explain the record beside the sources of the other places (their courses are
-    those of the map), refitted; lowest cost first."""
-    every = range(len(laws))
-    return [_beside(problem, found, [j for j in every if j != i], laws[i], runs) for i in every]
-
-
 def _beside(
     problem: NetworkProblem, found: SourceMap, others: Sequence[int], laws: Sequence[PlacedEffect], runs: Runs
 ) -> list[Fit]:
@@ -125,8 +115,8 @@ def together(
 
 
 def _near(fits: Sequence[Fit]) -> list[Fit]:
-    """The laws of a place that fit nearly as well as its best; none if the best leaves more than noise."""
-    return [f for f in fits if f.cost < fits[0].cost + at.NEAR][: at.BRANCHES] if _explains(fits) else []
+    """At most FEW/2 laws of a place that fit nearly as well as its best; none if the best leaves more than noise."""
+    return [f for f in fits if f.cost < fits[0].cost + at.NEAR][: at.FEW // 2] if _explains(fits) else []
 
 
 def _own(fit: Fit) -> Array:
@@ -212,7 +202,8 @@ def _of_the_map(
     laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
     fits = [*none, *single(problem, found, laws, runs)]
     yield (result := exact(problem, fits, {}, terms, runs))
-    own = alone(problem, found, laws, runs) if len(laws) > 1 and not result.best.explains else []
+    every = range(len(laws)) if len(laws) > 1 and not result.best.explains else ()
+    own = [_beside(problem, found, [j for j in every if j != i], laws[i], runs) for i in every]
     if own:
         fits += together(problem, found, combinations(own, 2), runs)
         yield (result := exact(problem, fits, {}, terms, runs))

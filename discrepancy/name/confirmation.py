@@ -16,7 +16,7 @@ from solver.quantities.units import MMHG
 from .. import thresholds as at
 from ..findings.map_marks import label_text
 from ..findings.recorded import Recorded
-from ..show.gap import Gap, changed
+from ..show.fmu_validation import Gap, changed
 from .individual_walls import implausible
 from .verdict import Naming
 
@@ -88,7 +88,7 @@ def _closed_above(before: Gap, after: Gap) -> str:
     """
     for k, (_, first) in before.above.items():
         last = after.above.get(k, (math.inf, math.inf))[1]
-        if first > at.NO_GAP and last <= (1.0 - at.PART_CLOSED) * first:
+        if first > 1.0 and last <= (1.0 - at.PART_CLOSED) * first:
             return f", but from harmonic {k} on it falls from {number(first)} to {number(last)} times the noise"
     return ""
 
@@ -129,6 +129,6 @@ def _no_fall(fallen: float, sd: float) -> str:
 
 
 def _without(naming: Naming, verdict: str, reason: str) -> Naming:
-    """The naming without a name. The confidence is the probability that the name was wrong, at most INCOMPLETE."""
+    """The naming without a name. The confidence is the probability that the name was wrong, at most one half."""
     doubt = 1.0 - naming.confidence if naming.adds else naming.confidence
-    return replace(naming, verdict=verdict, members=(), confidence=min(doubt, at.INCOMPLETE), reason=reason)
+    return replace(naming, verdict=verdict, members=(), confidence=min(doubt, at.SUREST["incomplete"]), reason=reason)

@@ -12,9 +12,8 @@ from fitting.inference.fit import Array, Fit
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import Trial
 from fitting.inference.hierarchy import Linear, with_widths
-from fitting.inference.hypothesis import PlacedEffect, rewired
+from fitting.inference.hypothesis import CALIBRATION, PlacedEffect, calibrated, rewired
 from fitting.inference.model_discrepancy import settled
-from fitting.inference.prior import CALIBRATION, calibrated
 from fitting.inference.runs import Runs
 from fitting.inference.unknown import Unknown, bounds, interval
 from solver.network.description import Network

@@ -1,7 +1,7 @@
 """Hypotheses on one record: the score of each, and all that were fitted so far, ranked under one weighting.
 
 The score is -2 ln of evidence times prior. Every hypothesis is evaluated exactly and with model discrepancy. That is
-free terms at places in a network (:mod:`fitting.inference.source_maps.beside`), or an error of its channels
+free terms at places in a network (:mod:`fitting.inference.source_maps.source_map`), or an error of its channels
 (:mod:`discrepancy.name.approximate`), and a random error of the wall law on a bench
 (:mod:`fitting.inference.model_discrepancy`). The model without effect but with discrepancy is "something else".
 The prior consists of a few prices: effects are equally likely beforehand, and so are the places of one effect, so that
@@ -149,7 +149,7 @@ def weighed(problem: Forward, fit: Fit, terms: Sequence[PlacedEffect]) -> Named:
 def with_errors(exact: Named, beside: Beside) -> Named:
     """The same hypothesis with model discrepancy."""
     gained = hierarchy.score(beside.fit) - hierarchy.score(exact.fit)
-    score = exact.score + gained + at.ELSE + beside.cost
+    score = exact.score + gained + (at.SECOND - at.PART) + beside.cost
     return replace(exact, fit=beside.fit, score=score, errors=beside.errors, places=beside.places)
 
 
@@ -185,7 +185,9 @@ class Compared:
     """All hypotheses that were compared so far.
 
     problem : with its last weighting. none : without effect. ranked : with effects, best first. columns : of every
-    candidate at ``none``, whitened; empty if the time limit came before their simulation.
+    candidate at ``none``, whitened; empty if the time limit came before their simulation. approximate : hypotheses
+    scored with a model error of the channels (:mod:`discrepancy.name.approximate`). complete : False if the time limit
+    ended the comparison.
     """
 
     problem: Forward
@@ -193,6 +195,8 @@ class Compared:
     ranked: tuple[Named, ...]
     columns: Mapping[str, Array]
     terms: tuple[PlacedEffect, ...]
+    approximate: tuple[Named, ...] = ()
+    complete: bool = True
 
     @classmethod
     def of(
@@ -230,7 +234,7 @@ class Compared:
 
     def of_fits(self, fits: Sequence[Fit]) -> Compared:
         """The comparison of other fits to the same record."""
-        return Compared.of(self.problem, fits, self.columns, self.terms)
+        return replace(Compared.of(self.problem, fits, self.columns, self.terms), complete=self.complete)
 
     def with_none(self, none: Fit) -> Compared:
         """The same comparison with another fit without effect."""
@@ -256,8 +260,8 @@ def there(fits: Sequence[Each | None]) -> list[Each]:
     return [f for f in fits if f is not None]
 
 
-def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
-    """The comparison after the last stage, and whether the stages were completed within the time limit.
+def last_of(stages: Iterator[Compared]) -> Compared:
+    """The comparison after the last stage that was completed within the time limit.
 
     Raises OutOfTime if the limit was reached before the first.
     """
@@ -268,9 +272,9 @@ def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
     except OutOfTime:
         if known is None:
             raise
-        return known, False
+        return replace(known, complete=False)
     assert known is not None
-    return known, True
+    return known
 
 
 def exact(

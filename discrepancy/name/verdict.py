@@ -83,40 +83,33 @@ class Naming:
         return "individual" if self.base.individual else "common"
 
 
-def decided(
-    found: Compared,
-    terms: Sequence[PlacedEffect],
-    beside: Freed,
-    complete: bool = True,
-    approximate: Sequence[Named] = (),
-) -> Naming:
-    """The verdict on all that were compared. beside : returns a hypothesis with model discrepancy. approximate :
-    hypotheses with a model error of the channels (:mod:`discrepancy.name.approximate`)."""
-    made = _decided(found, tuple(terms), beside, approximate)
+def decided(found: Compared, beside: Freed) -> Naming:
+    """The verdict on all that were compared. beside : returns a hypothesis with model discrepancy."""
+    made = _decided(found, beside)
     # in an approximate network, a named effect may stand for missing vessels, and missing vessels may hide an effect:
     # the confidence is limited, as for a partial effect
     loose = made.verdict == "partial" or made.accuracy > 0.0
     concluded = made.members or (made.verdict == "none" and loose)
     surest = at.SUREST["partial" if loose else found.problem.kind] if concluded else 1.0
-    most = surest if complete else at.INCOMPLETE
-    return replace(made, confidence=min(made.confidence, most), complete=complete)
+    most = surest if found.complete else at.SUREST["incomplete"]
+    return replace(made, confidence=min(made.confidence, most), complete=found.complete)
 
 
-def _decided(found: Compared, terms: tuple[PlacedEffect, ...], beside: Freed, approximate: Sequence[Named]) -> Naming:
-    problem, none = found.problem, found.none
+def _decided(found: Compared, beside: Freed) -> Naming:
+    problem, none, approximate = found.problem, found.none, found.approximate
     exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
     widened = ((n, beside(n)) for n in _discrepancy_candidates(found, exact))
     loose = [with_errors(n, errors) for n, errors in widened if errors is not None]
     if any(n.fit.terms for n in exact):
-        approximate = [n for n in approximate if not n.fit.terms or _closes(found, n)]
+        approximate = tuple(n for n in approximate if not n.fit.terms or _closes(found, n))
     ways = ranked([*exact, *(n for n in loose if not _by_a_law(n, exact)), *_with_shown(approximate)])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
     if none.explains:
         ways = _with_aliases(ways)
     named = sum(n.probability for n in ways if n.fit.terms)
-    unknown = Naming("unknown", problem, none, found.ranked, (), found.columns, terms, 1.0 - named)
+    unknown = Naming("unknown", problem, none, found.ranked, (), found.columns, found.terms, 1.0 - named)
     if not ways:  # nothing explains the record, and if no wall law is valid its error cannot be estimated
-        return replace(unknown, confidence=at.INCOMPLETE, reason=_left(none.fit, problem))
+        return replace(unknown, confidence=at.SUREST["incomplete"], reason=_left(none.fit, problem))
     # similar effects share their probability: together they may be more probable than no effect
     best = next((n for n in ways if n.fit.terms), ways[0]) if named > 0.5 else max(ways, key=lambda n: n.probability)
     if not best.fit.terms:

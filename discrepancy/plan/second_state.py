@@ -52,9 +52,9 @@ STATES = (
 _OF_BENCH = {"inflow × 1.5": "pulse pressure × 1.5"}
 
 
-def second_state(naming: Naming, runs: Runs | None = None) -> str:
+def second_state(naming: Naming) -> str:
     """A sentence on the state that separates the class best; "" for a class of one, or if no state can be simulated."""
-    found = separations(naming, runs or Runs())
+    found = separations(naming)
     if not found:
         return ""
     worded = {_OF_BENCH.get(words, words) if naming.problem.site else words: d for words, d in found.items()}
@@ -69,7 +69,7 @@ def second_state(naming: Naming, runs: Runs | None = None) -> str:
     return f"A second recording at {best} would tell {members}{more} ({d}): give it with --and."
 
 
-def separations(naming: Naming, runs: Runs) -> dict[str, float]:
+def separations(naming: Naming) -> dict[str, float]:
     """For each state, by its words, the least d' between the best of the class and its other members."""
     if len(naming.members) < 2:
         return {}
@@ -80,10 +80,8 @@ def separations(naming: Naming, runs: Runs) -> dict[str, float]:
         best, rivals = whole.of(best, 0), [(whole.of(fit, 0), _anew(whole, fit)) for fit in others]
     found = {}
     for state in STATES:
-        there = (
-            _of_bench(problem, state, best) if isinstance(problem, Bench) else _of_network(problem, state, best, runs)
-        )
-        each = [] if there is None else [_apart(there, fit, C, runs) for fit, C in rivals]
+        there = _of_bench(problem, state, best) if isinstance(problem, Bench) else _of_network(problem, state, best)
+        each = [] if there is None else [_apart(there, fit, C) for fit, C in rivals]
         if known := [d for d in each if d is not None]:
             found[state.words] = min(known)
     return found
@@ -100,16 +98,16 @@ def _anew(whole: Several, fit: Fit) -> Array:
     return C
 
 
-def _apart(there: Forward, fit: Fit, C: Array, runs: Runs) -> float | None:
+def _apart(there: Forward, fit: Fit, C: Array) -> float | None:
     """d' of a member fitted to the state; None if it cannot be simulated there."""
-    (point,) = there.points([Trial(fit.member, np.arange(len(fit.x)), None, 0.0 * fit.x)], runs)
+    (point,) = there.points([Trial(fit.member, np.arange(len(fit.x)), None, 0.0 * fit.x)], Runs())
     if point is None:
         return None
     V = np.eye(len(point.z)) + point.J @ C @ point.J.T
     return float(np.sqrt(point.z @ np.linalg.solve(V, point.z)))
 
 
-def _of_network(problem: Forward, state: SecondState, fit: Fit, runs: Runs) -> NetworkProblem | None:
+def _of_network(problem: Forward, state: SecondState, fit: Fit) -> NetworkProblem | None:
     """The problem with the simulation of a hypothesis in a state as its record; None if that fails. The mean pressure
     is changed through the venous pressures of all outlets."""
     assert isinstance(problem, NetworkProblem)
@@ -126,7 +124,7 @@ def _of_network(problem: Forward, state: SecondState, fit: Fit, runs: Runs) -> N
             return None
     drive = replace(simulator.drive, T=T, X=state.flow * simulator.drive.X)
     there = replace(problem, simulator=replace(simulator, network=network, drive=drive, T=T))
-    (X,) = there.observe([fit.member], runs)
+    (X,) = there.observe([fit.member])
     return None if X is None else replace(there, target=Target.of(problem.signals, X, problem.target.covariance))
 
 

@@ -28,7 +28,7 @@ from solver.network.description import Network
 from solver.quantities.units import INFLOW
 from solver.simulate import Progress
 
-from .. import thresholds
+from ..find.study import FEWEST_BEATS
 from ..findings.isolability import INSEPARABLE, isolability
 from ..findings.outcome import Isolability
 
@@ -105,8 +105,8 @@ def _check(network: Network, channels: Sequence[str], known: Sequence[str], dB: 
         raise InputError(f"channels: none given; name some outputs of network {network.name}, such as {known[0]}.")
     if not (math.isfinite(dB) and _DB[0] <= dB <= _DB[1]):
         raise InputError(f"dB = {dB:g}: must be {_DB[0]:g} to {_DB[1]:g}; 40 is a noise of 1 % of the pulse.")
-    if beats < thresholds.FEWEST_BEATS:
-        raise InputError(f"beats = {beats}: must be at least {thresholds.FEWEST_BEATS}, as in a record; plan for more.")
+    if beats < FEWEST_BEATS:
+        raise InputError(f"beats = {beats}: must be at least {FEWEST_BEATS}, as in a record; plan for more.")
 
 
 def _columns(problem: NetworkProblem, base: Fit, terms: Sequence[PlacedEffect], progress: Progress) -> dict[str, Array]:

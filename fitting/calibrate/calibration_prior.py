@@ -14,7 +14,7 @@ from solver.errors import InputError
 from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 
-from ..inference.prior import Calibrated, along
+from ..inference.hypothesis import Calibrated, along
 from ..records.read.record import Array, Record
 from ..results.parameter_set import ParameterSet, read_set
 

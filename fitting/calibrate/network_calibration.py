@@ -29,23 +29,21 @@ from solver.simulate import Progress
 
 from ..inference.fit import Array, Fit
 from ..inference.gauss_newton import Rules
-from ..inference.intervals.identify import Determined, sentences
+from ..inference.intervals import Determined, sentences
 from ..inference.joint.calibration import DERIVATIVE_ERROR, Problem, recorded, widening
 from ..inference.joint.joint_record import Several
 from ..inference.joint.model_error import CHANCE, MEANS, Ended, granted, minimum
 from ..inference.models.simulator import Simulator
 from ..inference.runs import Meter, Runs
-from ..inference.unknown import Unknown, bounds, parameter_intervals, parameter_values
+from ..inference.unknown import Unknown, bounds, parameter_intervals, parameter_values, split_zeros
 from ..inference.unknown_text import parse_unknowns, varied
-from ..inference.zeros import apart
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
 from ..records.limits import MAX_HARMONICS
 from ..records.recordings import labels_of, size_text, sizes
 from .calibrated import ALL_PRIOR, Calibration, Recording, noise_known
-from .first_search import ROUGH, first_search
-from .late_flow import late_flow
+from .first_search import ROUGH, first_search, late_flow
 
 # Gain at which a search ends, as squared fractions of a standard deviation. From a tenth, one step with the second
 # weights reaches the minimum; a hundredth is negligible. If the model lacks more than noise, a tenth is, too
@@ -207,7 +205,7 @@ def _result(
     recordings = _recordings(problem, best.fit, known, labels, [u.name for u in asked], own)
     shared, covariance = tuple(unknowns[i] for i in common), known.covariance[np.ix_(common, common)]
     every = {n: float(v) for n, v in parameter_values(shared, network, x[common]).items() if n not in own}
-    values, zeros = apart(every, network)
+    values, zeros = split_zeros(every, network)
     noise = noise_known([part.beats.n_beats for part in problem.parts])
     ci95 = parameter_intervals(shared, network, x[common], covariance, noise)
     sd = np.sqrt(np.diag(known.covariance))

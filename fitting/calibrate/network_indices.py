@@ -14,8 +14,7 @@ from solver.network.description import Network
 from ..inference.joint.calibration import STEP
 from ..inference.models.simulator import HARMONICS_BEYOND, Simulator
 from ..inference.runs import Runs
-from ..inference.unknown import Array, finite_steps, parameter_values
-from ..inference.zeros import apart
+from ..inference.unknown import Array, finite_steps, parameter_values, split_zeros
 from ..parallel.threads import single_threaded
 from ..records.alignment.beats import Beats
 from ..records.channels.inflow import inflow
@@ -63,7 +62,7 @@ def indices_at(
 ) -> Array:
     """The indices of ``indices.OF_LAW`` at every site for unknowns x : (B, p) -> (B, n_sites, 7), in one batch."""
     settings = settings or Settings()
-    parameters, _ = apart(parameter_values(calibration.unknowns, network, x), network)
+    parameters, _ = split_zeros(parameter_values(calibration.unknowns, network, x), network)
     parameters = parameters or {"fluid.rho": np.full(len(x), network.fluid.rho)}  # none moves, in so many members
     outputs = tuple(f"{site.name}.{kind}" for kind in "PR" for site in network.sites)
     alone = replace(network, channels=())  # outputs of the arteries, without sensors

@@ -26,7 +26,7 @@ from solver.network.description import Network
 from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
 from solver.quantities.units import INFLOW
 
-from ..inference.prior import Calibrated, along
+from ..inference.hypothesis import Calibrated, along
 from ..records import limits
 from ..records.alignment.beats import Array, Beats
 from ..records.channels.spectral import coefficients, resample

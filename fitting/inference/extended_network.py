@@ -28,7 +28,7 @@ def extended(network: Network, fit: Fit) -> Network:
     channels = {channel.name: dict(channel.terms) for channel in network.channels}
     for term in fit.terms:
         if term.is_sensor:
-            channels.setdefault(term.place, {}).update(sensor_parameters(fit, term))
+            channels.setdefault(term.place, {}).update(_as_terms(term, fit.x[_places(fit, term)]))
     return replace(network, channels=tuple(Channel(name, terms) for name, terms in channels.items()))
 
 
@@ -45,11 +45,6 @@ def frequency(fit: Fit) -> float:
     """The highest frequency [Hz] of the sensor faults of a hypothesis; 0 without one."""
     chains = [_searched(t, fit.x[_places(fit, t)]) for t in fit.terms if t.is_sensor]
     return max((sensor.frequency(numbers) for sensor, numbers in chains), default=0.0)
-
-
-def sensor_parameters(fit: Fit, term: PlacedEffect) -> dict[str, float]:
-    """The catalogue's parameters of a channel's effect."""
-    return _as_terms(term, fit.x[_places(fit, term)])
 
 
 def _places(fit: Fit, term: PlacedEffect) -> list[int]:
@@ -77,7 +72,7 @@ def estimates(
     """Values and 95 % intervals of a term's parameters: those of :func:`extended`, including the changes by nuisances.
 
     quantile : half an interval in standard deviations; reaches : lower and upper reach of some intervals, by name
-    (:mod:`fitting.inference.intervals.profile`). An effect with the same value everywhere is reported once; an effect
+    (:mod:`fitting.inference.intervals`). An effect with the same value everywhere is reported once; an effect
     of walls as the ratio to their refitted moduli.
     """
     known = {u.name: (reaches or {}).get(u.name, (quantile, quantile)) for u in term.unknowns}

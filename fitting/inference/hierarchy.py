@@ -59,7 +59,8 @@ class Linear:
     def __init__(self, normal: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0) -> None:
         prior = np.array([_FREE if u.prior_sd is None else u.prior_sd**-2.0 for u in unknowns])
         downhill = -((normal @ np.append(x, 1.0))[:-1] + precision(prior, x) * x)
-        moves = ~_at_bound(downhill, x, unknowns)
+        low, high = bounds(unknowns)
+        moves = ~((x <= low) & (downhill < 0.0) | (x >= high) & (downhill > 0.0))  # the others are held at a bound
         still = [(u, i) for i, u in enumerate(unknowns) if not moves[i]]
         sd = _free_sds(normal, x, prior, unknowns) if any(u.of_size for u, _ in still) else np.zeros(len(x))
         self.held = sum(
@@ -151,12 +152,6 @@ class Linear:
             p = np.exp(-0.5 * (score - score.min()))
             spread[group] = math.sqrt(float(p @ widths**2 / p.sum()))
         return spread
-
-
-def _at_bound(downhill: Array, x: Array, unknowns: Sequence[Unknown]) -> Array:
-    """(p,) True for unknowns at a bound whose gradient points out of the range."""
-    low, high = bounds(unknowns)
-    return np.asarray(((x <= low) & (downhill < 0.0)) | ((x >= high) & (downhill > 0.0)))
 
 
 def _free_sds(normal: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:

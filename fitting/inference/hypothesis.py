@@ -1,4 +1,4 @@
-"""Hypotheses: effects at places, with their unknowns and typical sizes.
+"""Hypotheses: effects at places, with their unknowns and typical sizes, and nuisances, also from a calibration.
 
 Every unknown is one number x, 0 if the effect is absent. |x| = 1 is an effect of typical size, and for a nuisance
 one standard deviation of its prior. Effects and quantities define these facts
@@ -7,19 +7,21 @@ one standard deviation of its prior. Effects and quantities define these facts
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from solver.errors import InputError
 from solver.laws import effects
 from solver.laws.catalogue import quantities_of
-from solver.laws.effect import ALL_PLACES, OUTFLOW, Effect, value_of
+from solver.laws.effect import ALL_PLACES, Effect, value_of
 from solver.network.description import Network
-from solver.quantities.coordinate import SCALE, SHIFT, Coordinate
+from solver.quantities.coordinate import SCALE, SHIFT, Coordinate, allowed
 from solver.quantities.quantity import Quantity
 
-from .unknown import Unknown, with_prior
+from .unknown import OUTLIER, Array, Unknown, with_prior
 
 PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes; it only regularises the search
 HOW_WIDTH = 2.0  # of how it acts, in typical steps
@@ -31,6 +33,8 @@ _FARTHEST_ALONE = 5.0  # the same on a bench, where a search may pass through va
 _SPREAD = 0.2  # between arteries, of an effect in all of them whose quantity states no spread
 _LONGER = 3.0  # times the usual length: a start for long parts, beside that for short ones
 _MARGIN = 1e-3  # distance of a shifted nuisance from its bounds
+CALIBRATION = "calibration"  # the group of unknowns of a calibration
+_LEAST = 1e-4  # of the largest standard deviation: smaller ones are neglected
 
 
 @dataclass(frozen=True)
@@ -58,24 +62,9 @@ class PlacedEffect:
         return effect_of(self).rewires
 
     @property
-    def remembers(self) -> bool:
-        """True if it adds states to the solution."""
-        return effect_of(self).remembers
-
-    @property
-    def leaks(self) -> bool:
-        """True if flow is lost along a segment; the beats of a batch with leaks do not start at others."""
-        return effect_of(self).source == OUTFLOW
-
-    @property
     def moves_along(self) -> bool:
         """True if its position along its segment may vary."""
         return any(u.name.rpartition(".")[2] in effect_of(self).along for u in self.unknowns)
-
-    @property
-    def cuts(self) -> bool:
-        """True if it changes the mesh of the network."""
-        return bool(effect_of(self).cuts) or self.moves_along
 
 
 def effect_of(term: PlacedEffect) -> Effect:
@@ -254,3 +243,86 @@ def _moved(name: str, moved: Sequence[tuple[str, Quantity, float]], step: float,
     low = max((q.low + _MARGIN - value) / step for _, _, value in moved)
     high = min((q.high - _MARGIN - value) / step for _, _, value in moved)
     return Unknown(name, SHIFT, moves, low, high, q.unit, step)
+
+
+# --- a calibration as a prior -----------------------------------------------------------------------------------------
+# Deviations along the principal directions of its uncertainty. With the unknowns x of the calibration, their covariance
+# Σ = V Λ Vᵀ and what they move, unknown i of the prior moves variable v by √λ_i Σ_j V_ji step_jv and has the standard
+# deviation 1, which the record does not change. Factors and shifts have separate Σ: their mutual covariance is
+# neglected, which widens the prior.
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """The uncertainty of a calibration. single : variables with an unknown of their own. free : those known so little
+    that an effect which moves only them is no finding."""
+
+    unknowns: tuple[Unknown, ...]
+    single: frozenset[str]
+    free: frozenset[str] = frozenset()
+
+
+def along(coordinates: Sequence[Coordinate], covariance: Array, network: Network) -> Calibrated:
+    """The unknowns of a prior. covariance : (p, p) of the coordinates, counted from the network's own values."""
+    found: list[Unknown] = []
+    for kind in (SCALE, SHIFT):
+        at = [i for i, c in enumerate(coordinates) if c.kind == kind]
+        if at:
+            found += _directions([coordinates[i] for i in at], covariance[np.ix_(at, at)], network)
+    return Calibrated(tuple(found), frozenset(c.moves[0][0] for c in coordinates if len(c.moves) == 1))
+
+
+def _directions(coordinates: Sequence[Coordinate], covariance: Array, network: Network) -> list[Unknown]:
+    kind, values, known = coordinates[0].kind, network.parameters(), network.parameter_quantities()
+    names = list(dict.fromkeys(variable for c in coordinates for variable, _ in c.moves))
+    steps = np.array([[dict(c.moves).get(name, 0.0) for c in coordinates] for name in names])
+    variance, V = np.linalg.eigh(covariance)
+    sd = np.sqrt(np.maximum(variance, 0.0))
+    found: list[Unknown] = []
+    for i in np.flatnonzero(sd > _LEAST * sd.max())[::-1]:
+        moved = steps @ V[:, i] * sd[i]
+        moves = tuple((name, float(step)) for name, step in zip(names, moved, strict=True) if step != 0.0)
+        low, high = _range(kind, moves, values, known)
+        if kind == SCALE:  # to e^±FARTHEST as other factors, or OUTLIER standard deviations if that is farther
+            most = max(OUTLIER, FARTHEST / max(abs(step) for _, step in moves))
+            low, high = max(low, -most), min(high, most)
+        name = f"{CALIBRATION} {kind} {len(found) + 1} {OWN}"
+        found.append(Unknown(name, kind, moves, low, high, group=CALIBRATION, stated=True))
+    return found
+
+
+def _range(
+    kind: str, moves: Sequence[tuple[str, float]], values: Mapping[str, float], known: Mapping[str, Quantity]
+) -> tuple[float, float]:
+    """The lowest and the highest x that keep every variable in its range."""
+    ends = [allowed(kind, ((name, abs(step)),), values, known[name]) for name, step in moves]
+    ends = [(a, b) if step > 0.0 else (-b, -a) for (a, b), (_, step) in zip(ends, moves, strict=True)]
+    return max(low for low, _ in ends), min(high for _, high in ends)
+
+
+def possible(network: Network, prior: Calibrated | None) -> tuple[Unknown, ...]:
+    """Individual deviations of arteries and outlets: from a calibration, and for parameters that it did not fit
+    separately, from the stated spreads."""
+    stated = deviations(network)
+    return stated if prior is None else (
+        *prior.unknowns, *(u for u in stated if not prior.single & set(u.variables))
+    )  # fmt: skip
+
+
+def of_animal(network: Network, own: Sequence[Unknown]) -> list[Unknown]:
+    """The unknowns of an animal: common changes, and ``own`` deviations of the parameters in the network. A common
+    factor whose variables were all calibrated is omitted.
+
+    A direction that includes a replaced outlet keeps its other variables; together the directions have their remaining
+    covariance.
+    """
+    there = network.parameters()
+    moves = {u.name: tuple(move for move in u.moves if move[0] in there) for u in own}
+    present = [replace(u, moves=moves[u.name]) for u in own if moves[u.name]]
+    known = calibrated(present)
+    return [*(u for u in nuisances(network) if not set(u.variables) <= known), *present]
+
+
+def calibrated(unknowns: Sequence[Unknown]) -> set[str]:
+    """The variables of the calibration."""
+    return {variable for u in unknowns if u.group == CALIBRATION for variable in u.variables}

@@ -1,6 +1,6 @@
 """The model discrepancy of a bench: the unexplained residual as a random error, with its size estimated by evidence.
-In a network the discrepancy consists of free terms at places (:mod:`fitting.inference.source_maps.beside`), or is an
-error of the channels (:mod:`fitting.inference.joint.model_error`).
+In a network the discrepancy consists of free terms at places (:mod:`fitting.inference.source_maps.source_map`), or is
+an error of the channels (:mod:`fitting.inference.joint.model_error`).
 
 Harmonics of the error are independent with the standard deviation a s_k, where s_k is the size of the pressure's own
 harmonics and a is a fraction estimated from the record: one for the harmonics, and one for the mean. In the whitened

@@ -1,4 +1,5 @@
-"""Unknowns: coordinates of a search with their priors, the values that follow from them, and intervals.
+"""Unknowns: coordinates of a search with their priors, the values that follow from them, and intervals; the zeros of
+sensors among them.
 
 An unknown is one number x, 0 at the network's own values, that moves one variable or several together
 (:class:`solver.quantities.coordinate.Coordinate`): ``scale`` nominal exp(step x), ``shift`` nominal + step x. Several
@@ -10,18 +11,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from solver.network.description import Network
+from solver.laws.catalogue import ZERO, zero_of
+from solver.network.description import Channel, Network
 from solver.quantities.coordinate import SCALE, Coordinate
 from solver.quantities.quantity import Quantity
 
 from ..results.estimate import Estimate
-from .zeros import zero_quantities, zero_values
 
 Array = np.ndarray
+T = TypeVar("T")
 Reach = tuple[float, float]  # lower and upper reach of an interval, in standard deviations
 
 _ANYTHING = 10.0  # half an interval of a logarithm: a wider one carries no information
@@ -34,6 +38,7 @@ TAILS = 15.0  # degrees of freedom of the priors of a hypothesis
 # subject. Simulated with ten arteries and six outlets (36 parameters): of subjects with the stated spreads 0.06 % have
 # one, with 1.5 times these 2 %, with 2.5 times 6 %; with this limit alone, 0.2, 24 and 98 %
 OUTLIER = 4.0
+_ZEROS = {"P": 700.0, "Q": 2e-6, "R": 2e-4}  # the sd of the prior of a zero: 5 mmHg, 2 mL/s, 0.2 mm
 
 
 @dataclass(frozen=True)
@@ -224,3 +229,39 @@ def parameter_intervals(
 def quantile(dof: float) -> float:
     """Half a 95 % interval in standard deviations, by Student's t."""
     return float(stdtrit(dof, 0.975))
+
+
+# --- zeros of sensors: "C.P.zero", the offset of a channel that all recordings share ----------------------------------
+
+
+def zero_name(channel: str) -> str:
+    """The name of a channel's zero."""
+    return f"{channel}.{ZERO}"
+
+
+def is_zero(name: str) -> bool:
+    """Whether an unknown is the zero of a channel."""
+    return name.rpartition(".")[2] == ZERO
+
+
+def zero_quantities(network: Network) -> dict[str, Quantity]:
+    """The zero of every output, by name."""
+    return {zero_name(channel): _zero(channel.rpartition(".")[2]) for channel in network.output_units()}
+
+
+@cache
+def _zero(signal: str) -> Quantity:
+    """The zero of a sensor of P, Q or R."""
+    return replace(Channel(signal).quantities()[ZERO], nominal=_ZEROS[signal], spread=1.0)
+
+
+def zero_values(network: Network) -> dict[str, float]:
+    """The known zero of every output [SI], by name."""
+    return {zero_name(channel): zero_of(network, channel) for channel in network.output_units()}
+
+
+def split_zeros(values: Mapping[str, T], network: Network) -> tuple[dict[str, T], dict[str, T]]:
+    """Values by name, parameters of the network apart from zeros of its outputs."""
+    known = zero_quantities(network)
+    zeros = {name: value for name, value in values.items() if name in known}
+    return {name: value for name, value in values.items() if name not in known}, zeros

@@ -20,8 +20,7 @@ from solver.quantities.quantity import Quantity
 from solver.quantities.text import did_you_mean, parse_quantity, pint_spelling
 
 from .hypothesis import OWN
-from .unknown import Unknown
-from .zeros import is_zero, zero_quantities, zero_values
+from .unknown import Unknown, is_zero, zero_quantities, zero_values
 
 _NOT_ALL = ("fluid", "network", "solver", "inlet")  # "all" are segments, outlets and junctions
 

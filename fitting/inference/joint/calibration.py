@@ -25,13 +25,12 @@ from ...records.alignment.beats import Beats
 from ...records.channels.inflow import inflow
 from ..fit import Array, Fit, Member
 from ..gauss_newton import Trial
-from ..intervals.identify import Determined, determined
+from ..intervals import Determined, determined
 from ..model_discrepancy import worst_octave
 from ..models.network import NetworkProblem
 from ..models.simulator import HARMONICS_BEYOND, Simulator
 from ..runs import Runs
-from ..unknown import Unknown, parameter_values
-from ..zeros import apart
+from ..unknown import Unknown, parameter_values, split_zeros
 from .joint_record import Several
 from .model_error import networks
 
@@ -104,7 +103,7 @@ class Problem:
         """Simulate each recording by itself, which raises the error of the one that fails."""
         for i, part in enumerate(self.parts):
             own = self.whole.member(member, i)
-            values, _ = apart(parameter_values(own.unknowns, part.network, own.x), part.network)
+            values, _ = split_zeros(parameter_values(own.unknowns, part.network, own.x), part.network)
             part.simulator.coefficients(part.network, values, self.runs)
         raise InputError(f"network {self.parts[0].network.name}: it has no periodic beat with these values.")
 

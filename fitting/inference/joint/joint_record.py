@@ -33,7 +33,7 @@ from ..model_discrepancy import Beside, settled
 from ..models.bench import Bench
 from ..models.network import NetworkProblem
 from ..runs import Runs
-from ..source_maps.beside import found_beside
+from ..source_maps.source_map import found_beside
 from ..unknown import OUTLIER, Unknown
 from ..unknown_text import named, parse_unknown
 
@@ -219,18 +219,17 @@ class Several(Forward):
 
     def nearest(self, choices: Sequence[Sequence[Member]], runs: Runs, start: Fit | None = None) -> list[Member]:
         """Of each choice the point of lowest cost, or of lowest predicted cost after ``start``'s unknowns adapt."""
-        costs = self.costs([m for some in choices if len(some) > 1 for m in some], runs, start)
-        best = list[Member]()
+        members = [m for some in choices if len(some) > 1 for m in some]
+        points = self.points([Trial(m, np.arange(0), None, 0.0 * m.x) for m in members], runs) if members else []
+        # ∞ if the simulation breaks down
+        costs, best = (
+            iter([np.inf if p is None else promised(p.z, start) + p.log_volume for p in points]),
+            list[Member](),
+        )
         for some in choices:
-            mine, costs = ([0.0], costs) if len(some) == 1 else (costs[: len(some)], costs[len(some) :])
+            mine = [next(costs) for _ in some] if len(some) > 1 else [0.0]
             best.append(some[int(np.argmin(mine))])
         return best
-
-    def costs(self, members: Sequence[Member], runs: Runs, start: Fit | None = None) -> list[float]:
-        """χ² of points, or its prediction after the unknowns of ``start`` adapt; ∞ if the simulation breaks down."""
-        trials = [Trial(m, np.arange(0), None, 0.0 * m.x) for m in members]
-        points = self.points(trials, runs) if trials else []
-        return [np.inf if p is None else promised(p.z, start) + p.log_volume for p in points]
 
     def begin(self, terms: tuple[PlacedEffect, ...], start: Fit | None = None) -> list[Member]:
         """Starting points for a hypothesis: another fit, with its new terms at each of their starts."""

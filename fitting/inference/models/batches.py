@@ -8,11 +8,12 @@ from itertools import groupby
 
 import numpy as np
 
+from solver.laws.effect import OUTFLOW
 from solver.network.description import Network
 from solver.simulate import BROKEN
 
 from ..fit import Array, Member
-from ..hypothesis import PlacedEffect, rewired
+from ..hypothesis import PlacedEffect, effect_of, rewired
 from ..runs import TIME_IS_OVER, OutOfTime, Runs
 from ..unknown import parameter_values
 from .bench_observation import driven, inlet_sensor, sense
@@ -29,20 +30,19 @@ Answer = tuple[list[Array | None] | None, int]  # X of a batch, and the number o
 
 
 def simulated(
-    sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs, near: Sequence[int] | None = None
-) -> list[list[Array | None]]:
-    """X : (K+1, m) after the sensors, of every member of some sets.
+    simulator: Simulator, members: Sequence[Member], runs: Runs, near: Sequence[int] | None = None
+) -> list[Array | None]:
+    """X : (K+1, m) after the sensors, of every member.
 
-    None if the simulation broke down. near : for one set, the member near which each one lies, whose difference from it
-    is wanted (:func:`~solver.beat_harmonics`).
+    None if the simulation broke down. near : the member near which each one lies, whose difference from it is wanted
+    (:func:`~solver.beat_harmonics`).
     """
-    groups: dict[tuple[int, str], list[int]] = {}
-    for s, (_, members) in enumerate(sets):
-        for i, member in enumerate(members):
-            groups.setdefault((s, kind_of(member.terms)), []).append(i)
-    parts = [(s, part) for (s, _), there in groups.items() for part in _cut(there, runs.workers.jobs)]
+    near, groups = range(len(members)) if near is None else near, dict[str, list[int]]()
+    for i, member in enumerate(members):
+        groups.setdefault(kind_of(member.terms), []).append(i)
+    parts = [part for there in groups.values() for part in _cut(there, runs.workers.jobs)]
     until = time.monotonic() + runs.left if runs.workers.jobs > 1 else np.inf  # a clock that processes share
-    batches = [_batch_of(*sets[s], part, near, until) for s, part in parts]
+    batches = [_batch_of(simulator, members, part, near, until) for part in parts]
 
     def counted(found: Answer) -> list[Array | None]:
         X, members = found
@@ -52,11 +52,10 @@ def simulated(
         return X
 
     found = runs.workers.share(batches, _elsewhere, counted, lambda batch: _batch(*batch[:3], runs))
-    spectra: list[list[Array | None]] = [[None] * len(members) for _, members in sets]
-    for (s, part), own in zip(parts, found, strict=True):
-        simulator, members = sets[s]
+    spectra: list[Array | None] = [None] * len(members)
+    for part, own in zip(parts, found, strict=True):
         for i, X in zip(part, own, strict=False):  # a batch may have more members: see _batch_of
-            spectra[s][i] = None if X is None else sense(members[i], simulator.names, X, simulator.T)
+            spectra[i] = None if X is None else sense(members[i], simulator.names, X, simulator.T)
     return spectra
 
 
@@ -70,11 +69,9 @@ def _cut(there: list[int], jobs: int) -> list[list[int]]:
 
 
 def _batch_of(
-    simulator: Simulator, members: Sequence[Member], part: list[int], near: Sequence[int] | None, until: float
+    simulator: Simulator, members: Sequence[Member], part: list[int], near: Sequence[int], until: float
 ) -> Batch:
-    """The batch of some members of a set, followed by those near which they lie, if these are others."""
-    if near is None:
-        return simulator, [members[i] for i in part], list(range(len(part))), until
+    """The batch of some members, followed by those near which they lie, if these are others."""
     others = sorted({near[i] for i in part} - set(part)) if len(part) >= _WORTH else []
     at = {i: k for k, i in enumerate((*part, *others))}
     return simulator, [members[i] for i in at], [at.get(near[i], k) for i, k in at.items()], until
@@ -92,10 +89,15 @@ def _elsewhere(batch: Batch) -> Answer:
 
 
 def kind_of(terms: Sequence[PlacedEffect]) -> str:
-    """The kind of a hypothesis: those that share a mesh, outlets, states and leaks run in one batch."""
-    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts or t.remembers]
-    own += ["leaks" for t in terms if t.leaks]
-    return " ".join(sorted(set(own)))
+    """The kind of a hypothesis: those that share a mesh, outlets, states and leaks run in one batch. Beats of a batch
+    in which flow is lost along a segment do not start at others."""
+    own = set[str]()
+    for t, effect in ((t, effect_of(t)) for t in terms):
+        if effect.rewires or effect.cuts or effect.remembers or t.moves_along:
+            own.add(t.label if effect.rewires else t.effect)
+        if effect.source == OUTFLOW:
+            own.add("leaks")
+    return " ".join(sorted(own))
 
 
 def _batch(simulator: Simulator, members: Sequence[Member], near: Sequence[int], runs: Runs) -> list[Array | None]:

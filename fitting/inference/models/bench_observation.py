@@ -13,8 +13,7 @@ from solver.quantities.units import INFLOW
 
 from ...records.channels.inflow import Inflow
 from ..fit import Array, Member
-from ..unknown import values
-from ..zeros import is_zero, zero_name
+from ..unknown import is_zero, values, zero_name
 
 
 def chain(moved: Mapping[str, Array], channel: str, omega: Array) -> tuple[Array, Array]:

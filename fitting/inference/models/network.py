@@ -34,16 +34,14 @@ from ..extended_network import allowed
 from ..fit import Array, Fit, Member, begun, sizes_of, taken_over
 from ..forward import Drive, Single
 from ..gauss_newton import Point, Rules, Search, Trial, continued, promised, search
-from ..hypothesis import EVERY, PlacedEffect, about_common, refined, rewired
+from ..hypothesis import EVERY, PlacedEffect, about_common, of_animal, refined, rewired
 from ..jackknife import Rest, leave_one_site_out, without_each_site
 from ..model_discrepancy import sizes
-from ..prior import of_animal
 from ..runs import Runs
 from ..unknown import Unknown, absent, finite_steps, free
 from .batches import simulated
 from .bench_observation import meter, shown, zeros_apart
-from .simulator import Simulator, varying
-from .weights import weighted
+from .simulator import Simulator, varying, weighted
 
 _STEP = 0.02  # finite difference step of x
 # A comparison needs costs within a few tenths: the odds that rule out are 9 (-2 ln). Of 8, 6 and 4 steps with updated
@@ -214,7 +212,7 @@ class NetworkProblem(Single):
         difference from it is wanted. Zeros of sensors that are unknowns shift the means.
         """
         each = [zeros_apart(member, self.signals) for member in members]
-        (found,) = simulated([(self.simulator, [member for member, _ in each])], runs or Runs(), near)
+        found = simulated(self.simulator, [member for member, _ in each], runs or Runs(), near)
         pairs = zip(found, each, strict=True)
         return [X if X is None or zeros is None else X + np.eye(len(X), 1) * zeros for X, (_, zeros) in pairs]
 
@@ -321,7 +319,7 @@ class NetworkProblem(Single):
         stated = self.accuracy * pulses(self.beats, self.signals)
         for _ in range(_SHARPER):
             finer = replace(problem, simulator=problem.simulator.finer())
-            (X,), (X_finer,) = simulated([(p.simulator, [member]) for p in (problem, finer)], runs)
+            X, X_finer = (p.observe([member], runs)[0] for p in (problem, finer))
             if X is None or X_finer is None:
                 return self
             error = solver_error(X, X_finer, pulses(self.beats, self.signals))

@@ -17,7 +17,7 @@ from ...records.channels.inflow import inflow
 from ...records.channels.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
 from ...records.limits import MAX_HARMONICS
 from ..fit import Member
-from ..prior import Calibrated, possible
+from ..hypothesis import Calibrated, possible
 from ..runs import Runs
 from .network import NetworkProblem
 from .simulator import HARMONICS_BEYOND, Simulator, started

@@ -1,4 +1,5 @@
-"""Periodic beats of one network under one inflow, for batches of parameters; and the linearised response to it."""
+"""Periodic beats of one network under one inflow, for batches of parameters; the linearised response to it, and with it
+the weights of a record: the noise of its channels, and that of the inflow."""
 
 from __future__ import annotations
 
@@ -14,12 +15,16 @@ from solver.mesh.sources import Source
 from solver.network.description import Network
 from solver.quantities.units import INFLOW
 
-from ...records.alignment.beats import Array, Beats
+from ...records.alignment.beats import Beats
 from ...records.channels.inflow import Inflow, undoable
-from ...records.channels.noise import response
+from ...records.channels.noise import Target, response, target
 from ...records.channels.variability import BeatVariation, beat_variation
 from ...records.limits import NEIGHBOURS
+from ..fit import Array, Member
+from ..hypothesis import rewired
 from ..runs import Runs
+from ..unknown import parameter_values, split_zeros
+from .bench_observation import meter, sense
 
 HARMONICS_BEYOND = 8  # above K in a harmonic balance: without them the error is 7e-5 of the pulse with elastic walls
 _BEATS = 30  # without repeating, after which the simulation has failed
@@ -182,3 +187,26 @@ def varying(
         return linear_response(network, names, T, n, parameters or {})[: n + 1]
 
     return beat_variation(beats, INFLOW, transfer, K + NEIGHBOURS)
+
+
+def weighted(
+    beats: Beats, simulator: Simulator, member: Member, error: Array, known: BeatVariation | None = None,
+    known_at: Mapping[str, float] | None = None,
+) -> tuple[Target, Array, BeatVariation | None, Mapping[str, float]]:  # fmt: skip
+    """The weighted data of a record at a member, the response (K+1, m) to the inflow's noise, and that to beats that
+    differ, with its parameters.
+
+    error : (K+1, m) of the model. known : the last response to beats that differ, with the parameters known_at, kept
+    for a member with effects. How much of the changes is noise of the meter does not depend on the effect that is
+    tested: if one that the mean pressure refutes called them noise, no hypothesis would have to fit the mean.
+    """
+    names, T, K = simulator.names, simulator.T, simulator.K
+    network = rewired(simulator.network, member.terms)
+    values, _ = split_zeros(parameter_values(member.unknowns, network, member.x), network)
+    at = {name: float(value) for name, value in values.items()}
+    H = sense(member, names, linear_response(network, names, T, K, at), T, means=False)
+    H = H / meter(member, len(H), T)[0][:, None]  # a slow meter hides more noise of the true inflow
+    variation, variation_at = known, known_at or {}
+    if known is None or not member.terms:
+        variation, variation_at = varying(beats, network, names, K, at), at
+    return target(beats, names, H, error, variation), H[: K + 1], variation, variation_at

@@ -97,22 +97,30 @@ class PlaceModel:
         found = [self.columns[a.place.key] for a in active]
         return np.concatenate(found) if found else np.zeros(0, int)
 
-    def _forced(self, active: Sequence[Active], g: Array) -> NetworkProblem:
-        """The problem with sources in its equations."""
-        g = g * self.units[self.columns_of(active)]
-        signals = [(a.place, g[:, own]) for a, own in zip(active, slices(active), strict=True)]
-        return with_signals(self.problem, signals)
+    def _forced(self, point: Point) -> tuple[NetworkProblem, Member]:
+        """The problem with the sources of a point in its equations, and its parameters."""
+        g = point.g * self.units[self.columns_of(point.active)]
+        signals = [(a.place, g[:, own]) for a, own in zip(point.active, slices(point.active), strict=True)]
+        return with_signals(self.problem, signals), Member(self.terms, self.unknowns, point.x)
 
-    def residual(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
-        """D : (K+1, m); None without a periodic beat."""
-        (X,) = self._forced(active, g).observe([Member(self.terms, self.unknowns, x)], self.runs)
-        return None if X is None else X - self.problem.target.X
+    def simulated(self, point: Point) -> Point | None:
+        """The same point with its residual; None if it cannot be simulated."""
+        problem, member = self._forced(point)
+        (X,) = problem.observe([member], self.runs)
+        return None if X is None else replace(point, D=X - self.problem.target.X)
 
-    def jacobian(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
-        """J : (K+1, m, p); None if a perturbed simulation has no periodic beat."""
-        trial = Trial(Member(self.terms, self.unknowns, x), np.arange(len(x)), None, 0.0 * x)
-        (found,) = self._forced(active, g).linearised([trial], self.runs)
-        return found and found[1]
+    def linearised(self, point: Point) -> Point | None:
+        """The same point with its derivatives by the unknowns and the responses to sources; None if it has none."""
+        problem, member = self._forced(point)
+        (found,) = problem.linearised([Trial(member, np.arange(len(member.x)), None, 0.0 * member.x)], self.runs)
+        return None if found is None else self.answered(replace(point, J=found[1]))
+
+    def answered(self, point: Point) -> Point | None:
+        """The same point with the responses to sources there; None if it has none."""
+        try:
+            return replace(point, G=self.responses(point.x))
+        except (NoSteadyState, np.linalg.LinAlgError):
+            return None
 
     def responses(self, x: Array) -> Array:
         """G : (K+1, m, S) small-wave responses to the sources of all places, in their units."""
@@ -209,25 +217,6 @@ class PlaceModel:
         if not len(columns):
             return x, np.zeros((self.problem.K + 1, 0), complex)
         return x, normal.amplitudes(columns, self.variance(point.active), x)[0]
-
-    # --- points -------------------------------------------------------------------------------------------------------
-
-    def simulated(self, point: Point) -> Point | None:
-        """The same point with its residual; None if it cannot be simulated."""
-        D = self.residual(point.active, point.x, point.g)
-        return None if D is None else replace(point, D=D)
-
-    def linearised(self, point: Point) -> Point | None:
-        """The same point with its derivatives by the unknowns and the responses to sources; None if it has none."""
-        J = self.jacobian(point.active, point.x, point.g)
-        return None if J is None else self.answered(replace(point, J=J))
-
-    def answered(self, point: Point) -> Point | None:
-        """The same point with the responses to sources there; None if it has none."""
-        try:
-            return replace(point, G=self.responses(point.x))
-        except (NoSteadyState, np.linalg.LinAlgError):
-            return None
 
     def chi2(self, D: Array, error: float = 0.0) -> float:
         """Σ |z|² of a residual."""

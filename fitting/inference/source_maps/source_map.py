@@ -24,30 +24,32 @@ import numpy as np
 from solver.errors import InputError
 from solver.quantities.units import INFLOW
 
+from ..fit import Fit
+from ..model_discrepancy import Beside, settled
 from ..models.network import NetworkProblem
 from ..places import Place
 from ..runs import OutOfTime, Runs
 from ..unknown import Array, Unknown
 from .place_model import CLOSELY, MOST, SETTLED, Active, PlaceModel, Point, normal_size, slices, with_signals
-from .source_evidence import Law
+from .source_evidence import PRICE, Law
 
 LEVELS = (0.2, 0.05, 0.015, 0.003, 0.0)  # model error at each stage, as a fraction of every channel's pulse
 _WORSE = 1.5  # a step that raises chi2 by more than this factor is shortened
 _SHORTER = 0.35
 _BACK = 6  # times at most
 _ADVANCES = 4
+_NO_ANSWER = (InputError, np.linalg.LinAlgError)  # small waves have no steady state or no start
 
 
 @dataclass(frozen=True)
 class Signal:
     """The source at a place. g : (K+1, q) harmonics of its sources [SI], sd : (K+1, q) standard deviations of their
-    real and imaginary parts; empty for an outlying parameter. units : (q,) of the search. law : prior of its harmonics;
-    None for an outlying parameter."""
+    real and imaginary parts; empty for an outlying parameter. law : prior of its harmonics; None for an outlying
+    parameter."""
 
     place: Place
     g: Array
     sd: Array
-    units: tuple[float, ...]
     law: Law | None = None
 
 
@@ -63,15 +65,13 @@ class Rival:
 class SourceMap:
     """The places where something acts.
 
-    signals : at the most probable places. x : (p,) the subject's own parameters there, of ``unknowns``. widths : of the
-    priors of their groups. score : -2 ln evidence. rivals : best first. chi2 : of the residual, of n data.
-    J : (K+1, m, p) derivatives.
+    signals : at the most probable places. x : (p,) the subject's own parameters there, of ``unknowns``. score : -2 ln
+    evidence. rivals : best first. chi2 : of the residual, of n data. J : (K+1, m, p) derivatives.
     """
 
     signals: tuple[Signal, ...]
     unknowns: tuple[Unknown, ...]
     x: Array
-    widths: Mapping[str, float]
     score: float
     chi2: float
     n: int
@@ -209,9 +209,10 @@ class _Search:
         if best is None:
             return None
         # sources of kept places start from their values; the next step compensates those removed
-        return self.relinearised(self.with_places(point, best[1]))
+        return self.resimulated(self.with_places(point, best[1]))
 
-    def relinearised(self, point: Point) -> Point:
+    def resimulated(self, point: Point) -> Point:
+        """The same point with its residual; with the former one if it cannot be simulated."""
         return self.model.simulated(point) or point
 
     def pruned(self, point: Point) -> Point:
@@ -223,7 +224,7 @@ class _Search:
             if not scores or min(scores) > point.score + self.model.worth:  # linear estimate; a refit decides
                 break
             rest = self.with_places(point, without[int(np.argmin(scores))])
-            fewer = self.settled(self.advanced(self.relinearised(rest), 0.0, True), 0.0)
+            fewer = self.settled(self.advanced(self.resimulated(rest), 0.0, True), 0.0)
             if fewer.score > point.score:
                 break
             point = fewer
@@ -247,17 +248,85 @@ class _Search:
             sd = normal.amplitudes(columns, self.model.variance(active), point.x, self.model.spread(normal, point))[1]
         for a, own in zip(active, slices(active), strict=True):
             units = self.model.units[columns[own]]
-            signals.append(Signal(a.place, point.g[:, own] * units, sd[:, own] * units, tuple(units.tolist()), a.law))
+            signals.append(Signal(a.place, point.g[:, own] * units, sd[:, own] * units, a.law))
         others = [*self.model.looked(normal, active, point, MOST), *self.model.without_each(normal, point, CLOSELY)]
         rivals = [Rival(tuple(a.place for a in other), s - point.score) for s, other in others]
         return SourceMap(
             signals=tuple(signals),
             unknowns=self.model.unknowns_of(active),
             x=point.x,
-            widths=point.widths,
             score=point.score,
             chi2=self.model.chi2(point.D),
             n=normal_size(point),
             rivals=tuple(sorted(rivals, key=lambda r: r.above)),
             J=point.J,
         )
+
+
+# --- model discrepancy of a hypothesis: free sources at places, integrated out of its evidence ------------------------
+#
+#     C'_k = C_k + Σ_p G_pk v_pk G_pkᴴ
+#
+# is the covariance of the channels with sources of variances v at places p. This model error has only patterns that
+# waves can carry. The places are selected by the evidence of the linear problem about the hypothesis, or are those of
+# the map.
+
+
+def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
+    """The model discrepancy at the places that the evidence of the linear problem about a fit selects.
+
+    None if it selects none, or only outlying parameters, which belong to this subject. None also if the small waves
+    have no solution: the fit is then at the limit of the equations.
+    """
+    model = PlaceModel(problem, Runs(), fit.terms, fit.unknowns)
+    nothing = np.zeros((problem.K + 1, 0), complex)
+    widths: Mapping[str, float] = {u.group: 1.0 for u in fit.unknowns if u.group}
+    D, J = (problem.target.unwhiten(a) for a in (fit.z[:, None], fit.J))
+    try:
+        point = Point((), fit.x, nothing, widths, D[..., 0], J, model.responses(fit.x))
+    except _NO_ANSWER:
+        return None
+    normal = model.normal(point, 0.0)
+    for _ in range(MOST + 2):
+        point = model.with_evidence(normal, point)
+        move = model.best_move(normal, point)
+        if move is None:
+            break
+        point = replace(point, active=move[1])
+    return _integrated_out(model, point, fit) if any(a.law for a in point.active) else None
+
+
+def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs) -> Beside | None:
+    """The subject of the source map with its free sources; None if it cannot be simulated, or if the small waves have
+    no solution. none : gives order and signal; its x, z and J are replaced."""
+    model = PlaceModel(problem, runs)
+    active = tuple(Active(s.place, s.law) for s in found.signals)
+    columns = model.columns_of(active)
+    g = np.concatenate([s.g for s in found.signals], axis=1) / model.units[columns]
+    nothing = np.zeros(0)  # placeholder: simulated next
+    point = model.simulated(Point(active, found.x, g, {}, nothing, found.J, nothing))
+    if point is None:
+        return None
+    try:
+        point = replace(point, G=model.responses(found.x))
+    except _NO_ANSWER:
+        return None
+    # in the linear model: without the sources
+    residual = point.D - np.einsum("kms,ks->km", point.G[:, :, columns], g)
+    z, J = problem.target.whiten(residual[..., None])[:, 0], problem.target.whiten(found.J)
+    fit = replace(none, x=found.x, z=z, J=J, log_volume=0.0)
+    return _integrated_out(model, point, fit)
+
+
+def _integrated_out(model: PlaceModel, point: Point, fit: Fit) -> Beside:
+    """The fit with sources at 0, and those of a point integrated out."""
+    problem, own = model.problem, point.G[:, :, model.columns_of(point.active)]
+    parts = np.where(np.arange(len(own)) == 0, 1.0, 2.0)[:, None, None]  # real and imaginary
+    covariance = (own * parts * model.variance(point.active)[:, None]) @ own.conj().swapaxes(1, 2)
+    covariance[0] = covariance[0].real
+    wide = problem.widened(covariance)
+    (fit,) = wide.restated([fit], problem)
+    log_volume = fit.log_volume + wide.target.log_volume - problem.target.log_volume
+    fit = replace(fit, unknowns=model.unknowns_of(point.active), log_volume=log_volume)
+    cost = sum((PRICE if a.law else 0.0) + model.worth for a in point.active)
+    return Beside(settled(fit), covariance, cost, tuple(a.place for a in point.active))
