@@ -26,39 +26,6 @@ class _Place(NamedTuple):
 
 
 @dataclass(frozen=True)
-class NoTables:
-    """A network without tables."""
-
-    tables: ClassVar[tuple[TableSource, ...]] = ()
-
-    def given(self, g: Array) -> NoTables:
-        return self
-
-    def at(self, times: Array) -> list[Array | None]:
-        return [None] * len(times)
-
-    def beside(
-        self, sources: Sequence[Source], g: Array | None, T: float, n: int, t: float = 0.0
-    ) -> tuple[Sequence[Source], Array]:
-        return sources, np.zeros((1, 0)) if g is None else g
-
-    def add_to_momentum(self, R: Array, g: Array | None) -> None:
-        return None
-
-    def add_to_nodes(self, net: Array, scale: Array, g: Array | None) -> None:
-        return None
-
-    def let_out(self, Q: Array, g: Array | None) -> Array:
-        return Q
-
-    def let_in(self, drive: Array, t: float) -> Array:
-        return drive
-
-    def add_to_outputs(self, result: Array, t: float) -> None:
-        return None
-
-
-@dataclass(frozen=True)
 class Tables:
     """momentum : (n_sources, n_e, N+1), nodes : (n_sources, n_nodes), for unit amplitude; shown : direct contributions
     to the network's outputs, (n_sources, n_outputs). inlets, outlets : their nodes. now : (n_sources,) amplitudes at
@@ -75,29 +42,31 @@ class Tables:
     MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = dict.fromkeys(("momentum", "nodes", "shown"))  # no batch axis
 
     @staticmethod
-    def of(network: Network, mesh: Mesh) -> Tables | NoTables:
+    def of(network: Network, mesh: Mesh) -> Tables:
         """The tables of a network on its mesh."""
-        if not network.sources:
-            return NoTables()
         each, place = [made_of(table) for table in network.sources], _Place(network, mesh)
         still, closed = np.zeros((mesh.n_elements, mesh.element.N + 1)), np.zeros(mesh.n_nodes)
         momentum, nodes = [s.momentum(place) for s in each], [s.nodes(place) for s in each]
         return Tables(
             network.sources,
-            np.array([still if x is None else x for x in momentum]),
-            np.array([closed if x is None else x for x in nodes]),
+            np.array([still if x is None else x for x in momentum]).reshape(len(each), *still.shape),
+            np.array([closed if x is None else x for x in nodes]).reshape(len(each), *closed.shape),
             shown(network, tuple(network.output_units()), each),
             mesh.topology.inlets,
             mesh.topology.outlets,
         )
 
     def given(self, g: Array) -> Tables:
-        """The same with fixed amplitudes g : (n_sources,) instead of g(t)."""
+        """These with fixed amplitudes g : (n_sources,) instead of g(t)."""
         return replace(self, tables=(), now=g)
 
-    def at(self, times: Array) -> list[Array | None]:
-        """g : (n_sources,) at each of some times [s]."""
-        return list(self._values(times))
+    def none(self) -> Tables:
+        """No tables."""
+        return replace(self, tables=(), momentum=self.momentum[:0], nodes=self.nodes[:0], shown=self.shown[:0])
+
+    def at(self, times: Array) -> Sequence[Array | None]:
+        """g : (n_sources,) at each of some times [s]; None without tables."""
+        return list(self._values(times)) if len(self.nodes) else [None] * len(times)
 
     def beside(
         self, sources: Sequence[Source], g: Array | None, T: float, n: int, t: float = 0.0
@@ -106,6 +75,8 @@ class Tables:
 
         Raises ValueError for a table with another period.
         """
+        if not self.tables:
+            return sources, np.zeros((1, 0)) if g is None else g
         for table in self.tables:
             table.check_repeats(T)
         own = np.fft.rfft(self._values(t + T / _FINE * np.arange(_FINE)), axis=0, norm="forward")[:n]
@@ -130,11 +101,14 @@ class Tables:
 
     def let_in(self, drive: Array, t: float) -> Array:
         """The flows through the inlets, from their drives : (n_inlets, B or 1), at time t [s]."""
-        return drive + (self._values(np.array([t]))[0] @ self.nodes)[self.inlets, None]
+        (g,) = self.at(np.array([t]))
+        return drive if g is None else drive + (g @ self.nodes)[self.inlets, None]
 
     def add_to_outputs(self, result: Array, t: float) -> None:
         """Add their direct contributions at time t [s] to outputs : (B, n_outputs)."""
-        result += self._values(np.array([t]))[0] @ self.shown
+        (g,) = self.at(np.array([t]))
+        if g is not None:
+            result += g @ self.shown
 
     def _values(self, times: Array) -> Array:
         if self.now is not None:

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..laws.effect import Drag, Points
 from ..laws.wall import Wall
 from ..mesh.mesh import Layout, Mesh, build_mesh
-from ..mesh.source_tables import NoTables, Tables
+from ..mesh.source_tables import Tables
 from ..network.coefficients import Coefficients, Parameters, changes, coefficients
 from ..network.description import Network
 from ..network.validation import check_parameters
@@ -79,7 +79,7 @@ class Model:
     force: Force
     storage: Storage
     inlets: Inlets
-    tables: Tables | NoTables
+    tables: Tables
     A_rest: Array
     flow_floor: Array
     pressure_floor: Array

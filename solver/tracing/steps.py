@@ -16,7 +16,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..mesh.mesh import Layout, Mesh
-from ..mesh.source_tables import NoTables
 from ..network.description import Network
 from ..scheme.guards import margins
 from ..scheme.model import Model
@@ -172,7 +171,7 @@ class Recording:
 
     def __init__(self, recorder: Recorder, m: Any, tau: float) -> None:
         self.recorder, self.m, self.n_H, self.shapes = recorder, m, m.mesh.n_nodes, m.layout.shapes
-        self.n_sources = 0 if isinstance(m.tables, NoTables) else len(m.tables.nodes)
+        self.n_sources = len(m.tables.nodes)
         self.given, self.out = defaultdict[str, list[Any]](list), dict[str, Any]()
         self.tau = tau
         self.o = self.operators()
