@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -26,15 +26,7 @@ from .mesh import Mesh
 Array = np.ndarray
 
 _GAUSS = legendre.leggauss(6)  # of the overlap of an element and an interval: exact for elements of degree 11
-
-
-class Meshed(Protocol):
-    """The interface of a model that sources use."""
-
-    @property
-    def network(self) -> Described: ...
-    @property
-    def mesh(self) -> Mesh: ...
+Meshed = Any  # a solver.scheme.model.Model, whose module imports this one, or what has its network and mesh
 
 
 @dataclass(frozen=True)
