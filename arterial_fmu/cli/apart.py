@@ -49,7 +49,7 @@ def run_apart(words: Sequence[str]) -> int:
     if code >= 0:
         return code
     from arterial_fmu.cli.terminal.console import complain
-    from solver.io.host_died import HostDied
+    from solver.io.exit_codes import HostDied
 
     died = HostDied(next((word for word in words if word.lower().endswith(".fmu")), "the FMU"), code)
     complain(f"Error: {died}")

@@ -94,8 +94,7 @@ def calibrate_command(
     from fitting.inference.unknown_text import parse_unknowns
     from fitting.records.plausible import arteries
 
-    from .tables.fits import calibration_table, network_indices_table
-    from .tables.recordings import recordings_table
+    from .tables.fits import calibration_table, network_indices_table, recordings_table
 
     with sentences(NonPhysicalState, NotPeriodic), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")

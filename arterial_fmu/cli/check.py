@@ -12,7 +12,7 @@ from arterial_fmu.cli.terminal.options import Json, Quiet, networks_for
 from arterial_fmu.cli.terminal.progress import PACE, bar
 from fitting.results.parameter_set import read_set
 from solver import NonPhysicalState, NotPeriodic
-from solver.io.host_died import HostDied
+from solver.io.exit_codes import HostDied
 from solver.io.writing import check_destinations
 from solver.network.files import find_network
 from solver.tracing.native import check_backend

@@ -13,8 +13,7 @@ from arterial_fmu.cli.terminal.progress import bar
 from discrepancy.options import Asked
 from fitting.parallel.workers import cores
 from solver import NonPhysicalState, NotPeriodic
-from solver.io.exit_codes import ExitCode
-from solver.io.host_died import HostDied
+from solver.io.exit_codes import ExitCode, HostDied
 from solver.io.writing import check_destinations, write_whole
 from solver.network.files import find_network, parse_quantity
 

@@ -37,8 +37,7 @@ from solver.lumped.component import Component
 
 from ..variables.model_description import complete
 from ..variables.variable import Variable
-from .refusal import sentence
-from .saving import INITIALIZING, INSTANTIATED, STEPPING, TERMINATED, SavingSlave
+from .saving import INITIALIZING, INSTANTIATED, STEPPING, TERMINATED, SavingSlave, sentence
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from solver.lumped.heart import INPUTS, OUTPUTS, HeartComponent
 from solver.lumped.heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve, Ventricle
 from solver.quantities.quantity import quantities
 
-from ..variables.lumped_variables import (
+from ..variables.variable import (
     FLOW,
     FRACTION,
     IMPEDANCE,
@@ -18,11 +18,12 @@ from ..variables.lumped_variables import (
     MEMORY,
     PRESSURE,
     VOLUME,
+    Variable,
     input_variable,
     output_variable,
     parameters,
+    with_starts,
 )
-from ..variables.variable import Variable, with_starts
 from .base import ComponentSlave, Subject
 
 _KINDS = {

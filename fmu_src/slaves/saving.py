@@ -1,7 +1,9 @@
-"""The part of a slave that fails in one sentence, and saves and restores its state."""
+"""The part of a slave that fails in one sentence, with references that keep the host alive, and saves its state."""
 
 from __future__ import annotations
 
+import ctypes
+import traceback
 import weakref
 from abc import abstractmethod
 from collections.abc import Callable
@@ -13,8 +15,7 @@ from pythonfmu import Fmi2Slave
 from solver.errors import InputError
 from solver.io.saved import from_bytes, to_bytes
 from solver.lumped.component import Component
-
-from .refusal import compensate, sentence
+from solver.scheme.failure import NonPhysicalState
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 
@@ -133,3 +134,23 @@ class SavingSlave(Fmi2Slave):
 def _check_state(state: Any, guid: str) -> None:
     if not isinstance(state, Snapshot) or state.guid != guid:
         raise InputError("the state is not one of this FMU; give one that this FMU saved.")
+
+
+def compensate(instance: Fmi2Slave) -> None:
+    """The wrapper drops these references before it reports fmi2Fatal, and once more when it frees the instance."""
+    for owner in (type(instance), instance, instance.log_queue):
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
+
+
+def sentence(who: str, error: BaseException, what: str) -> str:
+    """What goes to the host's log, where it is a printf format by the standard.
+
+    A user's mistake is one sentence. Of a fault of ours, which must not kill the host either, it is everything.
+    """
+    if isinstance(error, (InputError, NonPhysicalState)):
+        text = str(error)
+    elif isinstance(error, KeyboardInterrupt):
+        text = f"interrupted while {what}."
+    else:
+        text = f"internal error while {what}\n{traceback.format_exc()}"
+    return f"{who}: {text}".replace("%", "%%")

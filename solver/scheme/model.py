@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..laws.effect import Drag, Points
 from ..laws.wall import Wall
 from ..mesh.mesh import Layout, Mesh, build_mesh
-from ..mesh.source_tables import Tables
+from ..mesh.sources import Tables
 from ..network.coefficients import Coefficients, Parameters, changes, coefficients
 from ..network.description import Network
 from ..network.validation import check_parameters
