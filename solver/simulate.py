@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, NonPhysicalState
 from .network.coefficients import Parameters
 from .network.description import Network
 from .network.inflow import Drives, Inflows, drives_of
 from .periodic.mixing import Beats, fills_slowly
 from .quantities.units import SIGNAL_UNITS
-from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
 from .scheme.outputs import Reporter
 from .scheme.sdirk import INFLOW_TIMES

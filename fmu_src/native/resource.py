@@ -10,14 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver.errors import InputError
+from solver.errors import InputError, NonPhysicalState
 from solver.laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.lumped.component import Arithmetic
 from solver.network.curve import Curve
 from solver.network.description import Network
 from solver.network.inlet import Inlet
 from solver.network.validation import CHECKED_TOGETHER
-from solver.scheme.failure import NonPhysicalState
 from solver.scheme.guards import BARE_REMEDY, UNSOLVED
 from solver.scheme.model import Model, Settings
 from solver.scheme.step import State, adopt, at_stages_of

@@ -12,10 +12,9 @@ from typing import Any, TypeVar
 
 from pythonfmu import Fmi2Slave
 
-from solver.errors import InputError
+from solver.errors import InputError, NonPhysicalState
 from solver.io.saved import from_bytes, to_bytes
 from solver.lumped.component import Component
-from solver.scheme.failure import NonPhysicalState
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 

@@ -251,6 +251,11 @@ class Wall:
         return any((a.reshape(*a.shape[:-1], -1, n) != a[..., None, :n]).any() for a in arrays if a is not None)
 
     @property
+    def learns(self) -> bool:
+        """Whether any wall has a learned stress."""
+        return self.learned is not None
+
+    @property
     def leaks(self) -> bool:
         """Whether any wall leaks."""
         return self.leak is not None
