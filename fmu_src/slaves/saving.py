@@ -8,7 +8,8 @@ import weakref
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 from pythonfmu import Fmi2Slave
 
@@ -18,7 +19,7 @@ from solver.lumped.component import Component
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 
-T = TypeVar("T")
+P, T = ParamSpec("P"), TypeVar("T")
 
 _KEPT = ("values", "phase", "t0", "stop_time", "outdated", "late_due", "changed")  # attributes of a slave in a state
 _INSTANCES: weakref.WeakSet[SavingSlave] = weakref.WeakSet()  # that the host has not freed
@@ -33,6 +34,25 @@ class Snapshot:
     slave: dict[str, Any]
     component: dict[str, Any]
     blob: bytes | None = None
+
+
+def guarded(what: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """A callback of a slave that fails in one sentence: what it was doing, and why that failed."""
+
+    def of(callback: Callable[P, T]) -> Callable[P, T]:
+        @wraps(callback)
+        def guarding(*given: P.args, **named: P.kwargs) -> T:
+            try:
+                return callback(*given, **named)
+            except BaseException as error:
+                slave: Any = given[0]
+                message = sentence(slave.instance_name, error, what)
+            compensate(slave)
+            raise ValueError(message)
+
+        return guarding
+
+    return of
 
 
 class SavingSlave(Fmi2Slave):
@@ -63,22 +83,18 @@ class SavingSlave(Fmi2Slave):
 
     # --- saved states ---------------------------------------------------------------------------------------------
 
+    @guarded("saving the state")
     def _get_fmu_state(self) -> Snapshot:
-        return self._guarded("saving the state", self._snapshot)
-
-    def _snapshot(self) -> Snapshot:
         slave = {**{name: getattr(self, name) for name in _KEPT}, "values": tuple(self.values)}
         return Snapshot(self.content_hash, slave, self.component.__dict__.copy())
 
+    @guarded("restoring the state")
     def _set_fmu_state(self, state: Any) -> None:
-        def restore() -> None:
-            _check_state(state, self.content_hash)
-            if self.phase == INSTANTIATED:
-                self._settle()
-            self.__dict__ |= {**state.slave, "values": list(state.slave["values"])}
-            self.component.__dict__ = state.component.copy()
-
-        self._guarded("restoring the state", restore)
+        _check_state(state, self.content_hash)
+        if self.phase == INSTANTIATED:
+            self._settle()
+        self.__dict__ |= {**state.slave, "values": list(state.slave["values"])}
+        self.component.__dict__ = state.component.copy()
 
     @classmethod
     def _fmu_state_to_bytes(cls, state: Any) -> bytes:
@@ -106,17 +122,9 @@ class SavingSlave(Fmi2Slave):
 
     # --- errors ---------------------------------------------------------------------------------------------------
 
-    def _guarded(self, what: str, action: Callable[[], T]) -> T:
-        try:
-            return action()
-        except BaseException as error:
-            message = sentence(self.instance_name, error, what)
-        compensate(self)
-        raise ValueError(message)
-
     @classmethod
     def _refused(cls, what: str, action: Callable[[], T]) -> T:
-        """As ``_guarded``, where the instance is not known: any of this class may be the one that is called.
+        """As :func:`guarded`, where the instance is not known: any of this class may be the one that is called.
 
         The others stay in memory after the host has freed them, a quarter of a megabyte each.
         """
