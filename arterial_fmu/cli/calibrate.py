@@ -84,7 +84,7 @@ def calibrate_command(
     with sentences():
         check_one(beside, len(paths) + len(judged))
         how = options.reading([*paths, *judged], mapped, decimal, beside, part)
-        T = options.seconds(period, "--period")
+        T = options.seconds(period)
         sets = _sets(out, labels_of(paths))
         check_destinations(*sets, given=[*paths, *judged, *how.beside, network, start])
         described = read_network(find_network(network))

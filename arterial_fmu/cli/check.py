@@ -48,7 +48,7 @@ def check_command(
     """Run an FMU with a parameter set in a fresh process and compare it with a record."""
     with sentences():
         how = options.reading([record], mapped, decimal, beside, part)
-        given, T = read_set(parameters), options.seconds(period, "--period")
+        given, T = read_set(parameters), options.seconds(period)
         find_network(fmu)
         check_backend(backend)
     from fitting.check.fmu_check import check

@@ -86,7 +86,7 @@ def discover_command(
     with sentences():
         how = options.reading([record, *(further or ()), *(hold_out or ())], mapped, decimal, beside, part)
         asked = Asked(
-            options.seconds(period, "--period"), walls, prior, parse_quantity(time_limit, "s", "--time-limit"),
+            options.seconds(period), walls, prior, parse_quantity(time_limit, "s", "--time-limit"),
             cores() if jobs is None else jobs, tuple(filters or ()), tuple(further or ()), tuple(varies or ()),
             tuple(hold_out or ()), backend, options.first_options(like, mass, venous, distance, path),
         )  # fmt: skip

@@ -225,13 +225,13 @@ def _fluid(table: Mapping[str, Any]) -> Fluid:
     own = {key: value for key, value in table.items() if key not in aliases.FLUID}
     rho = _numbers(Fluid, "fluid", own).get("rho", Fluid().rho)
     quantities(Fluid)["rho"].check("fluid.rho", rho)
-    return Fluid(**_numbers(Fluid, "fluid", aliases.fluid(table, rho, parse_quantity)))
+    return Fluid(**_numbers(Fluid, "fluid", aliases.fluid(table, rho)))
 
 
 def _segment(name: str, table: Mapping[str, Any], eta: float, rho: float) -> Segment:
     known = quantities(Segment)
     check_keys(name, table, (*known, *terms_of("segment"), *aliases.SEGMENT))
-    return Segment(name, **_numbers(Segment, name, aliases.segment(name, table, known, eta, rho, parse_quantity)))
+    return Segment(name, **_numbers(Segment, name, aliases.segment(name, table, known, eta, rho)))
 
 
 def _further_inlet(segment: str, table: Mapping[str, Any], folder: Path | None, T: float) -> Inlet:

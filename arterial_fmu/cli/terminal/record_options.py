@@ -150,9 +150,9 @@ Paths = Annotated[
 ]
 
 
-def seconds(text: str | None, name: str) -> float | None:
-    """The value of an option in seconds; None if it is not given."""
-    return None if text is None else parse_quantity(text, "s", name)
+def seconds(period: str | None) -> float | None:
+    """The period in seconds; None if it is not given."""
+    return None if period is None else parse_quantity(period, "s", "--period")
 
 
 def reading(
