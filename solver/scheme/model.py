@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -157,7 +157,12 @@ class Model:
         the whole batch, and one program solves both."""
         B = self.coefficients.B
         own = {name: np.broadcast_to(value, B)[index] for name, value in self.parameters.items()}
-        return replace(_members(replace(self, parameters={}, memo={}), B, index), parameters=own)
+
+        def some(x: Array, axis: int | None) -> Array:
+            batched = axis is not None and x.dtype == float and x.ndim > axis and x.shape[axis] == B
+            return x.take(index, axis) if batched else x
+
+        return replace(rebuilt(replace(self, parameters={}, memo={}), some), parameters=own)
 
     def repeated(self, times: int) -> Model:
         """A batch with all parameter sets repeated ``times`` times, one after the other."""
@@ -193,23 +198,28 @@ def build(
     return _possible(lay_out(network, dict(parameters or {}), settings, c, mesh))
 
 
-def _members(x: Any, B: int, index: Array, axis: int | None = 0) -> Any:
-    """Frozen objects with some members of a batch of B. axis : of an array, by MEMBER_AXIS of its class; None if all
-    members share it."""
+def rebuilt(
+    x: Any, array: Callable[[Array, int | None], Any], other: Callable[[Any], None] = lambda x: None,
+    axis: int | None = 0,
+) -> Any:  # fmt: skip
+    """Frozen objects with ``array(x, axis)`` in place of each of their arrays. axis : of the members of a batch, by
+    MEMBER_AXIS of its class; None if all members share it. other : told what else they are made of, in their order:
+    classes, keys, and values without arrays."""
     if isinstance(x, np.ndarray):
-        batched = axis is not None and x.dtype == float and x.ndim > axis and x.shape[axis] == B
-        return x.take(index, axis) if batched else x
+        return array(x, axis)
     if isinstance(x, tuple):
-        parts = [_members(part, B, index) for part in x]
+        parts = [rebuilt(part, array, other) for part in x]
         return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
     if isinstance(x, Mapping):
-        return {key: _members(value, B, index) for key, value in x.items()}
+        other(tuple(x))
+        return {key: rebuilt(value, array, other) for key, value in x.items()}
     if not is_dataclass(x) or isinstance(x, (type, Network, Settings, Mesh, Layout)):
+        other(x)
         return x
+    other(type(x))
     axes: Mapping[str, int | None] = getattr(x, "MEMBER_AXIS", {})
-    return replace(
-        x, **{f.name: _members(getattr(x, f.name), B, index, axes.get(f.name, 0)) for f in fields(x) if f.init}
-    )
+    each = [(f.name, getattr(x, f.name)) for f in fields(x) if f.init]
+    return replace(x, **{name: rebuilt(value, array, other, axes.get(name, 0)) for name, value in each})
 
 
 def lay_out(
