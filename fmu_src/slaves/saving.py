@@ -19,7 +19,8 @@ from solver.lumped.component import Component
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 
-P, T = ParamSpec("P"), TypeVar("T")
+P = ParamSpec("P")
+T = TypeVar("T")
 
 _KEPT = ("values", "phase", "t0", "stop_time", "outdated", "late_due", "changed")  # attributes of a slave in a state
 _INSTANCES: weakref.WeakSet[SavingSlave] = weakref.WeakSet()  # that the host has not freed
