@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from arterial_fmu.cli.cohort import tables as cohort_tables
+from arterial_fmu.cli.tables.cohort import tables as cohort_tables
 from fitting.cohort import report as cohort_report
 from fitting.cohort.figures import cohort_figures
 from fitting.cohort.fits import MODELS, Cohort, Summary, fit_cohort, read_cohort

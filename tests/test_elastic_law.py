@@ -14,7 +14,7 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from arterial_fmu.__main__ import app
-from arterial_fmu.cli.cohort import tables as cohort_tables
+from arterial_fmu.cli.tables.cohort import tables as cohort_tables
 from discrepancy.find.study import other_law
 from fitting.cohort.file import Entry
 from fitting.cohort.fits import Cohort, fit_cohort
