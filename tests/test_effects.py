@@ -219,9 +219,9 @@ def test_file_errors(sheep: Network) -> None:
     for old, new, words in (
         ("[segments.CA]", "[segments.CA]\ntao = 1.0", "use one of .*tau"),
         ("[fluid]", "[fluid]\ntau = 1.0", "use one of .*friction_scale"),
-        ("[segments.CA]", '[channels."CA.P"]\nlagg = 1.0\n[segments.CA]', "did you mean lag"),
-        ("[segments.CA]", "[channels.CA]\nlag = 1.0\n[segments.CA]", "in quotes and with its signal"),
-        ("[segments.CA]", '[channels."XX.P"]\nlag = 0.1\n[segments.CA]', "no such output"),
+        ("[sites]", '[channels."CA.P"]\nlagg = 1.0\n[sites]', "did you mean lag"),
+        ("[sites]", "[channels.CA]\nlag = 1.0\n[sites]", "in quotes and with its signal"),
+        ("[sites]", '[channels."XX.P"]\nlag = 0.1\n[sites]', "no such output"),
         ("[segments.CA]", '[segments.CA]\nleak = "1 m"', "Pa"),
     ):
         with pytest.raises(ValueError, match=words):
