@@ -6,14 +6,13 @@
 """
 
 from . import former_names as former_names
-from .errors import InputError
+from .errors import InputError, NonPhysicalState
 from .harmonics import beat_harmonics
 from .laws.outlets import Pressure, Reflection, Resistance, Windkessel
 from .muscl.settings import MusclSettings
 from .network.description import Channel, Fluid, Inlet, Junction, Network, Segment, Site
 from .network.files import bundled, find_network, read_network, write_network
 from .network.inflow import sampled_inflow
-from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
 from .simulate import NotPeriodic, repeating_beat, simulate, simulate_periodic
 from .waveforms import Waveforms

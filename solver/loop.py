@@ -14,8 +14,7 @@ import numpy as np
 
 from .errors import InputError
 from .laws.catalogue import neutral_value
-from .laws.maxwell import Moment
-from .laws.wall import Wall
+from .laws.wall import Moment, Wall
 from .network.coefficients import Parameters, walls_at
 from .network.description import Network
 

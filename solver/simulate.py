@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, NonPhysicalState
 from .network.coefficients import Parameters
 from .network.description import Network
 from .network.inflow import Drives, Inflows, drives_of
-from .periodic.anderson import Beats, fills_slowly
+from .periodic.mixing import Beats, fills_slowly
 from .quantities.units import SIGNAL_UNITS
-from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
 from .scheme.outputs import Reporter
 from .scheme.sdirk import INFLOW_TIMES
@@ -112,7 +111,7 @@ def simulate_periodic(
     start : "rest"; "periodic", near the result (:mod:`~solver.periodic.start`); or an earlier result, possibly with
     other parameters, whose last state is the start: it saves beats if little has changed; the result of one parameter
     set can start a batch. Default: rest, or periodic if that state exists and the arteries fill slowly.
-    accelerate : whether slow pressures are extrapolated from beat to beat (:mod:`~solver.periodic.anderson`), and the
+    accelerate : whether slow pressures are extrapolated from beat to beat (:mod:`~solver.periodic.mixing`), and the
     default start may be the periodic one. In either case the result repeats the beat before.
     Raises ValueError, NonPhysicalState as :func:`simulate`, NotPeriodic after ``max_beats``, and ValueError if
     ``start`` has another mesh, step or batch.

@@ -92,7 +92,7 @@ def test_contents(fmu: Path, sheep: Network) -> None:
     assert re.fullmatch(r"arterial_[0-9a-f]{8}", name)
     assert guid(fmu).startswith(f"{{{name.removeprefix('arterial_')}")
     code = {n.removeprefix(f"resources/_{name}/") for n in names if n.startswith(f"resources/_{name}/")}
-    modules = "__init__ host wrapper slaves/arteries_slave slaves/base slaves/refusal slaves/saving".split()
+    modules = "__init__ host wrapper slaves/arteries_slave slaves/base slaves/saving".split()
     modules += [f"cosimulation/{module}" for module in ("arteries", "drive", "ports", "communication_step")]
     modules += [f"variables/{module}" for module in ("arteries_variables", "model_description", "variable")]
     modules += [f"{folder}/__init__" for folder in ("slaves", "cosimulation", "variables")]

@@ -31,7 +31,7 @@ from fitting.records.channels.spectral import interpolated
 from fitting.records.read.record import Record
 from fitting.results.parameter_set import ParameterSet, Value, read_set
 from solver import Inlet, Network, Segment, Settings, Site, Windkessel, load, simulate_periodic
-from solver.io.host_died import HostDied
+from solver.io.exit_codes import HostDied
 
 pytestmark = pytest.mark.usefixtures("one_process")
 SITES = ("AA", "MD", "CA")

@@ -20,10 +20,10 @@ from test_examples import run as run_example
 from build_fmu import build_native
 from fmu_src.cosimulation.arteries import CoSimulation
 from solver import Network, Settings, Windkessel, load
+from solver.errors import NonPhysicalState
 from solver.lumped.heart_parts import Heart
 from solver.lumped.species import HUMAN_HEART, SHEEP_HEART
 from solver.quantities.units import MMHG
-from solver.scheme.failure import NonPhysicalState
 
 Array = np.ndarray
 

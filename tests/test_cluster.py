@@ -102,8 +102,7 @@ def test_a_study_on_a_cluster(cluster: Cluster, tmp_path: Path) -> None:
     from test_study import sheep, varied
 
     from arterial_fmu.study.plan import Plan
-    from arterial_fmu.study.run import run
-    from arterial_fmu.study.store import Store
+    from arterial_fmu.study.store import Store, run
 
     plan = Plan(sheep(), varied("CA.phi0=10..120kPa*s", "all.E=0.8..1.2x"), 32, 1, ("CA",))
     there, here = (Store(tmp_path / name, plan) for name in ("there", "here"))

@@ -30,7 +30,7 @@ from fitting.inference.models.network_record import network_problem
 from fitting.inference.models.simulator import Simulator
 from fitting.inference.runs import Runs
 from fitting.records.read.sensors import UnusableRecord
-from fmu_src.slaves.refusal import sentence
+from fmu_src.slaves.saving import sentence
 from solver import InputError, NonPhysicalState, Settings, load
 from solver.io.exit_codes import ExitCode
 from solver.network.files import write_network
@@ -41,7 +41,7 @@ Breaks = Callable[[str], None]
 # where another library, or Python, says of something given that it is wrong, or a host must not be killed
 OTHERS = {
     "solver.io.saved", "solver.io.tables", "solver.quantities.text", "solver.network.files",
-    "solver.network.importers.openbf", "solver.io.host_died",
+    "solver.network.importers.openbf", "solver.io.exit_codes",
     "solver.network.validation",
     "fitting.records.read.numbers",  # NumPy's reader, of a file that may be anything
     "fitting.records.read.kinds", "fitting.parallel.cluster", "fitting.results.parameter_set",
@@ -49,7 +49,7 @@ OTHERS = {
     "fitting.inference.unknown_text", "arterial_fmu.study.store",
     "fmu_src.wrapper", "fmu_src.slaves.saving", "fmu_src.slaves.base", "fmu_src.importer.interpreter",
     "fmu_src.importer.doctor", "fmu_src.host",
-    "fmu_src.importer.run", "arterial_fmu.cli.run", "fmu_src.native.native_doctor",  # of a file that may be anything
+    "fmu_src.importer.run", "arterial_fmu.cli.run",  # of a file that may be anything
     "discrepancy.report.page",  # of a verdict.json that may be anything
     "solver.io.writing",  # which tidies up, and raises it again
     "arterial_fmu.cli.terminal.console", "arterial_fmu.__main__",  # the door of faults

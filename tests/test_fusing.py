@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver.tracing.array import array
-from solver.tracing.fusing import fused
+from solver.tracing.program import fused
 from solver.tracing.recorder import Instruction, Recorder
 
 N = 5

@@ -10,7 +10,7 @@ import pytest
 from fmu_src.cosimulation.arteries import CoSimulation
 from fmu_src.variables.arteries_variables import variable_table
 from solver import Network, NonPhysicalState, Settings, simulate
-from solver.scheme.failure import NotConverged
+from solver.errors import NotConverged
 from solver.scheme.model import build
 from solver.scheme.sdirk import HALVES, INFLOW_TIMES
 from solver.scheme.step import initial_state, parts, step

@@ -20,10 +20,9 @@ from fmu_src.contents.models import heart_model
 from fmu_src.slaves import body_slave
 from fmu_src.slaves.base import Subject
 from fmu_src.slaves.heart_slave import HeartSlave, table
-from solver.lumped.heart import OUTPUTS, HeartComponent
+from solver.lumped.heart import OUTPUTS, HeartComponent, HeartState, Port, initial_state, step
 from solver.lumped.heart_parts import Heart
 from solver.lumped.heart_search import one_by_one
-from solver.lumped.heart_step import HeartState, Port, initial_state, step
 from solver.lumped.species import HUMAN_BODY, HUMAN_HEART, SHEEP_HEART
 from solver.quantities.units import MMHG
 

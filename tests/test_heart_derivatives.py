@@ -18,7 +18,7 @@ from native_fmus import needs_compiler
 from test_native_heart import MODELS, R1, R2, STIFF, C
 
 from fmu_src.contents.models import FMUContents
-from solver.lumped import heart_step
+from solver.lumped import heart as heart_module
 from solver.lumped.arithmetic import repeated, solution
 from solver.lumped.component import Arithmetic
 from solver.quantities.units import MMHG
@@ -201,14 +201,14 @@ def test_heart_by_differences(stored: Store, tmp_path: Path, start: Mapping[str,
 
 def test_where_flows_are_bisected(stored: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where Newton's method fails, too: the derivative of a bisection itself is none of its root's."""
-    heart, newton, failed = pair(stored, "heart", tmp_path, INSIDE | STIFF), heart_step.newton, list[bool]()
+    heart, newton, failed = pair(stored, "heart", tmp_path, INSIDE | STIFF), heart_module.newton, list[bool]()
 
     def counted(*given: Any) -> Any:
         found = newton(*given)
         failed.append(not found[0])
         return found
 
-    monkeypatch.setattr(heart_step, "newton", counted)
+    monkeypatch.setattr(heart_module, "newton", counted)
     assert off(heart, beat(heart, lengths()), lambda _: failed[-1], heart.differences) <= DIFFERENCES
 
 

@@ -21,8 +21,7 @@ from fitting.check.fmu_run import RunFailed, periodic_answer, read_fmu
 from fmu_src.importer import doctor
 from fmu_src.importer.run import run_fmu
 from fmu_src.importer.unpacking import places, undecoded, unpacking_folder
-from solver.io.exit_codes import ExitCode
-from solver.io.host_died import HostDied, ended
+from solver.io.exit_codes import ExitCode, HostDied, ended
 from solver.quantities.units import INFLOW
 
 STRANGE = "Ärzte (a+b), ñ, 東京"

@@ -10,7 +10,7 @@ import pytest
 from compare import relative_error
 
 from solver import Network, Settings, load, repeating_beat, simulate_periodic
-from solver.periodic.anderson import Beats, fills_slowly
+from solver.periodic.mixing import Beats, fills_slowly
 from solver.scheme.model import build
 from solver.scheme.step import initial_state
 

@@ -28,7 +28,7 @@ from build_fmu import build_native_model
 from fmu_src.contents.models import FMUContents, body_model, heart_model
 from fmu_src.importer import doctor
 from fmu_src.slaves import body_slave, heart_slave
-from solver.lumped import heart_step
+from solver.lumped import heart as heart_module
 from solver.lumped.species import HUMAN_HEART, SPECIES
 from solver.quantities.units import MMHG
 
@@ -125,13 +125,13 @@ def test_valves_that_open_at_once(hearts: tuple[Instance, Instance], monkeypatch
 
 def test_bisection_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
     """In that run Newton's method fails in some steps, in Python, where it can be counted."""
-    converged, one_by_one = list[bool](), heart_step.one_by_one
+    converged, one_by_one = list[bool](), heart_module.one_by_one
 
     def counted(residuals: Any, Q_m: float, Q_a: float, found: bool) -> Any:
         converged.append(found)
         return one_by_one(residuals, Q_m, Q_a, found)
 
-    monkeypatch.setattr(heart_step, "one_by_one", counted)
+    monkeypatch.setattr(heart_module, "one_by_one", counted)
     evenly(HUMAN_HEART.with_values(STIFF), 2 * MS, 900)
     assert converged.count(False) > 0  # 3 of 900
 

@@ -20,9 +20,9 @@ from fmu_src.cosimulation import ports
 from fmu_src.cosimulation.arteries import CoSimulation
 from fmu_src.variables.arteries_variables import variable_table
 from solver import Network, Pressure, Resistance, Settings, Windkessel, read_network
+from solver.errors import NonPhysicalState
 from solver.laws.outlets import Outlet
 from solver.quantities.units import MMHG
-from solver.scheme.failure import NonPhysicalState
 
 Array = np.ndarray
 

@@ -25,6 +25,7 @@ from fmu_src.documents.drawing import network_svg
 from fmu_src.importer.run import run_fmu
 from fmu_src.variables.arteries_variables import variable_table
 from solver import MusclSettings, Settings, linear, sampled_inflow, simulate, simulate_periodic
+from solver.errors import NotConverged
 from solver.laws.outlets import Reflection, Windkessel
 from solver.layout import lanes
 from solver.network.curve import Curve
@@ -32,7 +33,6 @@ from solver.network.description import Fluid, Inlet, Junction, Network, Segment,
 from solver.network.files import dumps, from_sections, loads
 from solver.network.importers.sheet import read_sheet, to_sheet
 from solver.scheme import step
-from solver.scheme.failure import NotConverged
 from solver.scheme.model import build as build_model
 from solver.scheme.outputs import inlet_answers
 from solver.scheme.sdirk import INFLOW_TIMES

@@ -23,16 +23,13 @@ from SALib.test_functions import Ishigami
 from typer.testing import CliRunner
 
 import arterial_fmu.__main__
-from arterial_fmu.study.batch import FAILED, Batch, run_batch
+from arterial_fmu.study.batch import FAILED, POINTS, Batch, largest, measures, run_batch, smallest
 from arterial_fmu.study.command import _table
-from arterial_fmu.study.measures import POINTS, largest, measures, smallest
 from arterial_fmu.study.models import NetworkModel, read_model
-from arterial_fmu.study.outcome import Study, summary
+from arterial_fmu.study.outcome import Study, findings, summary
 from arterial_fmu.study.plan import Plan, base_of, plan_of
 from arterial_fmu.study.report import write
-from arterial_fmu.study.run import run
-from arterial_fmu.study.sensitivity import findings
-from arterial_fmu.study.store import Store
+from arterial_fmu.study.store import Store, run
 from arterial_fmu.study.varied import parse_varied
 from build_fmu import build
 from fitting.parallel.threads import ENVIRONMENT

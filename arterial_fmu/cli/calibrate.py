@@ -84,7 +84,7 @@ def calibrate_command(
     with sentences():
         check_one(beside, len(paths) + len(judged))
         how = options.reading([*paths, *judged], mapped, decimal, beside, part)
-        T = options.seconds(period, "--period")
+        T = options.seconds(period)
         sets = _sets(out, labels_of(paths))
         check_destinations(*sets, given=[*paths, *judged, *how.beside, network, start])
         described = read_network(find_network(network))
@@ -94,8 +94,7 @@ def calibrate_command(
     from fitting.inference.unknown_text import parse_unknowns
     from fitting.records.plausible import arteries
 
-    from .tables.fits import calibration_table, network_indices_table
-    from .tables.recordings import recordings_table
+    from .tables.fits import calibration_table, network_indices_table, recordings_table
 
     with sentences(NonPhysicalState, NotPeriodic), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")

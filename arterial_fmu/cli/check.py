@@ -12,7 +12,7 @@ from arterial_fmu.cli.terminal.options import Json, Quiet, networks_for
 from arterial_fmu.cli.terminal.progress import PACE, bar
 from fitting.results.parameter_set import read_set
 from solver import NonPhysicalState, NotPeriodic
-from solver.io.host_died import HostDied
+from solver.io.exit_codes import HostDied
 from solver.io.writing import check_destinations
 from solver.network.files import find_network
 from solver.tracing.native import check_backend
@@ -48,7 +48,7 @@ def check_command(
     """Run an FMU with a parameter set in a fresh process and compare it with a record."""
     with sentences():
         how = options.reading([record], mapped, decimal, beside, part)
-        given, T = read_set(parameters), options.seconds(period, "--period")
+        given, T = read_set(parameters), options.seconds(period)
         find_network(fmu)
         check_backend(backend)
     from fitting.check.fmu_check import check

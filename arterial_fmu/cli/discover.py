@@ -13,8 +13,7 @@ from arterial_fmu.cli.terminal.progress import bar
 from discrepancy.options import Asked
 from fitting.parallel.workers import cores
 from solver import NonPhysicalState, NotPeriodic
-from solver.io.exit_codes import ExitCode
-from solver.io.host_died import HostDied
+from solver.io.exit_codes import ExitCode, HostDied
 from solver.io.writing import check_destinations, write_whole
 from solver.network.files import find_network, parse_quantity
 
@@ -87,7 +86,7 @@ def discover_command(
     with sentences():
         how = options.reading([record, *(further or ()), *(hold_out or ())], mapped, decimal, beside, part)
         asked = Asked(
-            options.seconds(period, "--period"), walls, prior, parse_quantity(time_limit, "s", "--time-limit"),
+            options.seconds(period), walls, prior, parse_quantity(time_limit, "s", "--time-limit"),
             cores() if jobs is None else jobs, tuple(filters or ()), tuple(further or ()), tuple(varies or ()),
             tuple(hold_out or ()), backend, options.first_options(like, mass, venous, distance, path),
         )  # fmt: skip

@@ -46,7 +46,7 @@ def first_command(
     """Make a first model from a recording: resistance, compliance, impedance, delays, and the network from them."""
     with sentences():
         how = options.reading([record], mapped, decimal, beside, part)
-        T = options.seconds(period, "--period")
+        T = options.seconds(period)
         check_destinations(out, given=[record, *how.beside])
         asked = options.first_options(like, mass, venous, distance, path)
     from fitting.first.model import first_model

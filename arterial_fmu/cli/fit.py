@@ -70,7 +70,7 @@ def fit_command(
         chosen = wall if law is None else weighed
         thickness = typed_quantity(h, "m", "--h")
         radius = None if R0 is None else typed_quantity(R0, "m", "--R0")
-        T = options.seconds(period, "--period")
+        T = options.seconds(period)
     from fitting.inference.models.bench_network import bench_network
     from fitting.records.plausible import Artery
     from fitting.wall.indices import indices, plain

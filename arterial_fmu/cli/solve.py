@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from solver.errors import InputError
+from solver.errors import InputError, NonPhysicalState
 from solver.io.writing import check_destinations
 from solver.muscl.settings import MusclSettings
 from solver.network.description import Network
@@ -18,7 +18,6 @@ from solver.network.files import find_network, parse_quantity, read_network
 from solver.quantities.legible import number
 from solver.quantities.text import assignments, typed_quantity
 from solver.quantities.units import MMHG
-from solver.scheme.failure import NonPhysicalState
 from solver.scheme.model import Settings
 from solver.schemes import AnySettings
 from solver.simulate import NotPeriodic, Waveforms, simulate, simulate_periodic

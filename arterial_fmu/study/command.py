@@ -23,8 +23,7 @@ from .models import read_model
 from .outcome import Study, summary
 from .plan import Plan, plan_of
 from .report import WRITTEN, write
-from .run import run
-from .store import Store
+from .store import Store, run
 from .varied import parse_varied
 
 SHOWN = 3  # parameters of a number in the table

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from arterial_fmu.study.batch import POINTS
 from fitting.pages.panels import Drawing, by_place, drawing, shown
 from fitting.pages.style import BLACK, BLUE, ORANGE, SKY, STYLE
 
-from .measures import POINTS
 from .outcome import Study
 
 _COLUMNS = 3

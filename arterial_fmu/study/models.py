@@ -178,7 +178,7 @@ class FMUModel:
 
     def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
         from fitting.check.fmu_run import RunFailed, periodic_answer
-        from solver.io.host_died import HostDied
+        from solver.io.exit_codes import HostDied
 
         answers: list[Beats | str] = []
         for values in zip(*parameters.values(), strict=True):

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from arterial_fmu.study.batch import WAVES, Array, measures
 from fmu_src import __version__
 from solver.errors import InputError
 
-from .measures import WAVES, Array, measures
 from .models import NetworkModel, StudyModel
 from .varied import Varied
 

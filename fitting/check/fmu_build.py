@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from solver.errors import InputError
-from solver.io.host_died import ended
+from solver.io.exit_codes import ended
 from solver.network.files import find_network, read_network, write_network
 from solver.tracing.native import NoEngine, check_backend, library, refuse_without
 

@@ -1,6 +1,8 @@
 """An FMU from the outside: its description, and its periodic response to a periodic input.
 
-Each run of an FMU of pythonfmu uses a new process, because a process that has run one keeps its code.
+Each run of an FMU of pythonfmu uses a new process, because a process that has run one keeps its code. One with the
+compiled engine has no such code and runs in this process: its steps take some 30 µs, so that a new process, and files
+for inputs and results, would take most of the time.
 """
 
 from __future__ import annotations
@@ -10,20 +12,22 @@ import os
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import fmpy
 import numpy as np
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import fmi2Warning
 from fmpy.model_description import ScalarVariable
 
 from solver.errors import InputError
-from solver.io.exit_codes import ExitCode
-from solver.io.host_died import HostDied
+from solver.io.exit_codes import ExitCode, HostDied
 from solver.network.description import Network
 from solver.network.files import read_network
 from solver.quantities.units import INFLOW
@@ -31,7 +35,8 @@ from solver.simulate import change_of
 
 from ..parallel.threads import ENVIRONMENT
 from ..records.channels.spectral import interpolated, shift
-from .native_run import Array, FMUFailed, stepped
+
+Array = np.ndarray
 
 BEATS = (5, 10, 20, 40, 60)  # numbers of beats of successive runs, until the last two beats agree
 PERIODIC = 1e-4  # largest relative change of an output between them
@@ -260,8 +265,8 @@ def _answer(table: Mapping[str, Array]) -> Answer:
 def takes(fmu: FMU, starts: Mapping[str, float | str]) -> bool:
     """True if an FMU with the compiled engine can be initialised with these start values."""
     try:
-        stepped(fmu.path, starts, {INFLOW: 0.0}, INFLOW, [], 1.0, ())
-    except FMUFailed:
+        _stepped(fmu.path, starts, {INFLOW: 0.0}, INFLOW, [], 1.0, ())
+    except RunFailed:
         return False
     return True
 
@@ -279,18 +284,8 @@ def _run(
     if not fmu.native:
         return _run_apart(fmu, driver, values, h / parts, beats, n, starts)
     first = {INFLOW: 0.0, driver: float(values[0])}
-    try:
-        table = stepped(
-            fmu.path,
-            {"inlet.interpolation": "linear", **starts},
-            first,
-            driver,
-            values[1::parts].tolist(),
-            h,
-            fmu.outputs,
-        )
-    except FMUFailed as error:
-        raise RunFailed(str(error)) from None
+    drives = values[1::parts].tolist()
+    table = _stepped(fmu.path, {"inlet.interpolation": "linear", **starts}, first, driver, drives, h, fmu.outputs)
     return {name: column[:-1].reshape(beats, n) for name, column in zip(fmu.outputs, table.T, strict=True)}
 
 
@@ -332,3 +327,67 @@ def run_module(*line: str) -> tuple[int, str]:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     lines = [text.strip() for text in done.stderr.splitlines() if text.strip()]
     return done.returncode, lines[-1].removeprefix("Error: ") if lines else ""
+
+
+# --- in this process -------------------------------------------------------------------------------------------------
+
+
+def _stepped(
+    path: str | os.PathLike[str],
+    starts: Mapping[str, float | str],
+    first: Mapping[str, float],
+    driver: str,
+    drives: Sequence[float],
+    h: float,
+    outputs: Sequence[str],
+) -> Array:
+    """Outputs at times 0, h, … n h : (n + 1, n_outputs) [SI] of an FMU for FMI 2.0.
+
+    starts : start values, for an Enumeration the name of an item. first : inputs at time 0. driver, drives : an input
+    and its value (n,) during each step; the inflow is interpolated, so its value is that of the step's end.
+    Raises RunFailed if a call fails.
+    """
+    description = fmpy.read_model_description(os.fspath(path))
+    variables = {variable.name: variable for variable in description.modelVariables}
+    messages: list[str] = []
+
+    def log(_environment: Any, _name: bytes, status: int, _category: bytes, text: bytes) -> None:
+        if status > fmi2Warning:
+            messages.append(text.decode("utf-8", "replace"))
+
+    with TemporaryDirectory(prefix="check_", ignore_cleanup_errors=True) as folder:
+        fmpy.extract(os.fspath(path), folder)
+        slave = None
+        try:
+            slave = fmpy.instantiate_fmu(folder, description, "CoSimulation", logger=log, debug_logging=True)
+            slave.setupExperiment(startTime=0.0)
+            for name, value in starts.items():
+                _put(slave, variables[name], value)
+            slave.setReal([variables[name].valueReference for name in first], list(first.values()))
+            slave.enterInitializationMode()
+            slave.exitInitializationMode()
+            return _steps(slave, variables[driver], drives, h, [variables[name].valueReference for name in outputs])
+        except FMICallException as error:
+            raise RunFailed(f"{Path(path).name}: {' '.join(messages) or error}") from None
+        finally:
+            if slave is not None:
+                slave.freeInstance()
+
+
+def _put(slave: Any, variable: ScalarVariable, value: float | str) -> None:
+    if variable.type == "Enumeration":
+        (number,) = (int(item.value) for item in variable.declaredType.items if item.name == value)
+        slave.setInteger([variable.valueReference], [number])
+    else:
+        slave.setReal([variable.valueReference], [float(value)])
+
+
+def _steps(slave: Any, driver: ScalarVariable, drives: Sequence[float], h: float, outputs: Sequence[int]) -> Array:
+    table = np.empty((len(drives) + 1, len(outputs)))
+    table[0] = slave.getReal(outputs)
+    for i, value in enumerate(drives):
+        slave.setReal([driver.valueReference], [value])
+        slave.doStep(i * h, h)
+        table[i + 1] = slave.getReal(outputs)
+    slave.terminate()
+    return table

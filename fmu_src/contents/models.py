@@ -20,7 +20,7 @@ from solver.scheme.model import Settings
 
 from .. import __version__
 from ..cosimulation.drive import inlet_with, own_drive
-from ..documents import document, lumped_document
+from ..documents import document
 from ..slaves import body_slave, heart_slave
 from ..slaves.base import ComponentSlave, Subject
 from ..variables.arteries_variables import variable_table
@@ -84,14 +84,14 @@ def heart_model(species: str = "human", starts: Starts | None = None, fmi: int =
     Raises ValueError for an unknown species.
     """
     title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
-    uses = lumped_document.HEART_USES
+    uses = document.HEART_USES
     return _lumped(of(species)[0], "heart", heart_slave.HeartSlave, heart_slave.table, title, uses, starts or {}, fmi)
 
 
 def body_model(species: str = "human", starts: Starts | None = None, fmi: int = 0) -> FMUContents:
     """The veins, the right heart and the lungs. fmi : as of hearts. Raises ValueError for an unknown species."""
     title = "The veins, the right heart and the lungs as one elastic reservoir."
-    uses = lumped_document.BODY_USES
+    uses = document.BODY_USES
     return _lumped(of(species)[1], "body", body_slave.BodySlave, body_slave.table, title, uses, starts or {}, fmi)
 
 
@@ -103,7 +103,7 @@ def _lumped(
     with_starts(variables(part), starts)  # rejects names and values
     part = part.with_values(starts)
     table, others = _others(variables(part), starts)
-    pages = lumped_document.documents(part.name, title, part.reference, uses, table, fmi)
+    pages = document.lumped_documents(part.name, title, part.reference, uses, table, fmi)
     resources = _data(slave.data_file, {kind: asdict(part)}, others)
     subject = slave.subject(json.loads(resources[slave.data_file]))
     return FMUContents(part.name, f"slaves.{kind}_slave", slave.__name__, table, resources, pages, subject, fmi)

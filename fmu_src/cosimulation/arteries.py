@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from solver.errors import InputError
+from solver.errors import InputError, NonPhysicalState
 from solver.io.saved import Kind, dataclasses
 from solver.lumped.component import Component, check_time
 from solver.mesh.mesh import Layout
 from solver.network.description import Network
 from solver.network.inlet import Inlet
 from solver.periodic.start import periodic_state
-from solver.scheme.failure import NonPhysicalState
 from solver.scheme.model import Model, Settings, build
 from solver.scheme.outputs import reporter, volume_weights
 from solver.scheme.step import State, initial_state

@@ -25,12 +25,14 @@ from xml.etree import ElementTree
 
 from solver.errors import InputError
 from solver.io.exit_codes import ExitCode
-from solver.io.host_died import ended as died
+from solver.io.exit_codes import ended as died
 
 from .. import content
 from ..cosimulation.drive import DRIVES
 from ..host import PYTHONS, TESTED
-from ..native import native_doctor
+from ..native.arrays import with_guid
+from ..native.binaries import PLATFORMS, here
+from ..native.native_fmu import DESCRIPTION, RESOURCE, guid_of
 from . import trial
 from .interpreter import Interpreter, interpreter
 from .unpacking import places, undecoded, unpacking_folder
@@ -44,6 +46,8 @@ EXIT = {
 }
 _PLATFORMS = {"linux64": "Linux", "win64": "Windows", "darwin64": "macOS"}
 _OTHER = "is not an FMU of this project"
+_WHOLE = "built by this project; code and data match the GUID"
+_CHANGED = "code or data were changed after the FMU was built (GUID)"
 _ANEW = "build it anew with arterial-fmu build, or copy it once more"
 START, INSTALL = "start them with: ", "install it with: "
 _LARGEST = 200e6  # bytes unpacked; an FMU of this project has one
@@ -89,9 +93,8 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
     except _NoFMU as reason:
         return [Finding("file", FATAL, *reason.args)]
     findings = [Finding("file", OK, f"{len(archive.names)} files, {archive.size / 1000:.0f} kB, checksums right")]
-    if native_doctor.is_native(archive.names):
-        rows = native_doctor.rows(path, archive.names, archive.guid, archive.model, archive.fmi3)
-        findings += [*(Finding(*row) for row in rows), *_drive(archive)]
+    if RESOURCE in archive.names:
+        findings += [*_native(path, archive), *_drive(archive)]
         whole = all(finding.state == OK for finding in findings)
         return findings + ([_trial(path, sys.executable, "report it, with this table")] if whole else [])
     findings.append(_made_here(path, archive))
@@ -162,7 +165,7 @@ def _archive(path: Path) -> Archive:
     except _UNREADABLE as error:
         raise _NoFMU(f"cannot be unpacked ({type(error).__name__}: {error})") from None
     simulation = root.find("CoSimulation")
-    fmi3 = root.get("fmiVersion") == "3.0" and native_doctor.is_native(names)
+    fmi3 = root.get("fmiVersion") == "3.0" and RESOURCE in names
     if root.tag != "fmiModelDescription" or not (fmi3 or root.get("fmiVersion") == "2.0") or simulation is None:
         raise _NoFMU("is not an FMU for co-simulation by FMI 2.0", "build one with arterial-fmu build")
     model = simulation.get("modelIdentifier", "")
@@ -212,8 +215,8 @@ def _made_here(path: Path, archive: Archive) -> Finding:
     # a user may change this flag by hand for an importer: it is still the same FMU
     digests = [content.digest(inside, flag, version) for flag in (True, False)]
     if not any(archive.guid == content.guid(digest) and module == content.name(digest) for digest in digests):
-        return Finding("contents", FATAL, "code or data were changed after the FMU was built (GUID)", _ANEW)
-    return Finding("contents", OK, f"{archive.model}, built by this project; code and data match the GUID")
+        return Finding("contents", FATAL, _CHANGED, _ANEW)
+    return Finding("contents", OK, f"{archive.model}, {_WHOLE}")
 
 
 def _missing(files: Mapping[str, bytes], module: str) -> str | None:
@@ -338,3 +341,39 @@ def _json_lines(output: bytes) -> list[dict[str, str]]:
         except ValueError:
             continue
     return [line for line in lines if isinstance(line, dict)]
+
+
+# --- an FMU that needs no Python --------------------------------------------------------------------------------------
+
+
+def _native(path: Path, archive: Archive) -> Iterator[Finding]:
+    """Contents, Python and binaries."""
+    try:
+        made = guid_of(_unnamed(path, archive)) == archive.guid
+    except (ValueError, IndexError, KeyError, zipfile.BadZipFile):
+        made = False
+    if made:
+        yield Finding("contents", OK, f"{archive.model}, {_WHOLE}")
+    else:
+        remedy = "build it anew with arterial-fmu build --native, or copy it once more"
+        yield Finding("contents", FATAL, _CHANGED, remedy)
+    yield Finding("Python", OK, "not needed by the host")
+    inside = (name.split("/") for name in archive.names if name.startswith("binaries/"))
+    found = sorted({parts[1] for parts in inside if len(parts) == 3})
+    name = here() or ""
+    mine = PLATFORMS.get(name)
+    listed = ", ".join(found) or "none"
+    if mine is not None and (mine.fmi3 if archive.fmi3 else mine.fmi2) in found:
+        yield Finding("binary", OK, f"{listed}; tested on Linux x86-64")
+    else:
+        remedy = f"build it with --platforms {name}" if name else "compile sources/ for this machine"
+        yield Finding("binary", PROBLEM, f"none for this machine (there is {listed})", remedy)
+
+
+def _unnamed(path: Path, archive: Archive) -> dict[str, bytes]:
+    """The files as they were before the GUID was known."""
+    with zipfile.ZipFile(path) as file:
+        found = {name: file.read(name) for name in archive.names if not name.startswith("binaries/")}
+    found[RESOURCE] = with_guid(found[RESOURCE], "")
+    found[DESCRIPTION] = found[DESCRIPTION].replace(archive.guid.encode(), b"")
+    return found

@@ -19,10 +19,11 @@ from ..contents.models import FMUContents, given_arteries
 from ..documents import document
 from ..slaves.arteries_slave import in_one_line
 from ..variables.variable import Variable
-from . import arithmetic_resource, native_description, resource
+from . import native_description
 from .arrays import with_guid
 from .binaries import PLATFORMS, binary, fat, here, sources
 from .native_description import About
+from .resource import arithmetic_resource, resource
 
 RESOURCE, DESCRIPTION = "resources/arterial.bin", "modelDescription.xml"
 _ARM = "aarch64-darwin"
@@ -39,7 +40,7 @@ def files(
     )
     own_files = {
         "resources/network.toml": dumps(network).encode(),
-        RESOURCE: resource.resource(network, settings, table),
+        RESOURCE: resource(network, settings, table),
         **document.documents(network, table, __version__, fmi),
     }
     return _complete(about, table, own_files, fmi) | libraries
@@ -57,7 +58,7 @@ def arithmetic_files(model: FMUContents, platforms: Sequence[str]) -> dict[str, 
     about = About(model.name, subject.description, __version__, "", e.stop_time, e.step_size, None)
     own_files = {
         **{f"resources/{path}": text.encode() for path, text in model.resources.items()},
-        RESOURCE: arithmetic_resource.resource(component, model.table),
+        RESOURCE: arithmetic_resource(component, model.table),
         **model.documents,
     }
     return _complete(about, model.table, own_files, model.fmi) | libraries

@@ -1,24 +1,27 @@
-"""The resource of arteries that need no Python: their programs and constants in one file, ``resources/arterial.bin``,
+"""The resource of an FMU that needs no Python: its programs and constants in one file, ``resources/arterial.bin``,
 whose form is in :mod:`~fmu_src.native.arrays`. Not part of the code of other FMUs.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from solver.errors import InputError
+from solver.errors import InputError, NonPhysicalState
 from solver.laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
+from solver.lumped.component import Arithmetic
 from solver.network.curve import Curve
 from solver.network.description import Network
 from solver.network.inlet import Inlet
 from solver.network.validation import CHECKED_TOGETHER
-from solver.scheme.failure import NonPhysicalState
 from solver.scheme.guards import BARE_REMEDY, UNSOLVED
 from solver.scheme.model import Model, Settings
 from solver.scheme.step import State, adopt, at_stages_of
+from solver.tracing import arithmetic
+from solver.tracing.arithmetic import Recorded, Requirement
 from solver.tracing.component import FURTHER, Whole, whole
 from solver.tracing.derivative import DERIVED_PLACES, derivative
 from solver.tracing.program import Program, Shared
@@ -34,6 +37,8 @@ Array = np.ndarray
 _MARGINS = [name for name in FURTHER if name.startswith("margin_")]  # of which there may be fewer
 _SMALL = 40_000  # bytes of code of a program whose derivatives the file holds whatever its law
 _MOST = 3_000_000  # bytes of programs: of larger networks only those of its own laws
+_NUMBERS = 4  # at most, of a sentence
+_FORMATS = re.compile(r"%%|%(?:\.1?\d)?g")  # that native/fmu/arithmetic.c knows
 
 
 def resource(network: Network, settings: Settings, table: Sequence[Variable]) -> bytes:
@@ -198,3 +203,49 @@ def _derived(p: Program | None) -> Iterator[Array]:
         unread = dict.fromkeys(("element_length", "g_begin", "g", "g_report"), 2)
         yield integers([p.n_fixed, p.n_work, *({**unread, **p.address}[name] for name in DERIVED_PLACES)])
         yield from (p.code, p.begin)
+
+
+# --- of a heart or a body: three programs ---------------------------------------------------------------------------
+
+
+def arithmetic_resource(component: Arithmetic, table: Sequence[Variable]) -> bytes:
+    """The file, its GUID still open (:func:`~fmu_src.native.arrays.with_guid`).
+
+    Raises ValueError for a sentence of a requirement that C cannot print.
+    """
+    shared, texts = Shared(), Texts()
+    given = [variable for variable in table if variable.causality != "output"]
+    choices = {variable.name: variable.choices for variable in given if variable.choices}
+    programs = arithmetic.recorded(component, [variable.name for variable in given], choices, shared)
+    arrays = tables(table, texts, n_programs=len(programs), n_arithmetic=programs[0].n_state)
+    arrays |= {"index": shared.index.all(), "numbers": shared.constants.all()}
+    return file_of(arrays, texts, [array for program in programs for array in _arithmetic(program, texts)])
+
+
+def _arithmetic(recorded: Recorded, texts: Texts) -> Iterator[Array]:
+    """Counts and places, code, where phases begin; and nothing more."""
+    p, at = recorded.program, recorded.program.address
+    numbers = [p.n_fixed, p.n_work, len(recorded.loops), len(recorded.requirements)]
+    numbers += [at.get(name, -1) for name in ("values", "state", "t", "h", "direction")]
+    numbers += [at["next_state"], at["outputs"]]
+    for k, size in enumerate(recorded.loops):
+        numbers += [size, *(at[f"{name}_{k}"] for name in ("begin", "before", "after"))]
+    for k, must in enumerate(recorded.requirements):
+        _check(must)
+        places = [at[f"number_{k}_{i}"] for i in range(must.numbers)]
+        numbers += [must.phase, at[f"required_{k}"], texts.at(must.sentence), *places, *[0] * (_NUMBERS - len(places))]
+    yield integers(numbers)
+    yield from (p.code, p.begin)
+    yield from [integers([])] * 3
+
+
+def _check(must: Requirement) -> None:
+    """Raise ValueError where the sentence has another format than %g and %.6g, or not one for each number."""
+    formats = [found for found in _FORMATS.findall(must.sentence) if found != "%%"]
+    if "%" in _FORMATS.sub("", must.sentence):
+        raise InputError(f"{must.sentence!r}: in an FMU without Python only %g, %.0g to %.19g and %% may be in it.")
+    if not len(formats) == must.numbers <= _NUMBERS:
+        raise InputError(
+            f"{must.sentence!r}: has {len(formats)} places for {must.numbers} numbers; an FMU without Python needs one "
+            f"for each, and takes up to {_NUMBERS}."
+        )

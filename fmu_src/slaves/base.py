@@ -37,8 +37,7 @@ from solver.lumped.component import Component
 
 from ..variables.model_description import complete
 from ..variables.variable import Variable
-from .refusal import sentence
-from .saving import INITIALIZING, INSTANTIATED, STEPPING, TERMINATED, SavingSlave
+from .saving import INITIALIZING, INSTANTIATED, STEPPING, TERMINATED, SavingSlave, guarded, sentence
 
 
 @dataclass(frozen=True)
@@ -104,34 +103,26 @@ class ComponentSlave(SavingSlave):
 
     # --- phases ---------------------------------------------------------------------------------------------------
 
+    @guarded("setting up the experiment")
     def setup_experiment(self, start_time: float, stop_time: float | None = None, *_: Any) -> None:
-        def set_up() -> None:
-            self._require("setup_experiment", INSTANTIATED)
-            if not math.isfinite(start_time):
-                raise InputError(f"start time of {start_time:g} s: must be finite.")
-            if stop_time is not None and not stop_time >= start_time:
-                raise InputError(
-                    f"stop time of {stop_time:g} s: must not lie before the start time of {start_time:g} s."
-                )
-            self.t0, self.stop_time = start_time, stop_time
+        self._require("setup_experiment", INSTANTIATED)
+        if not math.isfinite(start_time):
+            raise InputError(f"start time of {start_time:g} s: must be finite.")
+        if stop_time is not None and not stop_time >= start_time:
+            raise InputError(f"stop time of {stop_time:g} s: must not lie before the start time of {start_time:g} s.")
+        self.t0, self.stop_time = start_time, stop_time
 
-        self._guarded("setting up the experiment", set_up)
-
+    @guarded("entering initialization mode")
     def enter_initialization_mode(self) -> None:
-        def enter() -> None:
-            self._require("enter_initialization_mode", INSTANTIATED)
-            self._settle()
-            self.phase = INITIALIZING
+        self._require("enter_initialization_mode", INSTANTIATED)
+        self._settle()
+        self.phase = INITIALIZING
 
-        self._guarded("entering initialization mode", enter)
-
+    @guarded("initialization")
     def exit_initialization_mode(self) -> None:
-        def leave() -> None:
-            self._require("exit_initialization_mode", INITIALIZING)
-            self._initialize()
-            self.phase = STEPPING
-
-        self._guarded("initialization", leave)
+        self._require("exit_initialization_mode", INITIALIZING)
+        self._initialize()
+        self.phase = STEPPING
 
     def terminate(self) -> None:
         self.phase = TERMINATED
@@ -169,36 +160,35 @@ class ComponentSlave(SavingSlave):
 
     # --- values ---------------------------------------------------------------------------------------------------
 
+    @guarded("reading variables")
     def get_real(self, vrs: list[int]) -> list[float]:
         if self.phase == STEPPING and self.at_hand.issuperset(vrs):  # the usual case, at every step
             values = self.values
             return [values[vr] for vr in vrs]
-        return self._guarded("reading variables", lambda: self._get(vrs, self.numbers))
+        return self._get(vrs, self.numbers)
 
+    @guarded("reading variables")
     def get_integer(self, vrs: list[int]) -> list[int]:
         """The numbers of Enumerations; there are no other integers."""
+        return [self.table[vr].number(text) for vr, text in zip(vrs, self._get(vrs, self.choices), strict=True)]
 
-        def get() -> list[int]:
-            return [self.table[vr].number(text) for vr, text in zip(vrs, self._get(vrs, self.choices), strict=True)]
-
-        return self._guarded("reading variables", get)
-
+    @guarded("reading variables")
     def get_string(self, vrs: list[int]) -> list[Any]:
-        return self._guarded("reading variables", lambda: self._get(vrs, frozenset()))
+        return self._get(vrs, frozenset())
 
+    @guarded("setting variables")
     def set_real(self, vrs: list[int], values: list[float]) -> None:
-        self._guarded("setting variables", lambda: self._set(vrs, values, self.numbers))
+        self._set(vrs, values, self.numbers)
 
+    @guarded("setting variables")
     def set_integer(self, vrs: list[int], values: list[int]) -> None:
-        def put() -> None:
-            self._check_kind(vrs, self.choices)
-            texts = [self.table[vr].choice(number) for vr, number in zip(vrs, values, strict=True)]
-            self._set(vrs, texts, self.choices)
+        self._check_kind(vrs, self.choices)
+        texts = [self.table[vr].choice(number) for vr, number in zip(vrs, values, strict=True)]
+        self._set(vrs, texts, self.choices)
 
-        self._guarded("setting variables", put)
-
+    @guarded("setting variables")
     def set_string(self, vrs: list[int], values: list[Any]) -> None:
-        self._guarded("setting variables", lambda: self._set(vrs, values, frozenset()))
+        self._set(vrs, values, frozenset())
 
     get_boolean, set_boolean = get_string, set_string  # no variable is of these types
 

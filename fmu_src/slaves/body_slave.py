@@ -8,8 +8,7 @@ from pythonfmu import DefaultExperiment
 
 from solver.lumped.body import EXCHANGES, Body, BodyComponent, Reservoir
 
-from ..variables.lumped_variables import PRESSURE, VOLUME, input_variable, output_variable, parameters
-from ..variables.variable import Variable, with_starts
+from ..variables.variable import PRESSURE, VOLUME, Variable, input_variable, output_variable, parameters, with_starts
 from .base import ComponentSlave, Subject
 
 

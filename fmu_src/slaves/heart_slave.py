@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_type_hints
 
 from pythonfmu import DefaultExperiment
 
 from solver.lumped.heart import INPUTS, OUTPUTS, HeartComponent
-from solver.lumped.heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve, Ventricle
+from solver.lumped.heart_parts import Chamber, Heart
 from solver.quantities.quantity import quantities
 
-from ..variables.lumped_variables import (
+from ..variables.variable import (
     FLOW,
     FRACTION,
     IMPEDANCE,
@@ -18,17 +18,14 @@ from ..variables.lumped_variables import (
     MEMORY,
     PRESSURE,
     VOLUME,
+    Variable,
     input_variable,
     output_variable,
     parameters,
+    with_starts,
 )
-from ..variables.variable import Variable, with_starts
 from .base import ComponentSlave, Subject
 
-_KINDS = {
-    "heart": Pace, "left_ventricle": Ventricle, "left_atrium": Chamber, "mitral_valve": Valve, "aortic_valve": Valve,
-    "venous": Filling, "aorta": Aorta,
-}  # fmt: skip
 _MEANINGS = {
     "aorta.Q": (FLOW, "flow from the ventricle into the aorta"),
     "aorta.P": (PRESSURE, "pressure at the root of the aorta, as the port of the arteries gives it"),
@@ -62,8 +59,8 @@ class HeartSlave(ComponentSlave):
     @classmethod
     def subject(cls, data: Any) -> Subject:
         """The heart and its variables; an experiment of five beats."""
-        parts = data["heart"]
-        heart = Heart(**{key: _KINDS[key](**x) if key in _KINDS else x for key, x in parts.items()})
+        kinds = get_type_hints(Heart)
+        heart = Heart(**{key: kinds[key](**x) if isinstance(x, dict) else x for key, x in data["heart"].items()})
         return Subject(
             name=heart.name,
             description=f"Left heart with time-varying elastance and two valves. {heart.reference}",

@@ -1,23 +1,25 @@
-"""The part of a slave that fails in one sentence, and saves and restores its state."""
+"""The part of a slave that fails in one sentence, with references that keep the host alive, and saves its state."""
 
 from __future__ import annotations
 
+import ctypes
+import traceback
 import weakref
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 from pythonfmu import Fmi2Slave
 
-from solver.errors import InputError
+from solver.errors import InputError, NonPhysicalState
 from solver.io.saved import from_bytes, to_bytes
 from solver.lumped.component import Component
 
-from .refusal import compensate, sentence
-
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 _KEPT = ("values", "phase", "t0", "stop_time", "outdated", "late_due", "changed")  # attributes of a slave in a state
@@ -33,6 +35,25 @@ class Snapshot:
     slave: dict[str, Any]
     component: dict[str, Any]
     blob: bytes | None = None
+
+
+def guarded(what: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """A callback of a slave that fails in one sentence: what it was doing, and why that failed."""
+
+    def of(callback: Callable[P, T]) -> Callable[P, T]:
+        @wraps(callback)
+        def guarding(*given: P.args, **named: P.kwargs) -> T:
+            try:
+                return callback(*given, **named)
+            except BaseException as error:
+                slave: Any = given[0]
+                message = sentence(slave.instance_name, error, what)
+            compensate(slave)
+            raise ValueError(message)
+
+        return guarding
+
+    return of
 
 
 class SavingSlave(Fmi2Slave):
@@ -63,22 +84,18 @@ class SavingSlave(Fmi2Slave):
 
     # --- saved states ---------------------------------------------------------------------------------------------
 
+    @guarded("saving the state")
     def _get_fmu_state(self) -> Snapshot:
-        return self._guarded("saving the state", self._snapshot)
-
-    def _snapshot(self) -> Snapshot:
         slave = {**{name: getattr(self, name) for name in _KEPT}, "values": tuple(self.values)}
         return Snapshot(self.content_hash, slave, self.component.__dict__.copy())
 
+    @guarded("restoring the state")
     def _set_fmu_state(self, state: Any) -> None:
-        def restore() -> None:
-            _check_state(state, self.content_hash)
-            if self.phase == INSTANTIATED:
-                self._settle()
-            self.__dict__ |= {**state.slave, "values": list(state.slave["values"])}
-            self.component.__dict__ = state.component.copy()
-
-        self._guarded("restoring the state", restore)
+        _check_state(state, self.content_hash)
+        if self.phase == INSTANTIATED:
+            self._settle()
+        self.__dict__ |= {**state.slave, "values": list(state.slave["values"])}
+        self.component.__dict__ = state.component.copy()
 
     @classmethod
     def _fmu_state_to_bytes(cls, state: Any) -> bytes:
@@ -106,17 +123,9 @@ class SavingSlave(Fmi2Slave):
 
     # --- errors ---------------------------------------------------------------------------------------------------
 
-    def _guarded(self, what: str, action: Callable[[], T]) -> T:
-        try:
-            return action()
-        except BaseException as error:
-            message = sentence(self.instance_name, error, what)
-        compensate(self)
-        raise ValueError(message)
-
     @classmethod
     def _refused(cls, what: str, action: Callable[[], T]) -> T:
-        """As ``_guarded``, where the instance is not known: any of this class may be the one that is called.
+        """As :func:`guarded`, where the instance is not known: any of this class may be the one that is called.
 
         The others stay in memory after the host has freed them, a quarter of a megabyte each.
         """
@@ -133,3 +142,23 @@ class SavingSlave(Fmi2Slave):
 def _check_state(state: Any, guid: str) -> None:
     if not isinstance(state, Snapshot) or state.guid != guid:
         raise InputError("the state is not one of this FMU; give one that this FMU saved.")
+
+
+def compensate(instance: Fmi2Slave) -> None:
+    """The wrapper drops these references before it reports fmi2Fatal, and once more when it frees the instance."""
+    for owner in (type(instance), instance, instance.log_queue):
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
+
+
+def sentence(who: str, error: BaseException, what: str) -> str:
+    """What goes to the host's log, where it is a printf format by the standard.
+
+    A user's mistake is one sentence. Of a fault of ours, which must not kill the host either, it is everything.
+    """
+    if isinstance(error, (InputError, NonPhysicalState)):
+        text = str(error)
+    elif isinstance(error, KeyboardInterrupt):
+        text = f"interrupted while {what}."
+    else:
+        text = f"internal error while {what}\n{traceback.format_exc()}"
+    return f"{who}: {text}".replace("%", "%%")

@@ -1,11 +1,16 @@
-"""The arterial wall: elastic laws, Kelvin–Voigt viscosity and its nonlinear forms.
+"""The arterial wall: elastic laws, Kelvin–Voigt viscosity and its nonlinear forms, and the memory of its stress.
 
 The wall is written in the stretch s = R/R0 = √(A/A0), with strain ε = s - 1 and strain rate
 ε̇ = ∂A/∂t / (2 A0 s). The transmural pressure is (`eq:general`, `sheep_constitutive`)
 
     P = P_ref + P_el(ε) + K_h/s σ_v(ε̇),    K_h = h/((1 - η²) R0)
 
-:mod:`~solver.laws.wall_laws` defines P_el and σ_v, :mod:`~solver.laws.maxwell` the memory of a stress.
+:mod:`~solver.laws.wall_laws` defines P_el and σ_v. A stress with a memory is that of Maxwell elements in parallel,
+
+    σ_v = Σ share_j σ_j,     τ_j dσ_j/dt + σ_j = φ0 ε̇
+
+In the first element the stress of the viscous law replaces φ0 ε̇; the others are linear. An element with τ = 0
+is a damper. Source: R. M. Christensen, Theory of Viscoelasticity (2nd ed. 1982), ch. 1.
 """
 
 from __future__ import annotations
@@ -17,12 +22,49 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .maxwell import Moment, weights
 from .wall_laws import ElasticLaw, LearnedStress, ViscousLaw, riemann_velocity, wave_speed
 
 Array = np.ndarray
 
 _USUAL = 0.1  # s: typical duration of a strain rate in a heart beat
+
+
+def weights(tau: Array, theta: Any) -> Array:
+    """Share of the stress that elements with relaxation times τ reach under a rate that lasts θ [s]: θ/(τ + θ).
+
+    1/(1 + iωτ) for θ = 1/iω, and exactly 1 where τ = 0.
+    """
+    off = tau == 0.0
+    return np.where(off, 1.0, theta / (np.where(off, 1.0, tau) + theta))
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The elements at the end of an implicit stage: σ_v = direct σ_law + linear φ0 ε̇ + faded.
+
+    weight [-], rest [Pa] : (m, …) of each element, σ_j = weight_j (its stress without memory) + rest_j.
+    direct, linear [-], faded [Pa] : (…) their sums.
+    """
+
+    weight: Array
+    rest: Array
+    direct: Array
+    linear: Array
+    faded: Array
+
+    @classmethod
+    def of(cls, tau: Array, share: Array, past: Array, theta: Any) -> Moment:
+        """θ [s] after the stresses were ``past`` : (m, …) [Pa], by one backward Euler step, implicit in the
+        relaxation."""
+        weight = weights(tau, theta)
+        rest, shared = (1.0 - weight) * past, share * weight
+        return cls(weight, rest, shared[0], shared[1:].sum(axis=0), (share * rest).sum(axis=0))
+
+    @classmethod
+    def present(cls, stress: Array) -> Moment:
+        """A moment with known stress σ_v : (…) [Pa], independent of the strain rate."""
+        none = np.zeros((1, 1))
+        return cls(none[None], stress[None], none, none, stress)
 
 
 @dataclass(frozen=True)
@@ -32,7 +74,7 @@ class Wall:
     A0 [m²]; K = E h/((1-η²) R0) [Pa]; e = E_NL/E; K_h = h/((1-η²) R0) [-]; phi0 [Pa·s]; r = φ_NL/φ0 [s];
     P_ref [Pa]; rho [kg/m³]. ``nonlinear``: whether any r differs from 0; ``bent``: whether any e does.
     leak [m²/(Pa·s)] : leakage per length and pressure. tau [s], share [-] : (m, …) relaxation times and shares of the
-    elements of the viscous stress (:mod:`solver.laws.maxwell`). learned : (7, …) the numbers of
+    elements of the viscous stress. learned : (7, …) the numbers of
     :class:`~solver.laws.wall_laws.LearnedStress`, which adds to the stress of the viscous law. None if no wall has it.
 
     For a wall with memory :meth:`remembering` gives the law at one instant; its ``moment`` contains the past stress.

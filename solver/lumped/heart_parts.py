@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from ..quantities.quantity import quantity, with_values
@@ -103,7 +103,7 @@ class Heart:
     @property
     def groups(self) -> dict[str, Any]:
         """Its quantities by the first word of their variables' names."""
-        return {key: getattr(self, key) for key in _GROUPS}
+        return {f.name: part for f in fields(self) if is_dataclass(part := getattr(self, f.name))}
 
     def with_values(self, values: Mapping[str, Any]) -> Heart:
         """The heart with the parameters in ``values``; raises ValueError if they are inconsistent."""
@@ -117,6 +117,3 @@ class Heart:
                 chamber.rise + chamber.fall,
             )
         return heart
-
-
-_GROUPS = ("heart", "left_ventricle", "left_atrium", "mitral_valve", "aortic_valve", "venous", "aorta")

@@ -8,9 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, NonPhysicalState
 from ..mesh.element import lagrange
-from ..scheme.failure import NonPhysicalState
 from ..scheme.sdirk import INFLOW_TIMES
 from ..scheme.step import of_batch
 from .flux import rates, speeds

@@ -8,7 +8,7 @@ converts each to the numbers of :mod:`solver.network.description`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,9 @@ import numpy as np
 from ..errors import InputError
 from ..laws import effects
 from ..quantities.quantity import Quantity
+from ..quantities.text import parse_quantity
 
 Array = np.ndarray
-Parse = Callable[[Any, str, str], float]
 
 SEGMENT = {
     "A0": Quantity("m^2", "area A0 at P_ref", 0.0, 1.0, display="cm^2", open_low=True),
@@ -32,12 +32,12 @@ FLUID = {
 ENDS = {number: term for effect in effects.ALL for number, term in effect.at_ends.items()}
 
 
-def fluid(table: Mapping[str, Any], rho: float, parse: Parse) -> dict[str, Any]:
+def fluid(table: Mapping[str, Any], rho: float) -> dict[str, Any]:
     """The section [fluid] with nu for mu, friction and alpha for profile. Raises ValueError for duplicates."""
     remaining = dict(table)
     for key, own in (("mu", ("nu",)), ("profile", ("friction", "alpha"))):
         _alone("fluid", table, key, own)
-    given = {key: _checked("fluid", key, remaining.pop(key), q, parse) for key, q in FLUID.items() if key in table}
+    given = {key: _checked("fluid", key, remaining.pop(key), q) for key, q in FLUID.items() if key in table}
     if "mu" in given:
         remaining["nu"] = given["mu"] / rho
     if "profile" in given:
@@ -47,7 +47,7 @@ def fluid(table: Mapping[str, Any], rho: float, parse: Parse) -> dict[str, Any]:
 
 
 def segment(
-    name: str, table: Mapping[str, Any], known: Mapping[str, Quantity], eta: float, rho: float, parse: Parse
+    name: str, table: Mapping[str, Any], known: Mapping[str, Quantity], eta: float, rho: float
 ) -> dict[str, Any]:
     """A section of a segment with R0, E and phi0 for A0, beta and C_v, and middle values for values at both ends.
 
@@ -60,13 +60,13 @@ def segment(
         return dict(table)
     every = dict(known) | SEGMENT
     remaining = {key: value for key, value in table.items() if key not in SEGMENT and not isinstance(value, list)}
-    at = {key: _both(name, key, value, every, parse) for key, value in table.items() if key not in remaining}
+    at = {key: _both(name, key, value, every) for key, value in table.items() if key not in remaining}
 
     def needed(key: str, whose: str) -> Array:
         if key not in at and key not in remaining:
             raise InputError(f"{name}: {whose} needs {key} beside it; add {key}.")
         if key not in at:
-            at[key] = np.full(2, _checked(name, key, remaining[key], every[key], parse))
+            at[key] = np.full(2, _checked(name, key, remaining[key], every[key]))
         return at[key]
 
     if "A0" in at:
@@ -97,10 +97,10 @@ def outlet(table: Mapping[str, Any], given: Set[str]) -> dict[str, Any]:
     return {"R1": 0.0, **{"R2" if key == "R" else key: value for key, value in table.items()}}
 
 
-def _both(name: str, key: str, value: Any, every: Mapping[str, Quantity], parse: Parse) -> Array:
+def _both(name: str, key: str, value: Any, every: Mapping[str, Quantity]) -> Array:
     """The two values of a number at the ends of a segment."""
     if not isinstance(value, list):
-        return np.full(2, _checked(name, key, value, every[key], parse))
+        return np.full(2, _checked(name, key, value, every[key]))
     may = [*ENDS, *SEGMENT]
     if key not in may:
         raise InputError(
@@ -109,11 +109,11 @@ def _both(name: str, key: str, value: Any, every: Mapping[str, Quantity], parse:
         )
     if len(value) != 2:
         raise InputError(f"{name}.{key} = {value}: must be one number or two, at both ends; write [first, last].")
-    return np.array([_checked(name, key, each, every[key], parse) for each in value])
+    return np.array([_checked(name, key, each, every[key]) for each in value])
 
 
-def _checked(name: str, key: str, value: Any, quantity: Quantity, parse: Parse) -> float:
-    found = parse(value, quantity.unit, f"{name}.{key}")
+def _checked(name: str, key: str, value: Any, quantity: Quantity) -> float:
+    found = parse_quantity(value, quantity.unit, f"{name}.{key}")
     quantity.check(f"{name}.{key}", found)
     return found
 

@@ -247,8 +247,8 @@ def coefficients(
 def walls_at(network: Network, parameters: Parameters | None, segment: Array, x: Array) -> Wall:
     """The walls of :func:`coefficients` alone, of parameters that are not checked, as :meth:`Coefficients.wall_at`."""
     numbers = _Numbers(network, parameters or {}, batch_size(parameters or {}) or 1)
-    present = (numbers.term(effect) for effect in effects.ALL if effect.owner == "segment" and numbers.acts(effect))
-    return _with_effects(_walls(numbers), [term for term in present if term is not None], segment, x)
+    present = (numbers.term(effect) for effect in effects.ALL if effect.owner == "segment")
+    return _with_effects(_walls(numbers), [term for term in present if term is not None and term.active], segment, x)
 
 
 def _with_effects(base: Wall, terms: Sequence[EffectValues], segment: Array, x: Array) -> Wall:
@@ -282,17 +282,6 @@ class _Numbers:
             name = f"{prefix}.{key}"
             values[:, i] = self.parameters[name] if name in self.parameters else value_of(owner, key, otherwise)
         return values
-
-    def acts(self, effect: Effect) -> bool:
-        """Whether :meth:`term`, if there is one, is active. Makes no arrays, which most effects of a fit need not."""
-        for key in effect.switches:
-            neutral = effect.neutral[key]
-            for prefix, owner in self.owners[effect.owner]:
-                name = f"{prefix}.{key}"
-                value = self.parameters[name] if name in self.parameters else value_of(owner, key, neutral)
-                if np.any(value != neutral):
-                    return True
-        return False
 
     def term(self, effect: Effect) -> EffectValues | None:
         """The numbers of an effect, neutral if an owner does not have them; None if no owner has them, or if the effect

@@ -8,6 +8,7 @@ exact rational factor of the unit, rounded once, so "4 cm" is 0.04 and a written
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 import zipfile
 import zlib
@@ -27,6 +28,8 @@ from ..quantities.text import check_keys, did_you_mean, example, parse_quantity,
 from . import aliases, inlet_curves, table_source
 from .description import Channel, Fluid, Junction, Network, Segment, Site
 from .inlet import CAUSALITY, Inlet
+
+Sections = dict[str, Any]
 
 _NETWORKS = Path(__file__).parents[1] / "networks"
 _TEXTS = ("name", "species", "reference", "elastic_law", "viscous_law")
@@ -91,20 +94,7 @@ def write_network(network: Network, path: str | os.PathLike[str]) -> None:
 
 def dumps(network: Network) -> str:
     """The network as TOML text in SI with units; :func:`loads` gives an equal network, bit for bit."""
-    blocks = [_texts_out(network, *_TEXTS)]
-    blocks += [["[network]", *_numbers_out(network)], ["[fluid]", *_numbers_out(network.fluid)]]
-    blocks += [["[inlet]", *_texts_out(network.inlet, "segment", "causality"), *_inlet_out(network.inlet)]]
-    blocks += [[f"[inlets.{i.segment}]", *_texts_out(i, "causality"), *_inlet_out(i)] for i in network.further_inlets]
-    blocks += [[f"[segments.{s.name}]", *_numbers_out(s)] for s in network.segments]
-    for junction in network.junctions:
-        ends = [f"in = {quoted(junction.inflow)}", f"out = {quoted(junction.outflow)}"]
-        blocks.append(["[[junctions]]", *ends, *_numbers_out(junction)])
-    blocks += [[f"[outlets.{o.segment}]", *_numbers_out(o)] for o in network.outlets]
-    blocks += [["[sites]"]]  # also when there are none: without the section there would be one per segment
-    blocks += [[f"[sites.{s.name}]", f"segment = {quoted(s.segment)}", *_numbers_out(s)] for s in network.sites]
-    blocks += [[f"[channels.{quoted(c.name)}]", *_lines(c.terms, c.quantities())] for c in network.channels]
-    blocks += map(table_source.lines, network.sources)
-    return "\n\n".join("\n".join(lines) for lines in blocks) + "\n"
+    return toml(to_sections(network))
 
 
 def bundled_names() -> list[str]:
@@ -129,6 +119,79 @@ def find_network(name_or_path: str | os.PathLike[str]) -> Path:
     if path.is_dir() and os.fspath(name_or_path) not in bundled_names():
         raise InputError(f"{os.fspath(name_or_path)}: is a folder, not a network; give a network file or an FMU.")
     return path if path.is_file() else bundled(os.fspath(name_or_path))
+
+
+# --- writing the sections -----------------------------------------------------------------------------------------
+
+
+def to_sections(network: Network) -> Sections:
+    """The sections of a network's file, of which :func:`from_sections` makes an equal network."""
+    further = {i.segment: {"causality": i.causality, **_inlet_out(i)} for i in network.further_inlets}
+    channels = {c.name: _with_units(c.terms, c.quantities()) for c in network.channels}
+    found = {
+        **{key: getattr(network, key) for key in _TEXTS},
+        "network": _numbers_out(network),
+        "fluid": _numbers_out(network.fluid),
+        "inlet": {"segment": network.inlet.segment, "causality": network.inlet.causality, **_inlet_out(network.inlet)},
+        "inlets": further,
+        "segments": {s.name: _numbers_out(s) for s in network.segments},
+        "junctions": [{"in": [*j.inflow], "out": [*j.outflow], **_numbers_out(j)} for j in network.junctions],
+        "outlets": {o.segment: _numbers_out(o) for o in network.outlets},
+        "sites": {s.name: {"segment": s.segment, **_numbers_out(s)} for s in network.sites},
+        "channels": channels,
+        "sources": [table_source.section(source) for source in network.sources],
+    }
+    # no sites are written, too: without the section there would be one per segment
+    return {key: each for key, each in found.items() if each or key in (*_TEXTS, "sites")}
+
+
+def _inlet_out(inlet: Inlet) -> Sections:
+    """Its numbers, or its drive; a flow that a given pressure replaces is not written."""
+    curve = inlet.curve
+    drives = curve is not None and CAUSALITY[curve.signal] == inlet.causality
+    return inlet_curves.section(curve) if curve is not None and drives else _numbers_out(inlet)
+
+
+def _numbers_out(owner: Any) -> Sections:
+    known = quantities_of(owner)
+    return _with_units({key: value_of(owner, key) for key in known}, known)
+
+
+def _with_units(values: Mapping[str, float], known: Mapping[str, Quantity]) -> Sections:
+    """repr is the shortest text that reads back to the same float."""
+    units = {key: pint_spelling(known[key].unit) for key in values}
+    return {key: f"{float(x)!r} {units[key]}" if units[key] else float(x) for key, x in values.items()}
+
+
+def toml(sections: Sections) -> str:
+    """Sections as TOML."""
+    blocks = [[f"{key} = {toml_value(v)}" for key, v in sections.items() if not isinstance(v, dict | list)]]
+    for key, section in sections.items():
+        if isinstance(section, list):
+            blocks += [[f"[[{key}]]", *_lines(entry)] for entry in section]
+        elif isinstance(section, dict) and any(isinstance(v, dict) for v in section.values()):
+            blocks += [["[sites]"]] if key == "sites" else []  # as where there are none
+            blocks += [[f"[{key}.{_key(name)}]", *_lines(entry)] for name, entry in section.items()]
+        elif isinstance(section, dict):
+            blocks.append([f"[{key}]", *_lines(section)])
+    return "\n\n".join("\n".join(block) for block in blocks) + "\n"
+
+
+def toml_value(v: Any) -> str:
+    """A value as TOML on one line."""
+    if isinstance(v, Mapping):
+        return f"{{ {', '.join(f'{_key(key)} = {toml_value(each)}' for key, each in v.items())} }}"
+    if isinstance(v, list):
+        return f"[{', '.join(map(toml_value, v))}]"
+    return quoted(v) if isinstance(v, str) else repr(v)
+
+
+def _lines(section: Mapping[str, Any]) -> list[str]:
+    return [f"{key} = {toml_value(v)}" for key, v in section.items()]
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"\w+", name, flags=re.ASCII) else quoted(name)
 
 
 # --- reading the sections -----------------------------------------------------------------------------------------
@@ -163,13 +226,13 @@ def _fluid(table: Mapping[str, Any]) -> Fluid:
     own = {key: value for key, value in table.items() if key not in aliases.FLUID}
     rho = _numbers(Fluid, "fluid", own).get("rho", Fluid().rho)
     quantities(Fluid)["rho"].check("fluid.rho", rho)
-    return Fluid(**_numbers(Fluid, "fluid", aliases.fluid(table, rho, parse_quantity)))
+    return Fluid(**_numbers(Fluid, "fluid", aliases.fluid(table, rho)))
 
 
 def _segment(name: str, table: Mapping[str, Any], eta: float, rho: float) -> Segment:
     known = quantities(Segment)
     check_keys(name, table, (*known, *terms_of("segment"), *aliases.SEGMENT))
-    return Segment(name, **_numbers(Segment, name, aliases.segment(name, table, known, eta, rho, parse_quantity)))
+    return Segment(name, **_numbers(Segment, name, aliases.segment(name, table, known, eta, rho)))
 
 
 def _further_inlet(segment: str, table: Mapping[str, Any], folder: Path | None, T: float) -> Inlet:
@@ -197,13 +260,6 @@ def _inlet(table: Mapping[str, Any], folder: Path | None, where: str = "inlet") 
             "give the other one."
         )
     return Inlet(segment, causality=causality, curve=curve, **({} if curve else numbers))
-
-
-def _inlet_out(inlet: Inlet) -> list[str]:
-    """Its numbers, or its drive; a flow that a given pressure replaces is not written."""
-    curve = inlet.curve
-    drives = curve is not None and CAUSALITY[curve.signal] == inlet.causality
-    return inlet_curves.lines(curve) if curve is not None and drives else _numbers_out(inlet)
 
 
 def _sites(data: Mapping[str, Any]) -> tuple[Site, ...]:
@@ -278,24 +334,6 @@ def _numbers(kind: Any, where: str, table: Mapping[str, Any], others: Iterable[s
         return {key: parse_quantity(table[key], q.unit, f"{where}.{key}") for key, q in known.items() if key in table}
 
     return {**read(own), **({"terms": read(terms)} if terms else {})}
-
-
-def _texts_out(owner: Any, *keys: str) -> list[str]:
-    return [f"{key} = {quoted(getattr(owner, key))}" for key in keys]
-
-
-def _numbers_out(owner: Any) -> list[str]:
-    known = quantities_of(owner)
-    return _lines({key: value_of(owner, key) for key in known}, known)
-
-
-def _lines(values: Mapping[str, float], known: Mapping[str, Quantity]) -> list[str]:
-    """One line per number; repr is the shortest text that reads back to the same float."""
-    entries = {key: (repr(float(value)), known[key].unit) for key, value in values.items()}
-    return [
-        f"{key} = {number}" if unit == "1" else f'{key} = "{number} {pint_spelling(unit)}"'
-        for key, (number, unit) in entries.items()
-    ]
 
 
 def _text(table: Mapping[str, Any], key: str, where: str) -> str:

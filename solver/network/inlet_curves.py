@@ -61,11 +61,11 @@ def read(table: Mapping[str, Any], where: str, folder: Path | None, period: floa
         raise InputError(f"{where}.{error}") from None
 
 
-def lines(curve: Curve) -> list[str]:
-    """The lines of a section from which :func:`read` restores an equal curve."""
-    table = [f"t = {list(curve.t)!r}", f"{curve.signal} = {list(curve.values)!r}"]
-    harmonics = [f"harmonics = {curve.harmonics}"] if curve.harmonics else []
-    return [*table, f'interpolation = "{curve.interpolation}"', *harmonics, f'T = "{curve.period!r} s"']
+def section(curve: Curve) -> dict[str, Any]:
+    """The keys of a section from which :func:`read` restores an equal curve."""
+    table = {"t": list(curve.t), curve.signal: list(curve.values), "interpolation": curve.interpolation}
+    harmonics = {"harmonics": curve.harmonics} if curve.harmonics else {}
+    return {**table, **harmonics, "T": f"{curve.period!r} s"}
 
 
 def _series(signal: str, table: Mapping[str, Any], period: float | None) -> Curve:

@@ -15,7 +15,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..laws.effect import Described
-from ..quantities.text import check_keys, did_you_mean, parse_quantity, quoted
+from ..quantities.text import check_keys, did_you_mean, parse_quantity
 from . import inlet_curves
 from .curve import Curve
 
@@ -109,8 +109,6 @@ def read(table: Any, folder: Path | None) -> TableSource:
     return TableSource(kind, segment, curve, how)
 
 
-def lines(source: TableSource) -> list[str]:
+def section(source: TableSource) -> dict[str, Any]:
     """The section that :func:`read` makes an equal one of."""
-    numbers = [f"{key} = {value!r}" for key, value in source.how.items()]
-    head = ["[[sources]]", f"kind = {quoted(source.kind)}", f"segment = {quoted(source.segment)}"]
-    return [*head, *numbers, *inlet_curves.lines(source.curve)]
+    return {"kind": source.kind, "segment": source.segment, **source.how, **inlet_curves.section(source.curve)}

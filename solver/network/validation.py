@@ -14,7 +14,6 @@ from ..errors import InputError
 from ..laws.catalogue import quantities_of, terms_of
 from ..laws.effect import Described, value_of
 from ..laws.wall_laws import ELASTIC_LAWS, VISCOUS_LAWS
-from ..quantities.quantity import Quantity
 from ..quantities.text import did_you_mean
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
@@ -216,23 +215,12 @@ def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
             arrays[name] = np.asarray(None)
         if arrays[name].dtype.kind not in "fiu":
             raise InputError(f"{name} = {value!r}: must be a number{known[name].in_unit}, or an array (B,) of them.")
-    for name in _doubtful(known, arrays):
-        for single in arrays[name]:
-            known[name].check(name, float(single))
+    for name, array in arrays.items():
+        q = known[name]
+        if q.whole or not np.all((array > q.low) & (array <= q.high) & np.isfinite(array)):
+            for single in array:  # one by one those of which one is, or may be, out of its range
+                q.check(name, float(single))
     for segment in network.segments:
         phi0 = np.asarray(values.get(f"{segment.name}.phi0", segment.phi0))
         phiNL = np.asarray(values.get(f"{segment.name}.phiNL", segment.phiNL))
         _check_ratio(segment.name, phi0, phiNL)
-
-
-def _doubtful(known: Mapping[str, Quantity], arrays: Mapping[str, np.ndarray]) -> list[str]:
-    """The names of whole numbers, and those whose numbers are not all finite, above the low end of their range and at
-    most its high end: to be checked one by one. By one comparison for all of one length."""
-    inside = set[str]()
-    for size in {array.size for array in arrays.values()}:
-        names = [name for name, array in arrays.items() if array.size == size]
-        table = np.array([arrays[name] for name in names], float)
-        low, high = np.array([(known[name].low, known[name].high) for name in names]).T[:, :, None]
-        within = np.all((table > low) & (table <= high) & np.isfinite(table), axis=1)
-        inside |= {name for name, each in zip(names, within, strict=True) if each and not known[name].whole}
-    return [name for name in arrays if name not in inside]

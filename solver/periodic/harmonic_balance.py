@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..laws.maxwell import weights
+from ..laws.wall import weights
 from ..mesh.elimination import Factor
 from ..mesh.sources import NO_FORCING, Forcing
 from ..network.inflow import Drives

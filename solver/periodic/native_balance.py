@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..mesh.source_tables import NoTables
 from ..mesh.sources import NO_FORCING, Forcing
 from ..scheme.model import Model
 from ..scheme.sdirk import GAMMA
@@ -92,7 +91,7 @@ class BalanceEngine:
         self.model, self._library = model, _library()
         try:
             # tables are part of the forcing
-            self.recorded, arrays = recorded(replace(model, tables=NoTables()))
+            self.recorded, arrays = recorded(replace(model, tables=model.tables.none()))
         except Untraceable as reason:
             raise NoEngine(f"this network is not recorded: {reason}") from None
         bound, places, size = Bound(model, self.recorded, arrays), model.layout.places, Sizes.of(model)

@@ -7,7 +7,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from .failure import NonPhysicalState, NotConverged
+from ..errors import NonPhysicalState, NotConverged
 from .model import Model
 
 Array = np.ndarray

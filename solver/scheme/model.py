@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,15 @@ import numpy as np
 from ..errors import InputError
 from ..laws.effect import Drag, Points
 from ..laws.wall import Wall
-from ..mesh.mesh import Layout, Mesh, build_mesh
-from ..mesh.source_tables import NoTables, Tables
+from ..mesh.mesh import Index, Layout, Mesh, as_slice, build_mesh
+from ..mesh.sources import Tables
 from ..network.coefficients import Coefficients, Parameters, changes, coefficients
 from ..network.description import Network
 from ..network.validation import check_parameters
 from ..quantities.quantity import quantities, quantity
 from .damping import Damping, damping, undamped
 from .drag_and_leak import DragForce, Force, Leaking, NoForce, Storage, Tight
-from .inlet import Inlets
+from .sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, VALUES_AT_STAGES
 
 Array = np.ndarray
 
@@ -44,6 +45,58 @@ class Settings:
             allowed.check(f"settings: {name}", getattr(self, name))
         if not isinstance(self.degree, (int, np.integer)) or not 1 <= self.degree <= 12:
             raise InputError(f"settings: degree = {self.degree!r} must be an integer from 1 to 12.")
+
+
+@dataclass(frozen=True)
+class Inlets:
+    """The condition at each inlet, 0 = scale ΣQ + gain drive - slope H, all (B, n_inlets).
+
+    A given flow enters the node: 0 = ΣQ + Q. A given pressure: 0 = (P - H)/Z with Z = ρ c0/A0 of the artery, so that it
+    has the unit of flow, as at other nodes. by_flow, first : (n_inlets,) True for a given flow, and the columns of the
+    state vector with the flow there.
+    """
+
+    by_flow: Array
+    scale: Array
+    gain: Array
+    slope: Array
+    first: Array
+
+    @staticmethod
+    def of(by_flow: Array, Y: Array, first: Array) -> Inlets:
+        """For inlets with or without given flow : (n_inlets,), in arteries of admittance Y = 1/Z : (B, n_inlets)."""
+        scale = np.where(by_flow, 1.0, np.zeros_like(Y))
+        return Inlets(by_flow, scale, np.where(by_flow, 1.0, Y), np.where(by_flow, 0.0, Y), first)
+
+    def each(self, drive: Array) -> Array:
+        """The drive of each inlet at the times of a step, (n_inlets, 4, B or 1); a single inlet may omit its axis."""
+        return np.reshape(drive, (len(self.by_flow), len(INFLOW_TIMES), -1))
+
+    def at_stages(self, drive: Array) -> Array:
+        """gain drive at the stages of a step : (STAGES, B, n_inlets) [m³/s], from drive : (n_inlets, 4, B or 1)."""
+        return self.gain * np.matmul(self._at_stages, drive).transpose(1, 2, 0)
+
+    def begin(self, y: Array, drive: Array) -> None:
+        """Start a step from y : (B, n) with drive : (n_inlets, B or 1). If a given inflow jumps (a held input with a
+        new value), so does the flow at the inlet; if a given pressure jumps, the flow follows by its inertia.
+
+        Spread over the step, the jump would appear in the inlet pressure as its inertia divided by dt.
+        """
+        inlets, columns = self._set
+        y[:, columns] = drive[inlets].T
+
+    def flow(self, given: Array, H: Array) -> Array:
+        """The condition without ΣQ, for given = gain drive and the pressures H : (B, n_inlets) [m³/s]."""
+        return given - self.slope * H
+
+    @cached_property
+    def _at_stages(self) -> Array:
+        return np.where(self.by_flow[:, None, None], INFLOW_AT_STAGES, VALUES_AT_STAGES)
+
+    @cached_property
+    def _set(self) -> tuple[Index, Index]:
+        """The inlets with given flows, and their columns."""
+        return as_slice(np.flatnonzero(self.by_flow)), as_slice(self.first[self.by_flow])
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +132,7 @@ class Model:
     force: Force
     storage: Storage
     inlets: Inlets
-    tables: Tables | NoTables
+    tables: Tables
     A_rest: Array
     flow_floor: Array
     pressure_floor: Array
@@ -104,7 +157,12 @@ class Model:
         the whole batch, and one program solves both."""
         B = self.coefficients.B
         own = {name: np.broadcast_to(value, B)[index] for name, value in self.parameters.items()}
-        return replace(_members(replace(self, parameters={}, memo={}), B, index), parameters=own)
+
+        def some(x: Array, axis: int | None) -> Array:
+            batched = axis is not None and x.dtype == float and x.ndim > axis and x.shape[axis] == B
+            return x.take(index, axis) if batched else x
+
+        return replace(rebuilt(replace(self, parameters={}, memo={}), some), parameters=own)
 
     def repeated(self, times: int) -> Model:
         """A batch with all parameter sets repeated ``times`` times, one after the other."""
@@ -140,23 +198,28 @@ def build(
     return _possible(lay_out(network, dict(parameters or {}), settings, c, mesh))
 
 
-def _members(x: Any, B: int, index: Array, axis: int | None = 0) -> Any:
-    """Frozen objects with some members of a batch of B. axis : of an array, by MEMBER_AXIS of its class; None if all
-    members share it."""
+def rebuilt(
+    x: Any, array: Callable[[Array, int | None], Any], other: Callable[[Any], None] = lambda x: None,
+    axis: int | None = 0,
+) -> Any:  # fmt: skip
+    """Frozen objects with ``array(x, axis)`` in place of each of their arrays. axis : of the members of a batch, by
+    MEMBER_AXIS of its class; None if all members share it. other : told what else they are made of, in their order:
+    classes, keys, and values without arrays."""
     if isinstance(x, np.ndarray):
-        batched = axis is not None and x.dtype == float and x.ndim > axis and x.shape[axis] == B
-        return x.take(index, axis) if batched else x
+        return array(x, axis)
     if isinstance(x, tuple):
-        parts = [_members(part, B, index) for part in x]
+        parts = [rebuilt(part, array, other) for part in x]
         return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
     if isinstance(x, Mapping):
-        return {key: _members(value, B, index) for key, value in x.items()}
+        other(tuple(x))
+        return {key: rebuilt(value, array, other) for key, value in x.items()}
     if not is_dataclass(x) or isinstance(x, (type, Network, Settings, Mesh, Layout)):
+        other(x)
         return x
+    other(type(x))
     axes: Mapping[str, int | None] = getattr(x, "MEMBER_AXIS", {})
-    return replace(
-        x, **{f.name: _members(getattr(x, f.name), B, index, axes.get(f.name, 0)) for f in fields(x) if f.init}
-    )
+    each = [(f.name, getattr(x, f.name)) for f in fields(x) if f.init]
+    return replace(x, **{name: rebuilt(value, array, other, axes.get(name, 0)) for name, value in each})
 
 
 def lay_out(

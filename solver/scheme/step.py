@@ -21,9 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, NonPhysicalState, NotConverged
 from ..mesh.mesh import Layout
-from .failure import NonPhysicalState, NotConverged
 from .guards import check
 from .model import Model
 from .sdirk import HALVES, SDIRK3, STAGES

@@ -24,9 +24,8 @@ from ..scheme.outputs import inlet_answers, venous_flow, volume_weights
 from ..scheme.sdirk import GAMMA
 from ..scheme.step import State
 from .array import Traced, array, later
-from .known import Known
 from .program import Program, Shared, compiled
-from .recorder import Untraceable
+from .recorder import Known, Untraceable
 from .steps import CORE, PHASES, Recording
 
 # phases after those of a model's program, in the order of native/fmu/component.h

@@ -8,20 +8,20 @@ Numbers used in one phase only share their places.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from .array import ELEMENTWISE, Traced
-from .fusing import FUSED, fused
 from .recorder import CONSTANT, Instruction, Operand, Recorder, Slot
 from .skipping import Block, blocks
 
 Array = np.ndarray
 
 _OTHER = ("gather", "scatter", "sums", "product", "inverse", "sum", "largest", "least", "require", "skip")
+FUSED = {"add": "multiply_add", "multiply": "multiply_multiply"}  # a b + c, a b c
 OPERATIONS = (*ELEMENTWISE, *FUSED.values(), *_OTHER)
 _CODES = {name: code for code, name in enumerate(OPERATIONS, 1)}
 _CONSTANT, _FIXED, _WORK, _HELD = range(4)
@@ -324,3 +324,30 @@ class _Places:
         single = [int(o.single) for o in each.operands]
         numbers = [self.of(each.out) + 4 * each.start, self._index(each), *each.sizes, *places, *single]
         return [_CODES[each.name], 2 + len(numbers), *numbers]
+
+
+def fused(each: Sequence[Instruction], uses: Mapping[Slot, int], lasting: Collection[Slot]) -> list[Instruction]:
+    """Operations that are executed together, a product fused with the operation that alone uses it.
+
+    One pass over the numbers in place of two. Each is rounded as before: a b + c is not a fused multiply-add of the
+    processor. uses : how often the phase uses each slot; lasting : slots that are used elsewhere, too.
+    """
+    written = Counter(i.out for i in each)
+    found: list[Instruction | None] = []
+    products = dict[Slot, int]()  # by result, where they stand in what is found
+    for i in each:
+        at, other = -1, i
+        for own, rest in (i.operands, i.operands[::-1]) if i.name in FUSED else ():
+            if own.slot in products and i.sizes == (own.slot.size,) and not rest.single:
+                at = products.pop(own.slot)
+                product = found[at]
+                assert product is not None
+                other = i._replace(name=FUSED[i.name], operands=(*product.operands, rest))
+                break
+        if at >= 0:
+            found[at] = None
+        elif i.name == "multiply" and uses[i.out] == 2 and i.out not in lasting and not i.start:
+            if not any(o.single or written[o.slot] > 1 for o in i.operands):
+                products[i.out] = len(found)
+        found.append(other)
+    return [i for i in found if i is not None]

@@ -10,16 +10,15 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ..mesh.mesh import Layout, Mesh
-from ..mesh.source_tables import NoTables
 from ..network.description import Network
 from ..scheme.guards import margins
-from ..scheme.model import Model
+from ..scheme.model import Model, rebuilt
 from ..scheme.outputs import reporter
 from ..scheme.sdirk import INFLOW_TIMES
 from ..scheme.stage import Operators, Stage, condense, largest, operators_about
@@ -71,29 +70,18 @@ class Leaves:
     kind: list[Hashable] = field(default_factory=list)
     classes: list[Hashable] = field(default_factory=list)
 
-    def of(self, x: Any, axis: int | None = 0) -> Any:
-        """The same object with traced arrays; ``axis`` counts the members of a batch, None if all share x."""
-        if isinstance(x, np.ndarray):
-            return self._array(x, axis)
+    def of(self, x: Any) -> Any:
+        """The same object, with traced arrays if there is a recorder."""
+        found = rebuilt(x, self._array, self._other)
+        return found if self.recorder else x
+
+    def _other(self, x: Any) -> None:
         if isinstance(x, (Network, Mesh, Layout)):
             self.kind.append(_facts(x))
-            return x
-        if is_dataclass(x) and not isinstance(x, type):
-            self.classes.append(type(x))
-            axes: Mapping[str, int | None] = getattr(x, "MEMBER_AXIS", {})
-            found = {f.name: self.of(getattr(x, f.name), axes.get(f.name, 0)) for f in fields(x) if f.init}
-            return replace(x, **found) if self.recorder else x
-        if isinstance(x, slice):
+        elif isinstance(x, slice):
             self.kind.append((x.start, x.stop, x.step))
-            return x
-        if isinstance(x, tuple):
-            parts = [self.of(part) for part in x]
-            return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
-        if isinstance(x, Mapping):
-            self.kind.append(tuple(x))
-            return {key: self.of(value) for key, value in x.items()}
-        self.classes.append(x)
-        return x
+        else:
+            self.classes.append(x)
 
     def _array(self, x: Array, axis: int | None) -> Any:
         if axis is None or x.dtype != float or x.ndim <= axis or not x.shape[axis]:
@@ -172,7 +160,7 @@ class Recording:
 
     def __init__(self, recorder: Recorder, m: Any, tau: float) -> None:
         self.recorder, self.m, self.n_H, self.shapes = recorder, m, m.mesh.n_nodes, m.layout.shapes
-        self.n_sources = 0 if isinstance(m.tables, NoTables) else len(m.tables.nodes)
+        self.n_sources = len(m.tables.nodes)
         self.given, self.out = defaultdict[str, list[Any]](list), dict[str, Any]()
         self.tau = tau
         self.o = self.operators()

@@ -1,22 +1,34 @@
-"""Tables of fits and calibrations on the command line."""
+"""Tables of fits, and of calibrations with their recordings, on the command line."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from rich.table import Table
 
 from arterial_fmu.cli.terminal.console import right
-from fitting.calibrate.network_calibration import Calibration
+from fitting.calibrate.calibrated import Calibration
+from fitting.calibrate.held_out import HeldOut
 from fitting.results.estimate import Estimate
 from fitting.results.parameter_set import quantity_of
 from fitting.wall.indices import E_inc, modulus, read_in
 from fitting.wall.wall_fit import WallFit
 from fitting.wall.wall_model import PARAMETERS
 from solver.network.description import Segment
-from solver.quantities.legible import DASH, interval, number, plus_minus, rounded, shown_in, signed, with_interval
+from solver.quantities.legible import (
+    DASH,
+    NOT_DETERMINED,
+    interval,
+    number,
+    plus_minus,
+    rounded,
+    shown_in,
+    signed,
+    with_interval,
+)
 from solver.quantities.quantity import quantities
-from solver.quantities.units import MMHG
+from solver.quantities.units import MMHG, of_signal
 
 
 def _shown(parameter: str) -> tuple[str, float]:
@@ -141,3 +153,37 @@ def _plus_minus(estimate: Estimate | None, factor: float) -> str:
     value, half = factor * estimate.value, factor * (high - low) / 2.0
     mean = rounded(value, max(half, _FOUR_DIGITS * abs(value)))
     return f"{mean}\n(given)" if half < _ROUND_OFF * abs(value) else f"{mean}\n±{number(half, 2)}"
+
+
+# --- the recordings of a calibration --------------------------------------------------------------------------------
+
+
+def recordings_table(result: Calibration, held_out: Sequence[HeldOut] = ()) -> Table:
+    """One line per recording: χ²/dof, the RMS residual over the beat by channel, and its own values."""
+    channels = list(dict.fromkeys(name for each in result.recordings for name in each.rms))
+    own = list(dict.fromkeys(name for each in result.recordings for name in each.values))
+    columns = [right(f"{name}\n{of_signal(name)[0]}") for name in channels]
+    columns += [right(f"{name}\n{shown_in(quantity_of(name))[0]}") for name in own]
+    table = Table("recording", right("χ²/dof"), *columns, title="RMS residual over the beat")
+
+    def row(label: str, ratio: str, rms: Mapping[str, float], values: Sequence[str]) -> None:
+        table.add_row(label, ratio, *(_signal(name, rms) for name in channels), *values)
+
+    for i, each in enumerate(result.recordings):
+        weak = result.of(i).undetermined
+        values = [NOT_DETERMINED if n in weak else _value(n, each.values, each.ci95) for n in own]
+        row(each.label, number(each.chi2 / each.dof), each.rms, values)
+    for fold in held_out:
+        label = Path(fold.source).stem
+        row(f"{label}, not fitted", DASH, fold.rms, [DASH] * len(own))
+        if fold.refitted:
+            row("  varying values fitted", DASH, fold.refitted, [_value(n, fold.values) for n in own])
+    return table
+
+
+def _signal(name: str, rms: Mapping[str, float]) -> str:
+    return number(of_signal(name)[1] * rms[name]) if name in rms else DASH
+
+
+def _value(name: str, values: Mapping[str, float], ci95: Mapping[str, tuple[float, float]] | None = None) -> str:
+    return with_interval(values[name], ci95[name] if ci95 else None, shown_in(quantity_of(name))[1])[0]

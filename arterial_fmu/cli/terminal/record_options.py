@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.table import Table
 
-from arterial_fmu.cli.terminal.console import put, say, sentences, show
+from arterial_fmu.cli.terminal.console import put, right, say, sentences, show
 from fitting.cohort.file import read_cohort
 from fitting.first.options import NAMES, VENOUS, FirstOptions, typical
 from fitting.records.read.columns import Reading
@@ -17,8 +18,6 @@ from solver.errors import InputError
 from solver.network.files import parse_quantity
 from solver.quantities.text import typed_quantity
 from solver.quantities.units import MMHG
-
-from ..tables.preview import preview_table
 
 if TYPE_CHECKING:
     from fitting.records.alignment.beats import Beats
@@ -40,7 +39,7 @@ def _look(ctx: typer.Context, wanted: bool) -> None:
         put(looks[0] if not how.beside else {"files": looks})
     else:
         for found in looks:
-            show(preview_table(found))
+            show(_preview_table(found))
             for question in preview_questions(found):
                 say(question)
     raise typer.Exit
@@ -150,9 +149,9 @@ Paths = Annotated[
 ]
 
 
-def seconds(text: str | None, name: str) -> float | None:
-    """The value of an option in seconds; None if it is not given."""
-    return None if text is None else parse_quantity(text, "s", name)
+def seconds(period: str | None) -> float | None:
+    """The period in seconds; None if it is not given."""
+    return None if period is None else parse_quantity(period, "s", "--period")
 
 
 def reading(
@@ -217,3 +216,30 @@ def _distances(texts: list[str]) -> dict[str, float]:
         if not 0.0 < found[site] <= 10.0:
             raise InputError(f"--distance {site} = {length}: must be more than 0 and at most 10 m; check its unit.")
     return found
+
+
+# --- the columns of a file ------------------------------------------------------------------------------------------
+
+
+def _preview_table(found: dict[str, Any]) -> Table:
+    """The preview as a table; the open questions follow it: :func:`preview_questions`."""
+    table = Table(
+        "Column", "Unit", right("First values"), right("Min"), right("Max"), right("Gaps"), "Read as",
+        title=f"{found['file']}: {found['samples']} samples; {found['format']}",
+    )  # fmt: skip
+    for each in found["columns"]:
+        digits = _digits(each["first"])
+        first, low, high = (
+            " ".join("" if value is None else f"{value:.{digits}g}" for value in values)
+            for values in (each["first"], [each["min"]], [each["max"]])
+        )
+        meaning = each["read_as"] if each["understood"] else "?, see below"
+        texts = (each["title"], each["unit"], first, low, high, str(each["gaps"]), meaning)
+        table.add_row(*(text.replace("[", "\\[") for text in texts))  # rich reads brackets as styles
+    return table
+
+
+def _digits(values: list[float | None]) -> int:
+    """Of five, nine and twelve significant digits the fewest that tell the values apart: of clocks, five do not."""
+    known = {value for value in values if value is not None}
+    return next((n for n in (5, 9) if len({f"{value:.{n}g}" for value in known}) == len(known)), 12)

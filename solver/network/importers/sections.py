@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
 from ...io.writing import Content, check_new, write_all
-from ...quantities.text import quoted
-
-Sections = dict[str, Any]
+from ..files import Sections, toml
 
 
 @dataclass(frozen=True)
@@ -94,37 +92,7 @@ def write(sections: Sections, path: Path, force: bool = False) -> list[Path]:
         rows = [f"{t!r},{value!r}" for t, value in zip(times, inlet[signal], strict=True)]
         files[table] = "\n".join([f"time [s],{signal} [{unit}]", *rows]) + "\n"
         inlet[signal] = table.name
-    files[path] = text({**sections, "inlet": inlet})
+    files[path] = toml({**sections, "inlet": inlet})
     check_new(files, force)
     write_all(files)
     return list(reversed(files))
-
-
-def text(sections: Sections) -> str:
-    """The sections as TOML."""
-    blocks = [[f"{key} = {value(v)}" for key, v in sections.items() if not isinstance(v, dict | list)]]
-    for key, section in sections.items():
-        if isinstance(section, list):
-            blocks += [[f"[[{key}]]", *_lines(entry)] for entry in section]
-        elif isinstance(section, dict) and any(isinstance(v, dict) for v in section.values()):
-            blocks += [[f"[{key}.{_key(name)}]", *_lines(entry)] for name, entry in section.items()]
-        elif isinstance(section, dict):
-            blocks.append([f"[{key}]", *_lines(section)])
-    return "\n\n".join("\n".join(block) for block in blocks) + "\n"
-
-
-def value(v: Any) -> str:
-    """A value as TOML on one line."""
-    if isinstance(v, Mapping):
-        return f"{{ {', '.join(f'{_key(key)} = {value(each)}' for key, each in v.items())} }}"
-    if isinstance(v, list):
-        return f"[{', '.join(map(value, v))}]"
-    return quoted(v) if isinstance(v, str) else repr(v)
-
-
-def _lines(section: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {value(v)}" for key, v in section.items()]
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"\w+", name, flags=re.ASCII) else quoted(name)

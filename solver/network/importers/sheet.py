@@ -20,8 +20,8 @@ from ...quantities.quantity import quantities
 from ...quantities.text import check_keys
 from ..aliases import ENDS, SEGMENT
 from ..description import Network, Segment
-from ..files import dumps
-from .sections import Edge, Sections, joined, names, value
+from ..files import to_sections, toml_value
+from .sections import Edge, Sections, joined, names
 
 _NAMES, _NODES = ("name", "id"), ("from", "to", "parent")
 _SETTING = re.compile(
@@ -127,7 +127,7 @@ def to_sheet(network: Network) -> str:
 
     :func:`read_sheet` gives the same numbers, bit for bit.
     """
-    data = tomllib.loads(dumps(network))
+    data = to_sections(network)
     texts: list[tuple[str, Any]] = [(key, each) for key, each in data.items() if isinstance(each, str)]
     texts += [(f"{key}.{k}", each) for key in ("network", "fluid", "inlet") for k, each in data[key].items()]
     texts += [(f"inlets.{name}", each) for name, each in data.get("inlets", {}).items()]
@@ -136,7 +136,7 @@ def to_sheet(network: Network) -> str:
     sites = data["sites"]
     texts += [(f"sites.{name}", each) for name, each in sites.items()] or [("sites", {})]
     texts += [(f'channels."{name}"', each) for name, each in data.get("channels", {}).items()]
-    head = [f"# {key} = {value(each)}" for key, each in texts if key != "inlet.segment"]
+    head = [f"# {key} = {toml_value(each)}" for key, each in texts if key != "inlet.segment"]
     start = {data["inlet"]["segment"]: "0"} | {name: f"0{name}" for name in data.get("inlets", {})}
     end = dict[str, str]()
     for n, junction in enumerate(data.get("junctions", []), 1):
