@@ -7,9 +7,9 @@ The effects themselves are in :mod:`solver.laws.effects`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from .wall import Wall
 
 Array = np.ndarray
 Values = Mapping[str, Array]
-Described = Any  # a solver.network.description.Network, whose module imports this one
+Anatomy = TypeVar("Anatomy", bound="Described")
 
 ALL_PLACES = "all"
 # the source in the equations that represents an effect (:mod:`~solver.mesh.sources`)
@@ -29,6 +29,42 @@ KINDS = WALL, DROP, OUTFLOW, OUTLET, JUNCTION, CHANNEL = "wall", "drop", "outflo
 _SOURCES = {"segment": WALL, "fluid": DROP, "outlet": OUTLET, "junction": JUNCTION, "channel": CHANNEL}
 _NEAR = 1e-9  # of an element: ends that agree with its own
 _SUFFIX = {"outlet": ".outlet", "junction": ".junction"}  # of an owner's variables
+
+
+class Described(Protocol):
+    """The interface of a :class:`solver.network.description.Network` that effects and checks use."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def segments(self) -> tuple[Any, ...]: ...
+    @property
+    def junctions(self) -> tuple[Any, ...]: ...
+    @property
+    def outlets(self) -> tuple[Any, ...]: ...
+    @property
+    def sites(self) -> tuple[Any, ...]: ...
+    @property
+    def channels(self) -> tuple[Any, ...]: ...
+    @property
+    def inlet(self) -> Any: ...
+    @property
+    def inlets(self) -> tuple[Any, ...]: ...
+    @property
+    def fluid(self) -> Any: ...
+    @property
+    def eta(self) -> float: ...
+    @property
+    def elastic_law(self) -> str: ...
+    @property
+    def viscous_law(self) -> str: ...
+    def owners(self) -> Iterator[tuple[str, Any]]: ...
+    def parameters(self) -> dict[str, float]: ...
+    def parameter_quantities(self) -> dict[str, Quantity]: ...
+    def channel_names(self) -> tuple[str, ...]: ...
+    def segment(self, name: str) -> Any: ...
+    def with_terms(self: Anatomy, values: Mapping[str, float]) -> Anatomy: ...
+    def with_outlet(self: Anatomy, outlet: Any) -> Anatomy: ...
 
 
 @dataclass(frozen=True)
@@ -174,7 +210,7 @@ class Effect:
         names = targets if place in (ALL_PLACES, "fluid") else (place,)
         return {key: tuple(f"{name}{_SUFFIX.get(self.owner, '')}.{key}" for name in names) for key in self.terms}
 
-    def add(self, network: Described, place: str, values: Mapping[str, float]) -> Described:
+    def add(self, network: Anatomy, place: str, values: Mapping[str, float]) -> Anatomy:
         """The network with this effect at a place; ``values`` in SI by key. Raises ValueError if it is not allowed."""
         names = self.variables(network, place)
         check_keys(self.name, values, names)

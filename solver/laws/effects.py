@@ -24,6 +24,7 @@ from ..quantities.quantity import Quantity, quantities
 from ..quantities.text import check_keys
 from .effect import (
     ALL_PLACES,
+    Anatomy,
     Array,
     Described,
     Drag,
@@ -298,7 +299,7 @@ class TerminalCompliance(Effect):
     confusable = ("wall_stiffness",)
     separator = "Q near the outlet"
 
-    def add(self, network: Described, place: str, values: Mapping[str, float]) -> Described:
+    def add(self, network: Anatomy, place: str, values: Mapping[str, float]) -> Anatomy:
         check_keys(self.name, values, self.variables(network, place))
         outlet = next(o for o in network.outlets if o.segment == place)
         kept = {key: getattr(outlet, key) for key in quantities(outlet)} if isinstance(outlet, Windkessel) else {}

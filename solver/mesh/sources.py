@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -27,7 +27,15 @@ from .mesh import Mesh
 Array = np.ndarray
 
 _GAUSS = legendre.leggauss(6)  # of the overlap of an element and an interval: exact for elements of degree 11
-Meshed = Any  # a solver.scheme.model.Model, whose module imports this one, or what has its network and mesh
+
+
+class Meshed(Protocol):
+    """The interface of a model that sources use."""
+
+    @property
+    def network(self) -> Described: ...
+    @property
+    def mesh(self) -> Mesh: ...
 
 
 @dataclass(frozen=True)
