@@ -27,6 +27,7 @@ IN_NOTEBOOKS = {"matplotlib", "polars", "pandas"}  # imported when a result is f
 LONGEST = 400  # lines of a file
 MOST = 15  # files of a folder
 RUN = 6  # lines that may not stand twice
+AT_START = 100  # modules of the product that a command imports before it runs
 # of the same package, what a room may import; the others may import any that does not import them
 ROOMS = {
     "solver.scheme": {"solver.errors", "solver.quantities", "solver.laws", "solver.network", "solver.mesh"},
@@ -127,6 +128,13 @@ def test_results_do_not_wait_for_figures(modules: str, late: set[str]) -> None:
     code = f"import sys, {modules}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert late & set(done.stdout.split()) == set()
+
+
+def test_the_largest_command_starts_with_few_modules() -> None:
+    """``discover`` imports the others when it runs, the finite volumes when they are used."""
+    code = "import sys, arterial_fmu.cli.discover; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert len(set(done.stdout.split()) & MODULES.keys()) <= AT_START
 
 
 def test_files_are_short() -> None:

@@ -10,7 +10,6 @@ import typer
 from rich.table import Table
 
 from arterial_fmu.cli.terminal.console import put, right, say, sentences, show
-from fitting.cohort.file import read_cohort
 from fitting.first.options import NAMES, VENOUS, FirstOptions, typical
 from fitting.records.read.columns import Reading
 from fitting.records.recordings import check_readable
@@ -28,6 +27,7 @@ def _look(ctx: typer.Context, wanted: bool) -> None:
     """Show the columns and stop, before other arguments are checked."""
     if not wanted or ctx.resilient_parsing:
         return
+    from fitting.cohort.file import read_cohort
     from fitting.records.read.preview import preview, preview_questions
 
     given: dict[str, Any] = ctx.params
