@@ -373,8 +373,9 @@ def test_an_inflow_of_a_record_or_a_network() -> None:
         read_model("sheep", None, "2.5 ms", "5 cm", 0.0)
 
 
-def test_an_inflow_of_a_laboratory_file(tmp_path: Path) -> None:
-    """A LabChart text with a title of its own is a record, no network; without --map a sentence gives the option."""
+def test_an_inflow_of_a_laboratory_file(tmp_path: Path, fmus: dict[str, Path]) -> None:
+    """A LabChart text with a title of its own is a record, no network; without --map a sentence gives the option. A
+    flow that no artery of the model has is refused, of an FMU by its widest vessel."""
     T, t = 0.5, np.arange(2000) * 0.005
     Q = 20.0 + 30.0 * np.sin(2.0 * np.pi * t / T) + 10.0 * np.sin(4.0 * np.pi * t / T)
     file = tmp_path / "chart.txt"
@@ -386,9 +387,10 @@ def test_an_inflow_of_a_laboratory_file(tmp_path: Path) -> None:
     assert float(np.mean(model.flow(t[:100]))) == pytest.approx(1e-6 * Q[:100].mean(), rel=1e-3)
     fast = Reading(names={"Ao Flow": "inlet.Q [L/min]"}), Reading(names={"Ao Flow": "inlet.Q [L/s]"})
     assert isinstance(read_model("sheep", str(file), "2.5 ms", "5 cm", 1e-4, fast[0]), NetworkModel)  # 4 m/s
-    with pytest.raises(ValueError, match=r"inlet.Q: its peak is .* no artery's is beyond 5 m/s.* fit the unit mL/s"):
-        read_model("sheep", str(file), "2.5 ms", "5 cm", 1e-4, fast[1])
-    read_model("sheep", str(file), "2.5 ms", "5 cm", 1e-4, fast[1], True)
+    for model_name in ("sheep", str(fmus["sheep"])):
+        with pytest.raises(ValueError, match=r"inlet.Q: its peak is .* no artery's is beyond 5 m/s.* the unit mL/s"):
+            read_model(model_name, str(file), "2.5 ms", "5 cm", 1e-4, fast[1])
+        read_model(model_name, str(file), "2.5 ms", "5 cm", 1e-4, fast[1], True)
     with pytest.raises(ValueError, match='--map "Ao Flow=inlet.Q"'):
         read_model("sheep", str(file), "2.5 ms", "5 cm", 1e-4)
 

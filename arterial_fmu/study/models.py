@@ -13,7 +13,7 @@ import numpy as np
 
 from fitting.records.alignment.align import align
 from fitting.records.channels.inflow import Inflow, inflow
-from fitting.records.plausible import arteries, check_plausible
+from fitting.records.plausible import Artery, arteries, check_plausible
 from fitting.records.read.columns import Reading
 from fitting.records.read.record import Array, read_record
 from solver import Network, Settings, repeating_beat
@@ -213,7 +213,7 @@ def read_model(
     if not 0.0 < tolerance <= 0.1:
         raise InputError(f"--tolerance = {tolerance:g}: must be above 0, and 0.1 at most.")
     if source.lower().endswith(".fmu"):
-        return _fmu_model(source, driven_by, how)
+        return _fmu_model(source, driven_by, how, as_measured)
     network = read_network(find_network(source))
     longest = ELEMENT if element_length is None else typed_quantity(element_length, "m", "--element-length")
     longer = min(_LONGEST, _LONGER * seconds) if element_length is None else 0.0
@@ -224,10 +224,11 @@ def read_model(
         return NetworkModel(network, settings, tolerance, None, longer)
     if len(network.inlets) > 1 or network.inlet.causality != "flow":
         raise InputError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")
-    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds, network, how, as_measured), longer)
+    known = {} if as_measured else arteries(network)
+    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds, how, known, network), longer)
 
 
-def _fmu_model(path: str, driven_by: str | None, how: Reading | None) -> FMUModel:
+def _fmu_model(path: str, driven_by: str | None, how: Reading | None, as_measured: bool) -> FMUModel:
     import fmpy
 
     from fitting.check.fmu_run import read_fmu
@@ -238,9 +239,6 @@ def _fmu_model(path: str, driven_by: str | None, how: Reading | None) -> FMUMode
             f"{path}: an FMU is driven by an inflow; add --inflow with a network, such as sheep, or a record with "
             f"{INFLOW}."
         )
-    flow = _flow(driven_by, fmu.dt, None, how)
-    n = 2 * flow.X.shape[-1]
-    beat = flow(np.arange(n) * (flow.T / n))
     known, nominal = {}, {}
     for variable in fmpy.read_model_description(path).modelVariables:
         number = variable.name in fmu.parameters and variable.type in ("Real", "Float64")  # of FMI 2.0, of FMI 3.0
@@ -250,15 +248,20 @@ def _fmu_model(path: str, driven_by: str | None, how: Reading | None) -> FMUMode
             description, display = variable.description or variable.name, variable.displayUnit
             known[variable.name] = Quantity(unit, description, low, high, display=display)
             nominal[variable.name] = float(variable.start)
+    radii = [] if as_measured else [value for name, value in nominal.items() if name.endswith(".R0")]
+    # an FMU does not say which vessel has the inlet: none is wider than the widest
+    flow = _flow(driven_by, fmu.dt, how, {"inlet": Artery(max(radii))} if radii else {})
+    n = 2 * flow.X.shape[-1]
+    beat = flow(np.arange(n) * (flow.T / n))
     digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
     return FMUModel(path, digest, tuple(beat.tolist()), flow.T, known, nominal)
 
 
 def _flow(
-    source: str, dt: float, network: Network | None, how: Reading | None, as_measured: bool = False
-) -> Inflow:  # fmt: skip
+    source: str, dt: float, how: Reading | None, known: Mapping[str, Artery], network: Network | None = None
+) -> Inflow:
     """The inflow of a network, or the mean beat of a record, up to the frequencies that steps of dt [s] resolve.
-    network : gives the filter of the record's meter, and the size of the artery. how : to read the record."""
+    how : to read the record. known : arteries whose size its flow must suit. network : has the filter of its meter."""
     if Path(source).suffix.lower() in _NETWORKS:
         inlet = read_network(find_network(source)).inlet
         if inlet.causality != "flow":
@@ -269,8 +272,7 @@ def _flow(
         return Inflow(inlet.T, X, np.ones(len(X), bool))
     record = read_record(source, how)
     record.require((INFLOW,))
-    if network is not None and not as_measured:
-        check_plausible(replace(record, channels={INFLOW: record.channels[INFLOW]}), arteries(network))
+    check_plausible(replace(record, channels={INFLOW: record.channels[INFLOW]}), known)
     return inflow(align(record), dt, network)
 
 
