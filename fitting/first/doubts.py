@@ -1,4 +1,5 @@
-"""Doubts about a recording before any model: clocks, zeros and units that no single channel reveals."""
+"""Doubts about a recording before any model: clocks, zeros and units that no single channel reveals; and about a first
+model, where it misses the recording."""
 
 from __future__ import annotations
 
