@@ -19,7 +19,8 @@ from fitting.inference.unknown import OUTLIER as OUTLIER  # stated spreads
 
 # --- the record ---
 HELD_OUT = 0.25  # fraction of the beats, the last ones, that no fit uses: judgement
-CHANCE = 0.05  # false discovery rate on the z map (Benjamini-Yekutieli), and one-sided level of a fall of chi2
+# false discovery rate on the z map (Benjamini-Yekutieli), and one-sided level of a fall of chi2: judgement
+CHANCE = 0.05
 
 # --- prior odds ---
 # prices are -2 ln of prior odds: judgement, not fitted to the tuning records. 6 and 10 are where R. E. Kass and A. E.
@@ -40,13 +41,15 @@ MISFIT = 3.0
 # the same for several effects: 3.6, 4 and 5 to 6 %. It is stricter, as two terms can imitate much that is neither
 MISFIT_SEVERAL = 1.8
 # d' that each effect of a pair must have beside the other to be named (linear model, and in a network by refits). With
-# it, chi2 of held-out beats falls by FALL in 96 % of records, by the formula below
+# it, chi2 of held-out beats falls by FALL in 97 % of records, by the formula below
 VISIBLE = 12.0
 BESIDE = 20.0  # alternative on a bench, by refits alone: judgement
 # fraction of the gap that an effect must close to be named if more than noise remains, in the fit and on held-out
 # beats: by definition of "most of it"
 PART_CLOSED = 0.5
-OUTLIER_OF_OTHERS = 5.0  # limit of an outlier in root mean squares of the others of its kind, if above OUTLIER
+# limit of an outlier in root mean squares of the others of its kind, if above OUTLIER, with whose comment the simulated
+# rates of both together stand
+OUTLIER_OF_OTHERS = 5.0
 
 # --- confidence ---
 # upper limits of the confidence of a name, from a bank of records. Bench: 258 of the 265 most confident names of the

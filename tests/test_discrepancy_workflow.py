@@ -461,7 +461,7 @@ def _never() -> Any:
     raise AssertionError("it is there")
 
 
-@pytest.mark.deep
+@pytest.mark.slow
 def test_a_naming_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
     """Two effects, one of a sensor: written and read back: every number and every term is the same."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", (f"{SITE}.P",), 1 / 15, 0.1))

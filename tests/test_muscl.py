@@ -85,7 +85,7 @@ def _volume(model: MusclModel, state: State) -> float:
     [
         pytest.param("viscous", "van Albada", 2.5e-3, 1.7, 2.3, marks=pytest.mark.deep),
         pytest.param("elastic", "van Albada", 2.5e-3, 1.1, 2.1, marks=pytest.mark.deep),
-        pytest.param("elastic", "central", 5e-3, 1.7, 2.3, marks=pytest.mark.deep),
+        pytest.param("elastic", "central", 5e-3, 1.7, 2.3, marks=pytest.mark.slow),
     ],
 )
 def test_order(sheep: Network, wall: str, slopes: str, finest: float, low: float, high: float) -> None:
@@ -153,7 +153,7 @@ def test_reference_at_the_finest_cells(sheep: Network, ends: str, slopes: str, m
     assert max(errors[name] for name in FOUR) <= most
 
 
-@pytest.mark.deep
+@pytest.mark.slow
 def test_neumann_ends_cost_accuracy(sheep: Network) -> None:
     """Viscous pressure dropped at the ends, cells of 1 cm, 0.2 s: off by 6 to 8 % (7.2 % measured); elastic walls: the
     same bits."""

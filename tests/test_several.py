@@ -135,7 +135,7 @@ def test_refused() -> None:
             ["has no inlet.Q"])  # fmt: skip
 
 
-@pytest.mark.deep
+@pytest.mark.slow
 def test_command(tmp_path: Path) -> None:
     """--and, --varies and --hold-out: one set for what is in common, one for each recording with all of its values."""
     for name in ENDS:

@@ -148,7 +148,7 @@ def test_refused() -> None:
         )
 
 
-@pytest.mark.deep
+@pytest.mark.slow
 def test_command(tmp_path: Path) -> None:
     """--starts in the command line: the set says what was tried, and the notes how many starts agree."""
     write_network(twins(0.06), tmp_path / "twins.toml")

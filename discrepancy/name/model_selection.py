@@ -14,8 +14,8 @@ that the data cannot rule out (:mod:`discrepancy.name.verdict`). A single effect
 member; of pairs, the best is named, with its class. If the best leaves more than noise, the verdict is partial; if no
 effect is worth its prior odds, it is unknown.
 
-Of several recordings of one subject each is searched by itself first, and gives candidates. These, and effects that the
-derivatives of all recordings together support, are refitted to all
+If there are several recordings of one subject, each is searched by itself first, and gives candidates. These, and
+effects that the derivatives of all recordings together support, are refitted to all recordings
 (:class:`~fitting.inference.joint.joint_record.Several`) and compared by one evidence. A second heart rate separates
 viscosity and relaxation, which one rate cannot distinguish.
 """

@@ -1,4 +1,5 @@
-"""Doubts about a recording before any model: clocks, zeros and units that no single channel reveals."""
+"""Doubts about a recording before any model: clocks, zeros and units that no single channel reveals; and about a first
+model, where it misses the recording."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ _BACKWARD = 0.05  # of the peak flow: more than that does not flow back into a h
 _REST, _STEADY = 0.04, 0.015
 _ABOVE = 1.005  # times the mean pressure at the root: higher means get a note
 # of that mean, lost on the way, in animals from so many kg on. Large arteries lose 1 %; virtual pigs, sheep and dogs up
-# to 1.5 %, a baby of 4 kg 2 %, a rabbit of 3 kg 3.7 %, a rat of 0.3 kg 6 %
+# to 1.5 %, a baby of 4 kg 2 %, a rabbit of 3 kg 3.7 %, a rat of 0.3 kg 6 %: judgement
 LOST, SMALL = 0.05, 10.0
 _MANY = 6.0  # times the usual resistance or a sixth of it: L/min read as mL/s is 17 times, a carotid 8 to 20 times
 _USUAL = 1.1 * MMHG / 1e-6  # [Pa s/m³] of a human: 95 mmHg over 5 L/min; as mass^(-3/4)

@@ -8,6 +8,8 @@ of the taper its change,
 without a lag of inlet.Q, and if much is left with one near the lag between the feet of inlet.Q and of the pressure at
 the root: a late meter would otherwise pass as a shorter tube and a larger compliance. Pressure and flow of one place
 rise together, whatever lies behind it; a lag fitted to the whole beat alone would also mend a network that is wrong.
+
+A study that uses a first model takes its accuracy, and the prior of its numbers, from here.
 """
 
 from __future__ import annotations

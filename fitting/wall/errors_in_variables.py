@@ -8,9 +8,9 @@ to make.
 A law that misses the loop by many times the noise cannot be weighted by the noise: the harmonics that the sensors
 happen to measure best would decide. So a random error of P of equal size at every harmonic joins the noise, estimated
 by restricted maximum likelihood from the residual of the fit (:mod:`fitting.inference.model_discrepancy`), alternating
-with the fit, as in a network (:mod:`fitting.inference.joint.model_error`). It is 0 if the law leaves only noise, and
-unless it explains the residual decidedly better than noise that is a common factor larger than the scatter between the
-beats tells, as with gaps; then the covariance is multiplied by χ²/dof.
+with the fit, as in a network (:mod:`fitting.inference.joint.model_error`). It is 0 if the law leaves only noise. It is
+also 0 if noise that is larger than the scatter between beats by one common factor, as with gaps, explains the residual
+about as well; then the covariance is multiplied by χ²/dof.
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
 """Fit of the wall's E, R0, φ0, φ_NL and E_NL to the beats of one site, with reliable intervals.
 
 1. The paper's loop over γ gives a filtered radius and, by its regression, the start
-(:mod:`fitting.records.channels.spectral`). 2. Errors in variables: the mean beats of P *and* R are noisy; the scatter
-between beats gives the variance of each
+   (:mod:`fitting.records.channels.spectral`).
+2. Errors in variables: the mean beats of P *and* R are noisy; the scatter between beats gives the variance of each
    harmonic (:mod:`fitting.wall.errors_in_variables`). This gives the estimate and its covariance.
 3. Diagnostics: residual spectrum, condition, the effect of a time lag between the two channels, the estimate that
    ignores the noise of R, and warnings in words.
+
+A wall whose elastic law is not given is fitted with each, and the evidence of the record selects the law.
 """
 
 from __future__ import annotations

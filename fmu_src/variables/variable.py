@@ -1,4 +1,4 @@
-"""What an FMU variable is, and those of components whose parameters are dataclasses of quantities."""
+"""A variable of an FMU, and the variables of components whose parameters are dataclasses of quantities."""
 
 from __future__ import annotations
 

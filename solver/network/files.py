@@ -170,7 +170,8 @@ def toml(sections: Sections) -> str:
         if isinstance(section, list):
             blocks += [[f"[[{key}]]", *_lines(entry)] for entry in section]
         elif isinstance(section, dict) and any(isinstance(v, dict) for v in section.values()):
-            blocks += [["[sites]"]] if key == "sites" else []  # as where there are none
+            # a network has this line with sites, too, as without any
+            blocks += [["[sites]"]] if key == "sites" else []
             blocks += [[f"[{key}.{_key(name)}]", *_lines(entry)] for name, entry in section.items()]
         elif isinstance(section, dict):
             blocks.append([f"[{key}]", *_lines(section)])

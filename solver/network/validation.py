@@ -218,7 +218,7 @@ def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
     for name, array in arrays.items():
         q = known[name]
         if q.whole or not np.all((array > q.low) & (array <= q.high) & np.isfinite(array)):
-            for single in array:  # one by one those of which one is, or may be, out of its range
+            for single in array:  # one of them is, or may be, out of its range
                 q.check(name, float(single))
     for segment in network.segments:
         phi0 = np.asarray(values.get(f"{segment.name}.phi0", segment.phi0))

@@ -1,4 +1,5 @@
-"""The discrete equations of one network on one mesh: from a network to a frozen :class:`Model`."""
+"""The discrete equations of one network on one mesh, with the conditions at its inlets: from a network to a frozen
+:class:`Model`."""
 
 from __future__ import annotations
 
@@ -203,8 +204,8 @@ def rebuilt(
     axis: int | None = 0,
 ) -> Any:  # fmt: skip
     """Frozen objects with ``array(x, axis)`` in place of each of their arrays. axis : of the members of a batch, by
-    MEMBER_AXIS of its class; None if all members share it. other : told what else they are made of, in their order:
-    classes, keys, and values without arrays."""
+    MEMBER_AXIS of its class; None if all members share it. other : is called with everything else that the objects
+    consist of, in its order: classes, keys, and values without arrays."""
     if isinstance(x, np.ndarray):
         return array(x, axis)
     if isinstance(x, tuple):

@@ -221,15 +221,10 @@ class Several(Forward):
         """Of each choice the point of lowest cost, or of lowest predicted cost after ``start``'s unknowns adapt."""
         members = [m for some in choices if len(some) > 1 for m in some]
         points = self.points([Trial(m, np.arange(0), None, 0.0 * m.x) for m in members], runs) if members else []
-        # ∞ if the simulation breaks down
-        costs, best = (
-            iter([np.inf if p is None else promised(p.z, start) + p.log_volume for p in points]),
-            list[Member](),
-        )
-        for some in choices:
-            mine = [next(costs) for _ in some] if len(some) > 1 else [0.0]
-            best.append(some[int(np.argmin(mine))])
-        return best
+        # a point whose simulation breaks down costs ∞
+        costs = iter([np.inf if p is None else promised(p.z, start) + p.log_volume for p in points])
+        each = [[next(costs) for _ in some] if len(some) > 1 else [0.0] for some in choices]
+        return [some[int(np.argmin(mine))] for some, mine in zip(choices, each, strict=True)]
 
     def begin(self, terms: tuple[PlacedEffect, ...], start: Fit | None = None) -> list[Member]:
         """Starting points for a hypothesis: another fit, with its new terms at each of their starts."""

@@ -34,8 +34,8 @@ def simulated(
 ) -> list[Array | None]:
     """X : (K+1, m) after the sensors, of every member.
 
-    None if the simulation broke down. near : the member near which each one lies, whose difference from it is wanted
-    (:func:`~solver.beat_harmonics`).
+    None if the simulation broke down. near : for each member the index of a similar one, by default its own, if only
+    their difference must be accurate (:func:`~solver.beat_harmonics`).
     """
     near, groups = range(len(members)) if near is None else near, dict[str, list[int]]()
     for i, member in enumerate(members):
@@ -89,8 +89,8 @@ def _elsewhere(batch: Batch) -> Answer:
 
 
 def kind_of(terms: Sequence[PlacedEffect]) -> str:
-    """The kind of a hypothesis: those that share a mesh, outlets, states and leaks run in one batch. Beats of a batch
-    in which flow is lost along a segment do not start at others."""
+    """The kind of a hypothesis. Hypotheses of one kind have the same mesh, outlets, states and leaks, and run in one
+    batch. If flow is lost along a segment, the beats of a batch do not start at those of other members."""
     own = set[str]()
     for t, effect in ((t, effect_of(t)) for t in terms):
         if effect.rewires or effect.cuts or effect.remembers or t.moves_along:

@@ -1,5 +1,5 @@
-"""Beats of one length: their ensemble mean, and the error of the mean from their scatter and from what rounding to the
-steps of a converter leaves.
+"""Beats of one length: their ensemble mean, and the error of the mean, from their scatter and from rounding to the
+steps of a converter.
 """
 
 from __future__ import annotations

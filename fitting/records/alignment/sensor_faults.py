@@ -1,5 +1,5 @@
-"""What sensors do that only many beats together show: spikes, single samples far off everything around them, and ranges
-that cut the waves before noise was added.
+"""Faults of sensors that only many beats together show: spikes, which are single samples far off everything around
+them, and ranges that cut the waves before noise was added.
 
 Values that are clipped after the noise are all the same, and are found sample by sample
 (:mod:`fitting.records.read.sensors`).

@@ -1,5 +1,5 @@
-"""The kinds of file that a record may come in, and advice for those that cannot be read: MATLAB by SciPy, EDF and BDF
-by pyEDFlib (extra ``edf``), and text.
+"""The kinds of file that a record may come in: text, MATLAB by SciPy, EDF and BDF by pyEDFlib (extra ``edf``); and
+advice for kinds that cannot be read.
 
 A further kind is a function from a path to a :class:`.table.Table`, and a line of ``_KINDS``.
 """
