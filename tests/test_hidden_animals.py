@@ -90,7 +90,7 @@ def test_walls_do_not_absorb_a_stenosis() -> None:
     assert seen.d_prime[0] == pytest.approx(exact, rel=0.15)
 
 
-@pytest.mark.endurance
+@pytest.mark.deep
 def test_a_windkessel_that_walls_had_absorbed() -> None:
     """A slow catheter and a Windkessel, individual walls, 30 dB: both are named, C to 1 %. The catheter alone explains
     the record with a radius 11 spreads off, and from there the Windkessel is not found."""

@@ -29,7 +29,7 @@ def html(fitted: WallFit) -> str:
     given = quantities(Segment)["h"]
     rows.append((f"h, {given.display}", number(1e3 * fitted.h, 4), "given"))
     quality = (
-        f"φ0 R0/R {number(1e-3 * fitted.phi_1D, 4)} kPa·s; φ0/E {number(1e3 * fitted.relaxation_time, 4)} ms; "
+        f"φ0 R0/R {number(1e-3 * fitted.phi_1D, 4)} kPa·s; φ0/E {number(1e3 * fitted.relaxation_time[0], 4)} ms; "
         f"R² {fitted.r2:.6f}; χ²/dof {number(fitted.chi2 / fitted.dof)}; condition number {fitted.condition:.0f}"
     )
     of = f"{fitted.n_beats} beats of {number(fitted.loop.T, 4)} s, {Path(fitted.source).name}"

@@ -88,7 +88,7 @@ def _closed_above(before: Gap, after: Gap) -> str:
     """
     for k, (_, first) in before.above.items():
         last = after.above.get(k, (math.inf, math.inf))[1]
-        if first > 1.0 and last <= (1.0 - at.PART_CLOSED) * first:
+        if first > at.NO_GAP and last <= (1.0 - at.PART_CLOSED) * first:
             return f", but from harmonic {k} on it falls from {number(first)} to {number(last)} times the noise"
     return ""
 

@@ -21,6 +21,7 @@ from ..findings.map_marks import entry, label_text, of_sensor, places_text, plai
 from ..findings.outcome import Detectable, LearnedLaw, NamedEffect, Outcome
 from ..findings.shown_map import Acting, SourceMapShown
 from ..name.verdict import Naming
+from ..thresholds import NO_GAP
 
 _NOT_DETECTABLE = "not detectable in its allowed range"
 _OUTLET = "another kind of outlet, refitted only if no other effect explains the record"
@@ -78,7 +79,7 @@ def off_in_the_mean(outcome: Outcome) -> str:
     for c in outcome.channels:
         more = c.measured - (c.before if c.after is None else c.after)
         mean, (_, gap) = float(more.mean()), c.gap_after or c.gap_before
-        if c.name[-1] in "PQ" and gap > 1.0 and mean**2 > float(more.var()):
+        if c.name[-1] in "PQ" and gap > NO_GAP and mean**2 > float(more.var()):
             side = "above" if mean > 0.0 else "below"
             found.append(f"{c.name} ({size_text(c.name, abs(mean))} {side} the model’s)")
     return ", ".join(found)

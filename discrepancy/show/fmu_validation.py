@@ -32,6 +32,7 @@ from solver.quantities.units import INFLOW
 
 from ..find.study import Study
 from ..findings.outcome import Agreement
+from ..thresholds import NO_GAP
 
 _OWN_BEATS = 2
 _AT_REST = 1e-4  # of a pressure: if all vary by less, there are no waves to compare
@@ -158,9 +159,8 @@ class Gap:
 
     @property
     def is_noise(self) -> bool:
-        """True if held-out beats show nothing but noise and the stated error of the network. A true model leaves less
-        than 1 in half of the records, one that lacks an effect of d' 10 in 16 % (500 data), of d' 15 in 2 %."""
-        return (self.in_error or self.total)[1] <= 1.0
+        """True if held-out beats show nothing but noise and the stated error of the network."""
+        return (self.in_error or self.total)[1] <= NO_GAP
 
 
 def gap(study: Study, X: Array) -> Gap:

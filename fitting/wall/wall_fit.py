@@ -118,9 +118,12 @@ class WallFit(Shown):
         return self.values["phi0"] * self.values["R0"] / float(self.loop.R.mean())
 
     @property
-    def relaxation_time(self) -> float:
-        """φ0/E [s]."""
-        return self.values["phi0"] / self.values["E"]
+    def relaxation_time(self) -> tuple[float, float]:
+        """φ0/E [s] and its standard deviation."""
+        E, phi0 = self.values["E"], self.values["phi0"]
+        i, j = self.model.free.index("E"), self.model.free.index("phi0")
+        slope = np.array([-phi0 / E**2, 1.0 / E])
+        return phi0 / E, float(np.sqrt(slope @ self.covariance[np.ix_([i, j], [i, j])] @ slope))
 
     @property
     def P_fitted(self) -> Array:

@@ -60,7 +60,7 @@ def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
         if any(name in f.model.free or f.values[name] for f in fits):
             table.add_row(label, *(_estimate(f, name, factor) for f in fits))
     table.add_row("φ0 R0/R, kPa·s", *(number(1e-3 * f.phi_1D, 4) for f in fits))
-    table.add_row("φ0/E, ms", *(number(1e3 * f.relaxation_time, 4) for f in fits))
+    table.add_row("φ0/E, ms", *(number(1e3 * f.relaxation_time[0], 4) for f in fits))
     if any(f.lag[0] for f in fits):
         table.add_row("lag of P, ms", *(plus_minus(1e3 * f.lag[0], 2e3 * f.lag[1]) for f in fits))
     table.add_row("R²", *(f"{f.r2:.6f}" for f in fits))
