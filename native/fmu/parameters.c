@@ -34,8 +34,8 @@ static int can_rest(component *c, int32_t program, double *fixed)
         if (!(A[e] > 0.0)) {
             name = text(c, c->r.segments[PER_SEGMENT * c->r.elements[e] + SEGMENT_NAME]);
             return say(c,
-                       "network.P_0: the wall of segment %.100s cannot carry the start pressure under the %s law; lower "
-                       "network.P_0 or raise %.100s.E or %.100s.h.",
+                       "network.P_0: the wall of segment %.100s cannot carry the start pressure under the %s law; bring "
+                       "network.P_0 nearer to the pressure at which R = R0, or raise %.100s.E or %.100s.h.",
                        name, which, name, name);
         }
     for (int32_t i = 0; i < c->r.n_outlets; i++)
