@@ -107,8 +107,9 @@ static int tell_which(component *c)
             }
             const char *const name = name_of(c, (uint32_t)vr), *const unit = text(c, variable(c, (uint32_t)vr)[UNIT]);
             const double low = as_far_as(c, vr, range[LOW]), high = as_far_as(c, vr, range[HIGH]);
+            const char *const but = low < value && value < high ? ", except at this value" : ""; /* it switches an effect off */
             return say(c, "%s = %g %s: needs another mesh, or another program, than this FMU, which needs no Python, was built "
-                          "with: %s may lie in [%.4g, %.4g] %s here; %s.", name, value, unit, name, low, high, unit, REMEDY);
+                          "with: %s may lie in [%.4g, %.4g] %s here%s; %s.", name, value, unit, name, low, high, unit, but, REMEDY);
         }
     return say(c, "these parameters need another mesh than this FMU, which needs no Python, was built with; %s.", REMEDY);
 }
