@@ -139,6 +139,13 @@ def test_start_values_are_an_option(sheep: Network, tmp_path: Path) -> None:
         assert said in done.stderr
 
 
+def test_a_thick_start_value_is_doubtful(tmp_path: Path) -> None:
+    """The note on thick walls is on the walls that the FMU has, not on those of the file."""
+    done = CliRunner().invoke(app, ["sheep", "--out", os.fspath(tmp_path), "--set", "CA.h=2 mm"])
+    assert done.exit_code == 0, done.output
+    assert "Note: segment CA: h/R0 = " in done.output
+
+
 def test_execution_tool_is_an_option(fmu: Path, sheep: Network, tmp_path: Path) -> None:
     """needsExecutionTool is true by default and false on demand; the state flags are true."""
     for file, flag in ((fmu, "true"), (build(sheep, tmp_path, execution_tool=False), "false")):

@@ -63,6 +63,12 @@ def test_neutral_is_bit_identical(sheep: Network, name: str) -> None:
     assert same(simulate(sheep.with_terms(terms), duration=0.1), simulate(sheep, duration=0.1))
 
 
+def test_a_text_is_no_term(sheep: Network) -> None:
+    """Numbers are in SI units here: a text with a unit is refused by its name, as a parameter's is."""
+    with pytest.raises(InputError, match=r"CA\.tau = '5 ms': must be a number in s\."):
+        sheep.with_terms({"CA.tau": "5 ms"})  # type: ignore[dict-item]
+
+
 @pytest.mark.parametrize("name", [name for name in ON if name != "CA.K"])
 def test_neutral_beside_a_neighbour(sheep: Network, name: str) -> None:
     """A member without the effect does not notice that its neighbour has it; a stenosis alone changes the mesh."""

@@ -132,6 +132,27 @@ def test_another_mesh_is_refused(native: Path, tmp_path: Path) -> None:
             assert f"{name} = " in refusal({**given, "MD.L": 0.1, name: end * (1.0 + 1e-2 * outward)})
 
 
+def test_a_single_value_that_is_refused(stored: Store, tmp_path: Path) -> None:
+    """A stiffer part of a wall cannot be switched off where it has elements: the sentence excludes that value alone."""
+    sheep = load("sheep").with_terms({"CA.E_scale": 1.5, "CA.E_length": 0.3})
+    instance = Instance(stored(build_native, sheep, settings=COARSE), tmp_path / "part")
+    instance.initialize({"CA.E_scale": 1.001})
+    instance.slave.reset()
+    with pytest.raises(FMICallException):
+        instance.initialize({"CA.E_scale": 1.0})
+    assert "CA.E_scale may lie in [0.01, 100] (no unit) here, except at this value; build" in instance.messages.pop()
+
+
+def test_a_start_pressure_that_closes_the_wall(native: Path, tmp_path: Path) -> None:
+    """P_0 below what the beta law carries: the solver's sentence, which does not say to lower it."""
+    with pytest.raises(InputError, match="nearer to the pressure at which R = R0") as refused:
+        simulate(load("sheep").with_parameters({"network.P_0": -9e4}), duration=1e-3)
+    instance = Instance(native, tmp_path / "closed")
+    with pytest.raises(FMICallException):
+        instance.initialize({"network.P_0": -9e4})
+    assert instance.messages.pop() == f"sheep: {refused.value}"
+
+
 @pytest.mark.slow
 def test_halved_steps(stored: Store, tmp_path: Path) -> None:
     """Steps that do not converge: both FMUs cut the same ones, and outputs stay equal (measured 3e-14)."""

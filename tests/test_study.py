@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,7 @@ from build_fmu import build
 from fitting.parallel.threads import ENVIRONMENT
 from fitting.records.channels.spectral import interpolated
 from fitting.records.read.columns import Reading
-from solver import Settings, load, repeating_beat
+from solver import Settings, Site, load, repeating_beat
 from solver.network.files import write_network
 from solver.quantities.quantity import Quantity
 
@@ -157,6 +157,7 @@ class Function:
     name: str = "ishigami"
     T: float = 1.0
     batch: int = 512
+    tolerance: float = 0.0
     channels: tuple[str, ...] = ("A.P", "A.Q")
     identity: dict[str, Any] = field(default_factory=dict)
 
@@ -196,6 +197,22 @@ def test_indices_of_a_known_function(tmp_path: Path) -> None:
     np.testing.assert_allclose([i.ST for i in mean], [0.5576, 0.4424, 0.2437], atol=0.03)
     assert all(0.0 < i.ST_conf < 0.1 for i in mean)
     assert not [index for index in found.indices if index.measure == "A.Q.mean"]  # does not vary: no index
+
+
+def test_a_mean_flow_that_is_given_has_no_indices(tmp_path: Path) -> None:
+    """The inflow gives the mean flow of the root: what varies of it is the tolerance to which beats repeat."""
+    network = load("human")
+    root = network.inlet.segment
+    network = replace(network, sites=(Site("root", root, 0.5), Site("LC", "LC", 0.5)))
+    model = NetworkModel(network, Settings(dt=2.5e-3), 1e-4)
+    ranges = ["LC.outlet.R2=0.5..2x", "all.E=0.8..1.2x"]
+    store = Store(tmp_path, plan_of(model, parse_varied(ranges, model.known, model.nominal, model.name), 32, 3, None))
+    run(store.plan, store, jobs=1)
+    sets = store.read("sets")
+    found = findings(store.plan, sets)
+    mean = sets["root.Q.mean"].to_numpy()
+    assert 1e-9 < np.ptp(mean) / mean.max() < 1e-4
+    assert {index.measure for index in found.indices} == set(store.plan.measures) - {"root.Q.mean"}
 
 
 def test_indices_of_few_sets_tell_how_sure_they_are(tmp_path: Path) -> None:

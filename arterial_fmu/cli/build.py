@@ -84,7 +84,7 @@ def main(
             target = build(arteries, out, execution_tool=execution_tool, starts=starts)
     _report(target, as_json, quiet)
     if not quiet:
-        say_notes(network_doubts(arteries), aside=as_json)
+        say_notes(network_doubts(models.given_arteries(arteries, Settings(), starts)[0]), aside=as_json)
 
 
 def _is_native(native: bool, fmi: int, platforms: str) -> bool:

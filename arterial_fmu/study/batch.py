@@ -56,6 +56,13 @@ MEASURES: Mapping[str, Mapping[str, Callable[[Array], Array]]] = {
 }
 
 
+def pulse_of(channel: str, sets: pl.DataFrame) -> Array:
+    """The pulses of a channel, ``CA.P``, from its numbers."""
+    of = {"P": ("pulse",), "Q": ("max", "min"), "R": ("distension",)}[channel.rpartition(".")[2]]
+    most, *least = (sets[f"{channel}.{name}"].to_numpy() for name in of)
+    return np.asarray(most - sum(least))
+
+
 def measures(sites: Sequence[str], signals: Sequence[str]) -> dict[str, str]:
     """The numbers of a study by name, ``CA.P.systolic``, and their SI units. signals : outputs of the model."""
     return {

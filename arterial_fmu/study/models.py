@@ -170,6 +170,13 @@ class FMUModel:
         return 4  # a process each: they share nothing
 
     @property
+    def tolerance(self) -> float:
+        """To which its beats repeat."""
+        from fitting.check.fmu_run import PERIODIC
+
+        return PERIODIC
+
+    @property
     def identity(self) -> Mapping[str, Any]:
         return {"fmu": self.sha256, "inflow": _digest(np.array(self.beat)), "T": self.T}
 

@@ -19,7 +19,7 @@ from fitting.results.provenance import engine, software
 from solver.errors import InputError
 from solver.quantities.legible import number
 
-from .batch import FAILED
+from .batch import FAILED, pulse_of
 from .plan import Array, Plan
 from .store import GROUP, Store, finer_differences
 
@@ -85,14 +85,19 @@ def findings(plan: Plan, sets: pl.DataFrame) -> Findings:
     percentiles = {name: tuple(np.percentile(good[name].to_numpy(), LEVELS).tolist()) for name in plan.measures}
     lost = failed[GROUP].unique()
     kept = sets.filter(~pl.col(GROUP).is_in(lost.implode()))
-    indices = [index for name in plan.measures for index in _indices(plan, name, kept[name].to_numpy())]
+    indices = [index for name in plan.measures for index in _indices(plan, name, kept)]
     why = tuple(zip(failed["set"].to_list(), failed[FAILED].to_list(), strict=True))
     return Findings(tuple(indices), plan.base - len(lost), len(lost), percentiles, why)
 
 
-def _indices(plan: Plan, name: str, y: Array) -> Sequence[Index]:
-    """The indices of one number y : (groups (D + 2),); none if it does not vary, or there are too few groups."""
-    if len(y) < _FEWEST * plan.group or not np.ptp(y) > _CONSTANT * np.abs(y).max():
+def _indices(plan: Plan, name: str, sets: pl.DataFrame) -> Sequence[Index]:
+    """The indices of one number from its groups of D + 2 sets; none if it varies by no more than the beats' tolerance
+    (the mean flow that enters, for example), or there are too few groups."""
+    y = sets[name].to_numpy()
+    if len(y) < _FEWEST * plan.group:
+        return ()
+    pulse = float(np.median(pulse_of(name.rpartition(".")[0], sets)))
+    if not np.ptp(y) > max(_CONSTANT * np.abs(y).max(), plan.model.tolerance * pulse):
         return ()
     from SALib.analyze import sobol
 

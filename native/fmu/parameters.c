@@ -34,8 +34,8 @@ static int can_rest(component *c, int32_t program, double *fixed)
         if (!(A[e] > 0.0)) {
             name = text(c, c->r.segments[PER_SEGMENT * c->r.elements[e] + SEGMENT_NAME]);
             return say(c,
-                       "network.P_0: the wall of segment %.100s cannot carry the start pressure under the %s law; lower "
-                       "network.P_0 or raise %.100s.E or %.100s.h.",
+                       "network.P_0: the wall of segment %.100s cannot carry the start pressure under the %s law; bring "
+                       "network.P_0 nearer to the pressure at which R = R0, or raise %.100s.E or %.100s.h.",
                        name, which, name, name);
         }
     for (int32_t i = 0; i < c->r.n_outlets; i++)
@@ -107,8 +107,9 @@ static int tell_which(component *c)
             }
             const char *const name = name_of(c, (uint32_t)vr), *const unit = text(c, variable(c, (uint32_t)vr)[UNIT]);
             const double low = as_far_as(c, vr, range[LOW]), high = as_far_as(c, vr, range[HIGH]);
+            const char *const but = low < value && value < high ? ", except at this value" : ""; /* it switches an effect off */
             return say(c, "%s = %g %s: needs another mesh, or another program, than this FMU, which needs no Python, was built "
-                          "with: %s may lie in [%.4g, %.4g] %s here; %s.", name, value, unit, name, low, high, unit, REMEDY);
+                          "with: %s may lie in [%.4g, %.4g] %s here%s; %s.", name, value, unit, name, low, high, unit, but, REMEDY);
         }
     return say(c, "these parameters need another mesh than this FMU, which needs no Python, was built with; %s.", REMEDY);
 }

@@ -112,5 +112,6 @@ def _refuse_unreachable_pressure(model: MusclModel) -> None:
         name = model.network.segments[model.mesh.segment[cell]].name
         raise InputError(
             f"network.P_0: the wall of segment {name} cannot carry the start pressure under the "
-            f"{model.network.elastic_law} law; lower network.P_0 or raise the stiffness of {name}."
+            f"{model.network.elastic_law} law; bring network.P_0 nearer to the pressure at which R = R0, or raise "
+            f"the stiffness of {name}."
         )

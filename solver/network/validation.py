@@ -76,15 +76,17 @@ def _check_channels(network: Described) -> None:
 
 
 def check_terms(network: Described, values: Mapping[str, Any]) -> None:
-    """Raise ValueError unless every name is a possible term of an object of the network."""
+    """Raise ValueError unless every name is a possible term of an object of the network, and every value a number."""
     owners = {prefix: owner.OWNER for prefix, owner in network.owners()}
     owners |= dict.fromkeys(network.channel_names(), "channel")
-    for name in values:
+    for name, value in values.items():
         prefix, _, key = name.rpartition(".")
-        if key not in terms_of(owners.get(prefix, "")):
-            terms = [f"{prefix}.{term}" for term in terms_of(owners.get(prefix, ""))]
-            known = [*network.parameter_quantities(), *terms]
+        terms = terms_of(owners.get(prefix, ""))
+        if key not in terms:
+            known = [*network.parameter_quantities(), *(f"{prefix}.{term}" for term in terms)]
             raise InputError(f"{name}: neither a parameter nor a term of network {network.name}; {_see(name, known)}")
+        if np.asarray(value).dtype.kind not in "fiu":
+            raise InputError(f"{name} = {value!r}: must be a number{terms[key].in_unit}.")
 
 
 def _check_ratio(segment: str, phi0: np.ndarray, phiNL: np.ndarray) -> None:

@@ -340,7 +340,7 @@ def _possible(model: Model) -> Model:
         name = model.network.segments[model.mesh.segment[e]].name
         raise InputError(
             f"network.P_0: the wall of segment {name} cannot carry the start pressure under the "
-            f"{law} law; lower network.P_0 or raise {name}.E or {name}.h."
+            f"{law} law; bring network.P_0 nearer to the pressure at which R = R0, or raise {name}.E or {name}.h."
         )
     for ends in c.outlets:
         for _, o in np.argwhere(ends.kind.unreachable(ends.numbers, model.outlet_wall.at(ends.index), c.P_0)):
