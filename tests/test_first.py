@@ -319,9 +319,15 @@ def test_a_network_by_another_generator() -> None:
 
 def test_side_branches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Human, a carotid pressure: with a branch small waves leave 0.33 and 0.56 mmHg rms, a quarter of what they leave
-    with one path. The full equations leave 0.86 mmHg at the root, as the comparison shows."""
+    with one path. The full equations leave 0.86 mmHg at the root, as the comparison shows. A share at the end
+    of its range has a note."""
     sides = human(("AsA.P", "LC.P"))
     forked = first_model(sides, paths=("AsA,LC",))
+    with monkeypatch.context() as narrow:
+        narrow.setattr("fitting.first.fitted.FARTHEST", 0.05)
+        squeezed = first_model(sides, paths=("AsA,LC",))
+    uneven = "behind AsA the flow is divided as unevenly as the fit allows"
+    assert [any(note.startswith(uneven) for note in each.notes) for each in (forked, squeezed)] == [False, True]
     monkeypatch.setattr("fitting.first.model._BRANCHES", 0)
     path = first_model(sides)
     assert [(j.inflow, j.outflow) for j in forked.network.junctions] == [(("AsA",), ("LC", "AsA_side"))]

@@ -113,6 +113,15 @@ def means_apart(row: ChannelComparison) -> str:
     )
 
 
+def undivided(tube: str) -> str:
+    """A sentence on a branch that takes nearly all of the flow, or nearly none."""
+    return (
+        f"behind {tube} the flow is divided as unevenly as the fit allows: the recording does not tell the branches "
+        "apart, and their radii and the mean pressures behind them may be far off. Measure a flow there, or remove the "
+        "branch from the file and calibrate."
+    )
+
+
 def late_flow(delay: Delay, root: str) -> str:
     """A sentence if the inflow is late."""
     late, feet = delay.late, delay.feet

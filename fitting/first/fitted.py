@@ -120,6 +120,12 @@ class Fitted:
     price: float
     x: Mapping[str, float]
 
+    @property
+    def undivided(self) -> list[str]:
+        """The tubes behind which the flow is divided as unevenly as is allowed."""
+        u = {name.removesuffix(f".{_FORK}"): abs(x) for name, x in self.x.items() if _kind(name) == _FORK}
+        return [tube for tube, size in u.items() if size > 0.99 * FARTHEST]
+
 
 @dataclass(frozen=True)
 class Delay:

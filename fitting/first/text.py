@@ -14,7 +14,7 @@ from solver.quantities.quantity import quantities
 from solver.quantities.text import quoted, typed_unit
 from solver.quantities.units import INFLOW, display_factor, display_units, readable
 
-from .doubts import late_flow
+from .doubts import late_flow, undivided
 from .estimates import FirstEstimate
 from .fitted import Delay, Fitted, of_owner
 from .options import REFERENCE
@@ -75,7 +75,7 @@ class ModelFile:
         return "\n".join(lines) + "\n"
 
     def adjusted(self, fit: Fitted, delay: Delay | None, root: str) -> ModelFile:
-        """The same with the fitted values, and a note if inlet.Q is late."""
+        """The same with the fitted values, and notes on branches without flow and on a late inlet.Q."""
         f = fit.factor
         tubes = [
             replace(
@@ -89,7 +89,7 @@ class ModelFile:
             name: tuple(x * of_owner(f, f"{name}.outlet").get(key, 1.0) for key, x in zip(KEYS, values, strict=True))
             for name, values in self.windkessels.items()
         }
-        notes = [*self.notes, *([late_flow(delay, root)] if delay else [])]
+        notes = [*self.notes, *map(undivided, fit.undivided), *([late_flow(delay, root)] if delay else [])]
         return replace(self, tubes=tubes, windkessels=ends, notes=notes, factor=f, late=delay.late if delay else 0.0)
 
 
