@@ -539,6 +539,7 @@ def test_fixed_blanks_group_thousands(tmp_path: Path, blank: str) -> None:
     [
         ("1.014,5", "if its point groups thousands, say --decimal comma"),
         ("1 014,5", "export it without separators of thousands"),
+        ("0.014", "the decimal mark is a comma elsewhere: write it alike everywhere"),
     ],
 )
 def test_grouped_digits_are_refused_with_what_helps(tmp_path: Path, cell: str, advice: str) -> None:

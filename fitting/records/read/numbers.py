@@ -183,7 +183,7 @@ def _fault(sample: int, text: str, mark: str) -> Fault:
 def _advice(text: str, mark: str) -> str:
     if re.fullmatch(r"[+-]?[\d.,]+", text):
         word, other, separator = ("comma", "point", ".") if mark == "," else ("point", "comma", ",")
-        if re.fullmatch(rf"[+-]?\d{{1,3}}([.,]\d{{3}})+|[+-]?\d{{1,3}}(\{separator}\d{{3}})+\{mark}\d*", text):
+        if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(([.,]\d{{3}})+|(\{separator}\d{{3}})+\{mark}\d*)", text):
             return f"if its {other} groups thousands, say --decimal {word}"
         if "," in text and "." in text:
             return "remove the separators of thousands, or state the decimal mark with --decimal comma or point"
