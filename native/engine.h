@@ -1,4 +1,4 @@
-/* Array programs, as solver/program.py writes them, and the implicit steps that they make. */
+/* Array programs, as solver/tracing/program.py writes them, and the implicit steps that they make. */
 #ifndef ARTERIAL_ENGINE_H
 #define ARTERIAL_ENGINE_H
 
