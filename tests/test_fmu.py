@@ -135,7 +135,7 @@ def test_plain_client(fmus: dict[str, Path], sheep: Network) -> None:
     """FMPy's simulate_fmu with default options reaches the stop time; its inflow is held: 1 % of the pulse (0.6 %)."""
     resting = fmpy.simulate_fmu(os.fspath(fmus["coarse sheep"]))
     assert resting["time"][-1] == pytest.approx(2.5)
-    assert np.abs(resting["CA.P"]).max() < 1e-9  # Pa; 1e-10 measured, round-off
+    assert np.abs(resting["CA.P"]).max() < 3e-10  # Pa; 1.2e-10 measured, round-off
     t = np.arange(501) * MS
     signals = np.array(list(zip(t, sheep.inlet.Q(t), strict=True)), dtype=[("time", np.double), ("inlet.Q", np.double)])
     result = fmpy.simulate_fmu(
