@@ -143,8 +143,9 @@ class Study:
             worst = max(self.differences, key=lambda name: float(self.differences[name].max()))
             largest, n = float(self.differences[worst].max()), len(self.differences[worst])
             notes.append(
-                f"{n} of the sets {'was' if n == 1 else 'were'} also run with half the step and half the element length: the beats of P and Q "
-                f"differ by {number(largest, 2)} at most ({worst}; relative L2, P without its mean)."
+                f"{n} of the sets {'was' if n == 1 else 'were'} also run with half the step and half the element "
+                f"length: the beats of P and Q differ by {number(largest, 2)} at most ({worst}; relative L2, P without "
+                "its mean)."
             )
         if found.failures:
             notes.append(
